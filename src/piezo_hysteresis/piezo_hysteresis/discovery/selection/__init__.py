@@ -1,1 +1,1 @@
-"""Which effects a model lacks: what is tried, how it is fitted, and what decides."""
+"""Selection of the effects that a model lacks: screening, fits and decision rules."""

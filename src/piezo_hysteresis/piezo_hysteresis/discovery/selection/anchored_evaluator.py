@@ -1,12 +1,13 @@
-"""The held view: a baseline that knows its values and what it misses, and one effect more.
+"""Evaluator for a fixed baseline with a known discrepancy, extended by one effect at a time.
 
-A refit hides an effect in wrong parameters. So the values of a ``model.yaml`` stay as they are;
-only what an effect adds, the zeros and starts of the records and their clock are free, and what is
-left is judged against noise and discrepancy together.
+A refit hides an effect in wrong parameter values. The values of a ``model.yaml`` therefore stay
+fixed. Only the parameters of an effect and the nuisance parameters are fitted: the zero offsets,
+initial conditions and sampling offset of the records. The residual is evaluated relative to noise
+and discrepancy together.
 
-That the values themselves have changed is a rival like any other, `PARAMETER_SHIFT`. Each of them
-is either still what the file says, and then its deviations and correlations hold it, or it is
-another, and then it costs what a parameter costs; the cheaper counts.
+A change of the baseline parameters is a candidate like any effect, `PARAMETER_SHIFT`. Each
+parameter either remains within the covariance of the file, or it is a new value and costs the
+penalty of a parameter; the lower cost counts.
 """
 
 from __future__ import annotations
@@ -50,23 +51,23 @@ from piezo_hysteresis.models.simulation.plan import free_states
 
 
 class HeldEvaluator(Evaluator):
-    """Judges against noise and what the baseline is known to miss; its values stay.
+    """Scores models relative to noise and known discrepancy; the baseline parameters stay fixed.
 
     Parameters
     ----------
     data, seed, workers, policy, deadline
-        As in `Evaluator`; what the baseline is known to miss in phase with the drive is taken off
+        As in `Evaluator`; the known discrepancy in phase with the drive is already subtracted from
         the views (`without_repeated`).
     base : CandidateFit
-        The baseline as its file says.
+        The baseline with the values of its file.
     given : ModelFile
-        That file: what the baseline misses, how uncertain its values are and which clock it had,
+        The model file: its discrepancy, the covariance of its values, and its sampling offset,
         about which that of the records is free.
 
     Raises
     ------
     IdentificationError
-        If the file does not say what the baseline misses.
+        If the file contains no discrepancy.
     """
 
     def __init__(
@@ -94,25 +95,25 @@ class HeldEvaluator(Evaluator):
 
     @property
     def measured(self) -> Dataset:
-        """The data as they were measured, with what repeats itself."""
+        """The measured data, with the known discrepancy added back."""
         return _with_repeated(self.data, self.expected, self.expected_held_out, 1.0)
 
     def as_measured(self, fit: CandidateFit) -> CandidateFit:
-        """Return a model judged on training views with what repeats itself."""
+        """Return a model evaluated on training views that include the known discrepancy."""
         return replace(judged_on(fit, self.measured.training), fitted=fit.fitted)
 
     def with_data(self, data: Dataset) -> HeldEvaluator:
-        """Return the same evaluator on other data."""
+        """Return an evaluator with the same settings on other data."""
         given = self.base, self.given, self.policy, self.deadline
         return HeldEvaluator(data, self.seed, self.workers, *given)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
-        """Return what is fitted of a model: what it has beyond the baseline, or has changed."""
+        """Return the fitted parameters: those of the effects and shifted parameters."""
         held = self._fixed.difference(spec.shifted)
         return tuple(name for name in spec.model.free_names if name not in held)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
-        """Return a model with every effect that it can take up, and with other values."""
+        """Return the model extended by each effect it can accept, and with shifted parameters."""
         found = super().candidates(spec)
         own = [name for name in spec.model.free_names if name in self._fixed]
         if spec.shifted or not own:
@@ -120,11 +121,11 @@ class HeldEvaluator(Evaluator):
         return (*found, shifted(spec.model, spec.values, own))
 
     def first_judged(self, fit: CandidateFit) -> CandidateFit:
-        """Return a first fit on all training samples: expectations are those of whole records."""
+        """Return a first fit on all training samples; expectations refer to whole records."""
         return self.judged(fit)
 
     def score(self, fit: CandidateFit) -> float:
-        """Return minus the log likelihood on the training views, parameters priced [nats]."""
+        """Return the penalized negative log likelihood on the training views [nats]."""
         fitted = self.counted(fit) - len(fit.shifted)
         return costs(fit.errors, self.expected)[0] + self.policy.price * fitted + self._moved(fit)
 
@@ -135,10 +136,11 @@ class HeldEvaluator(Evaluator):
         evaluations: int = 0,
         enough: float = inf,
     ) -> CandidateFit | None:
-        """Return a model fitted from its own values, with the clock of the file where that does.
+        """Return the fitted model, with the sampling offset of the file if that scores better.
 
-        A clock that is off makes up for a part of every effect that takes time. So one that is as
-        it was is tried as well.
+        A free sampling offset compensates for part of every dynamic effect, so a fit with the
+        offset of
+        the file is tried as well.
         """
         found = super().fit(spec, views, evaluations, enough)
         if found is None or views is not None or not self._clock_moved(found):
@@ -150,9 +152,11 @@ class HeldEvaluator(Evaluator):
     def fit_briefly(
         self, spec: ModelSpec, evaluations: int, enough: float = inf, workers: int = 1
     ) -> CandidateFit | None:
-        """Return a model fitted to the short views, with the clock of the file where that does.
+        """Return the model fitted to short views, with the sampling offset of the file if better.
 
-        A baseline whose clock makes up for a delay is a minimum that a trial does not leave.
+        A baseline whose sampling offset compensates for a delay is a local minimum that a trial
+        does not
+        leave.
         """
         found = super().fit_briefly(spec, evaluations, enough, workers)
         if not self._clock_moved(spec):
@@ -164,7 +168,7 @@ class HeldEvaluator(Evaluator):
 
     @property
     def _still(self) -> tuple[float, float]:
-        """Between what a clock lies that is as it was [s]."""
+        """Bounds within which the sampling offset counts as that of the file [s]."""
         still = self.policy.still_clock * self.views[0].dt
         return self.late - still, self.late + still
 
@@ -173,7 +177,7 @@ class HeldEvaluator(Evaluator):
         return abs(spec.sampling_offset - self.late) > 2.0 * still
 
     def _moved(self, fit: CandidateFit) -> float:
-        """Return what it costs that values of the baseline, or the clock, are others [nats]."""
+        """Return the penalty of changed baseline parameters and sampling offset [nats]."""
         total = self.policy.price if self._clock_moved(fit) else 0.0
         changes = {name: fit.values[name] - self.base.values[name] for name in fit.shifted}
         if any(changes.values()):
@@ -181,7 +185,10 @@ class HeldEvaluator(Evaluator):
         return total
 
     def counted(self, fit: CandidateFit) -> int:
-        """Return how many parameters are fitted: where something has its zero is a nuisance."""
+        """Return the number of fitted parameters.
+
+        The zero positions of an effect are nuisance parameters and do not count.
+        """
         zeros = sum(
             len(effect.zeros)
             for added in fit.added
@@ -191,7 +198,7 @@ class HeldEvaluator(Evaluator):
         return len(self.free_of(fit)) - zeros + self._states(fit)
 
     def _states(self, fit: CandidateFit) -> int:
-        """Return how many unknown states at the start of records an effect brought along."""
+        """Return the number of unknown initial states of the records that the effects add."""
         dt = self.views[0].dt
 
         def count(model: Model) -> int:
@@ -201,24 +208,27 @@ class HeldEvaluator(Evaluator):
         return more * sum(view.begins.kind == 'estimate' for view in self.views)
 
     def excess(self, fit: CandidateFit) -> float:
-        """Return the mean square beyond what is expected, in units of it, over all records."""
+        """Return the mean square beyond the expectation over all records, relative to it."""
         return costs(fit.errors, self.expected)[1]
 
     def shows_news(self, fit: CandidateFit) -> bool:
-        """Return whether a model judged on all training views misses more than it is known to."""
+        """Return whether the training residuals exceed the known discrepancy."""
         return costs(fit.errors, _beside(fit, self.expected))[2]
 
     def shows_news_held_out(self, spec: ModelSpec) -> bool:
-        """Return the same of held-out views: they open the search and name nothing."""
+        """Return whether the held-out residuals exceed the known discrepancy.
+
+        Held-out views can start the search but select no effect.
+        """
         errors = judged_on(spec, self.data.held_out).errors
         return costs(errors, _beside(spec, self.expected_held_out))[2]
 
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
-        """Return whether there is news anywhere."""
+        """Return whether a training or held-out residual exceeds the known discrepancy."""
         return self.shows_news(fit) or self.shows_news_held_out(fit)
 
     def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
-        """Return which changes of the response of a model would be news."""
+        """Return a function that decides whether response changes exceed the known discrepancy."""
         expected = _beside(fit, self.expected)
         own = [each.powers(error) for each, error in zip(expected, fit.errors, strict=True)]
 
@@ -232,10 +242,12 @@ class HeldEvaluator(Evaluator):
         return of
 
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
-        """Return whether `after` is better by more than chance, candidates counted.
+        """Return whether `after` is significantly better, given the number of `tried` candidates.
 
-        That `before` misses something is known where it shows news. A better model that shows
-        none explains the records, also where a few harmonics hold all of the evidence.
+        A residual of `before` beyond the known discrepancy is a sufficient proof that an effect is
+        missing. A better model without such a residual explains the records, even if a few
+        harmonics
+        contain all of the evidence.
         """
         gain = self.score(before) - self.score(after)
         if gain >= self.policy.sure + float(np.log(tried)):
@@ -243,11 +255,14 @@ class HeldEvaluator(Evaluator):
         return gain > 0.0 and self._is_adequate(after) and not self._is_adequate(before)
 
     def _is_adequate(self, fit: CandidateFit) -> bool:
-        """Return whether a model shows no news on training and held-out views."""
+        """Return whether training and held-out residuals are within the known discrepancy."""
         return not (self.shows_news(fit) or self.shows_news_held_out(fit))
 
     def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
-        """Return whether an effect takes time and explains enough, on held-out records too."""
+        """Return whether the last effect has a visible time constant and explains enough.
+
+        The effect must also reduce the gap and must not increase the error on held-out records.
+        """
         if takes_no_time(after, self.views[0].dt):
             return False
         if not rules.is_worth_a_name(self.excess(before), self.excess(after), 0.0, self.policy):
@@ -259,7 +274,7 @@ class HeldEvaluator(Evaluator):
         return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
 
     def _held_out(self, spec: ModelSpec) -> float:
-        """Return the mean square of the errors on held-out views, in units of the expected one."""
+        """Return the mean square error on held-out views, relative to the expected one."""
         errors = judged_on(spec, self.data.held_out).errors
         pairs = list(zip(errors, self.expected_held_out, strict=True))
         if not all(np.all(np.isfinite(error)) for error, _ in pairs):
@@ -267,16 +282,16 @@ class HeldEvaluator(Evaluator):
         return sum(float(e @ e) / e.size / x.total for e, x in pairs) / max(len(pairs), 1)
 
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
-        """Return the likelihood ratio in nats, and its chance by Wilks 1938."""
+        """Return the log likelihood ratio in nats and its p-value (Wilks 1938)."""
         gain = self.score(before) - self.score(after)
         count = self.counted(after) - self.counted(before)
         chance = float(chdtrc(max(count, 1), 2.0 * max(gain, 0.0)))
         return Improvement(before.square - after.square, gain, min(1.0, chance * tried))
 
     def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
-        """Return the posterior probability of each finalist; no effect has what is missing.
+        """Return the posterior probability of each finalist, relative to no added effect.
 
-        Effects are alike beforehand: one that enters in several ways is none the likelier.
+        All effects have the same prior probability, divided among the variants of an effect.
         """
         ways = [float(sum(f.effect == fit.effect for f in finalists)) for fit in finalists]
         priced = map(lambda fit, n: self.score(fit) + float(np.log(n)), finalists, ways)
@@ -285,15 +300,18 @@ class HeldEvaluator(Evaluator):
         return tuple(map(float, (weights / weights.sum())[1:]))
 
     def is_as_good(self, simpler: CandidateFit, richer: CandidateFit) -> bool:
-        """Return whether the richer model is no real improvement over the simpler one."""
+        """Return whether the richer model is not a significant improvement over the simpler."""
         return self.score(simpler) - self.score(richer) < self.policy.sure
 
     def certainty(self, before: float, after: float) -> float:
-        """Return how far shares are to be trusted; that nothing helps is an outcome of rounds."""
+        """Return the reliability of the shares, a constant of the policy.
+
+        The shares already include the case that no effect explains the residual.
+        """
         return self.policy.trust
 
     def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
-        """Return what is left beyond what the baseline is known to miss."""
+        """Return the residual beyond the known discrepancy of the baseline."""
         if self.shows_news(final):
             return Remainder(True, self.views, final)
         held_out = self.data.held_out
@@ -304,10 +322,10 @@ class HeldEvaluator(Evaluator):
 
 
 def _beside(spec: ModelSpec, expected: Sequence[Expectation]) -> Sequence[Expectation]:
-    """Return what is expected beside the effects that a model has been given.
+    """Return the expectations for a model with added effects.
 
-    What an effect behind the actuator does, it does to what the model misses as well: a delay
-    turns every harmonic of it. So its phase is not known any more.
+    An effect after the actuator also acts on the known discrepancy: a delay rotates each of its
+    harmonics. The phase of the discrepancy is then unknown.
     """
     return [each.out_of_phase() for each in expected] if spec.added else expected
 
@@ -315,7 +333,7 @@ def _beside(spec: ModelSpec, expected: Sequence[Expectation]) -> Sequence[Expect
 def expectations(
     data: Dataset, views: Sequence[Target], known: Discrepancy, policy: SelectionPolicy
 ) -> tuple[Expectation, ...]:
-    """Return what a model that is known to miss `known` may leave of views of the data."""
+    """Return the expected residual power of each view for a model with the discrepancy `known`."""
     strokes = {r.name: float(np.ptp(r.displacement)) for r in data.records}
     drives = {r.name: r.info.frequency or main_frequency(r) for r in data.records}
 
@@ -327,12 +345,12 @@ def expectations(
 
 
 def known_to_miss(given: ModelFile) -> Discrepancy:
-    """Return what the model of a file misses.
+    """Return the known discrepancy of a model file.
 
     Raises
     ------
     IdentificationError
-        If the file does not say.
+        If the file contains no discrepancy.
     """
     if given.discrepancy is None:
         raise IdentificationError('the model file has no discrepancy: identify it again')
@@ -340,10 +358,9 @@ def known_to_miss(given: ModelFile) -> Discrepancy:
 
 
 def without_repeated(data: Dataset, known: Discrepancy, policy: SelectionPolicy) -> Dataset:
-    """Return data less what a model is known to miss of each drive.
+    """Return the data minus the known discrepancy of a model under each drive.
 
-    Fits then see what is new only: what a model has always missed is nothing that an effect could
-    explain.
+    Fits then see only new deviations; the known discrepancy is not attributed to an effect.
     """
     training = expectations(data, data.training, known, policy)
     held_out = expectations(data, data.held_out, known, policy)
@@ -356,7 +373,7 @@ def _with_repeated(
     held_out: Sequence[Expectation],
     times: float,
 ) -> Dataset:
-    """Return data with what is expected to repeat itself added so many times."""
+    """Return the data plus `times` the known discrepancy signal of each view."""
 
     def moved(views: Sequence[Target], expected: Sequence[Expectation]) -> tuple[Target, ...]:
         pairs = zip(views, expected, strict=True)

@@ -1,7 +1,7 @@
-"""The model before anything is added: never the refitted one alone.
+"""The baseline before any effect is added.
 
-A refit hides an effect in wrong parameters, so three versions are kept: the nominal one where a
-model file was given, one that saw the slowest records only, and the joint fit.
+A refit hides an effect in wrong parameters, so three versions are kept: the nominal one if a
+model file is given, one fitted to the slowest records only, and the joint fit.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from piezo_hysteresis.records import Record
 
 SLOWEST = 3
 START_SAMPLES = 60_000
-RECORDS_SAMPLES = 240_000  # of records from which starts are found; what is fitted next sees fewer
+RECORDS_SAMPLES = 240_000  # for the search of starting values; the fits after it use fewer
 EVALUATIONS = 60
-# Starts that are followed, and how often a fit may tell anew how the records began.
+# Number of starting points, and of revisions of the initial conditions by a fit.
 _COUNT, _REVISIONS = 4, 3
-TOLERANCE = 1e-7  # a tenth of that of later fits: every gain is counted from here
+TOLERANCE = 1e-7  # a tenth of that of later fits: all improvements refer to this fit
 
 
 @dataclass(frozen=True)
 class Baselines:
-    """The versions of the model that lacks something.
+    """Versions of the baseline.
 
     Attributes
     ----------
     joint : CandidateFit
         Fitted to all training views.
     slow : CandidateFit or None
-        Fitted to the slowest ones, judged on all.
+        Fitted to the slowest views and evaluated on all.
     nominal : CandidateFit or None
-        As it was given, judged on all.
+        With the values of its file, evaluated on all views.
     """
 
     joint: CandidateFit
@@ -60,14 +60,15 @@ def fitted_baselines(
     workers: int = 1,
     deadline: Deadline | None = None,
 ) -> tuple[Baselines, Dataset]:
-    """Fit the baseline, and let it tell how each record began, until that rests.
+    """Fit the baseline and the initial conditions of the records alternately until they converge.
 
     Returns
     -------
     baselines : Baselines
-        The versions of the model.
+        Versions of the baseline.
     data : Dataset
-        With starts, zeros and weights of the records as the joint fit estimates them.
+        Data with the initial conditions, zero offsets and weights of the records from the joint
+        fit.
 
     Raises
     ------
@@ -102,7 +103,7 @@ def fitted_baselines(
 def _first_fit(
     spec: ModelSpec, data: Dataset, choices: Choices, workers: int, end: Deadline
 ) -> tuple[CandidateFit, Dataset] | None:
-    """Return a fit to some of the samples, with initial conditions by `spec`."""
+    """Return a fit to part of the samples, with initial conditions estimated by `spec`."""
     seen = with_revised_starts(spec, data, choices, workers)
     fit = _fitted(spec, thinned(seen.training, START_SAMPLES, data.periods), workers, end)
     return None if fit is None else (fit, seen)
@@ -116,7 +117,7 @@ def _rested(
     workers: int,
     end: Deadline,
 ) -> tuple[CandidateFit, Dataset]:
-    """Return the fit to all samples, and the records with initial conditions by it."""
+    """Return the converged fit to all samples and the data with its initial conditions."""
     fit = _fitted(fit, seen.training, workers, end) or judged_on(fit, seen.training)
     for _ in range(_REVISIONS):
         if end.passed:
@@ -130,16 +131,16 @@ def _rested(
 
 
 def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, float]:
-    """Return the values of a baseline before any fit, by a scan of some samples.
+    """Return the parameter values of a baseline from a scan of starting values, before any fit.
 
     Parameters
     ----------
     joint : ModelSpec
-        The baseline; what its model holds stays.
+        The baseline; parameters that its model holds keep their values.
     data : Dataset
-        With starts of the records as the baseline estimates them.
+        Data with initial conditions estimated by the baseline.
     samples : int
-        As many of the training views.
+        Number of samples of the training views.
     """
     model = joint.model
     short = thinned(data.training, samples, data.periods)
@@ -150,7 +151,7 @@ def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, flo
 
 
 def begin_alike(one: Dataset, other: Dataset) -> bool:
-    """Return whether records begin, and have zeros of their own, alike in two versions of data."""
+    """Return whether initial conditions and zero offsets of two datasets are equal."""
     pairs = zip(one.training, other.training, strict=True)
     return all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in pairs)
 
@@ -168,7 +169,7 @@ def _slow(
 def with_revised_starts(
     spec: ModelSpec, data: Dataset, choices: Choices, workers: int, *, alone: bool = False
 ) -> Dataset:
-    """Return the data with starts, zeros and weights as a model estimates them, see `revised`."""
+    """Return the data with initial conditions, zero offsets and weights by a model (`revised`)."""
     names = {v.name for v in data.training}
     views = [*data.training, *(v for v in data.held_out if v.name not in names)]
     renewed = revised(
@@ -187,7 +188,7 @@ def with_revised_starts(
 def _from_data(
     data: Dataset, model: Model, choices: Choices, workers: int, end: Deadline
 ) -> list[dict[str, float]]:
-    """Start values from output error on the training records, jointly and on the slowest."""
+    """Return starting values from output-error fits to all training records and to the slowest."""
     known = {r.name: r for r in data.records}
     short = thinned(data.training, RECORDS_SAMPLES, data.periods)
     records = [
@@ -236,9 +237,9 @@ def _fitted(
 def with_renewed_starts(
     fit: CandidateFit, data: Dataset, choices: Choices, workers: int
 ) -> Dataset:
-    """Return the data with starts and zeros of the records as a model estimates them.
+    """Return the data with initial conditions and zero offsets estimated by a model.
 
-    Weights stay, so that sums of squares can be compared.
+    The weights stay, so that sums of squares remain comparable.
     """
     weights = {view.name: view.precision for view in (*data.training, *data.held_out)}
     renewed = with_revised_starts(fit, data, choices, workers)

@@ -1,4 +1,4 @@
-"""What competes in a round."""
+"""Candidates of a selection round."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from piezo_hysteresis.models import Candidate, described
 
 
 def competing(evaluator: Evaluator, before: ModelSpec) -> tuple[Candidate, ...]:
-    """Return a model with every effect that it can take up, no plainer way of one that it has.
+    """Return the model extended by each candidate, without simpler variants of its effects.
 
     Parameters
     ----------
     evaluator : Evaluator
-        Knows which effects suit its view.
+        Returns the effects that it can evaluate.
     before : ModelSpec
         The model.
     """
@@ -21,7 +21,7 @@ def competing(evaluator: Evaluator, before: ModelSpec) -> tuple[Candidate, ...]:
 
 
 def _is_had(candidate: Candidate, before: ModelSpec) -> bool:
-    """Return whether a model has a richer way of a candidate already."""
+    """Return whether the model already has a refined variant of the candidate."""
     block = candidate.effect.block
     own = {q.name for q in block.parameters} if block is not None else set()
     return any(

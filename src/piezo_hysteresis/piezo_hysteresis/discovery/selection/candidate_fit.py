@@ -1,4 +1,4 @@
-"""A model that may be missing something, before it is fitted and after."""
+"""Candidate models before and after a fit."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Added:
-    """One effect that a model has been given.
+    """One effect that was added to a model.
 
     Attributes
     ----------
     effect, variant : str
-        Its name, and the variant in which it enters.
+        Name of the effect and of its variant.
     names : mapping of str to str
-        The block's own parameter names to those of the model.
+        Map from the block's own parameter names to those of the model.
     inexactness : float
-        Share of the effect that its law is known not to describe [1].
+        Share of the effect that its law does not describe [1].
     """
 
     effect: str
@@ -43,25 +43,25 @@ class Added:
 
 
 def added_of(candidate: Candidate) -> Added:
-    """Return what a candidate adds."""
+    """Return the effect that a candidate adds."""
     effect = candidate.effect
     return Added(effect.name, effect.variant, dict(candidate.renamed), effect.inexactness)
 
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A model and where a fit of it starts.
+    """A model with parameter values, the starting point of a fit.
 
     Attributes
     ----------
     model : Model
         The chain.
     values : dict of str to float
-        Every parameter.
+        Value of every parameter.
     added : tuple of Added
-        Effects that the model has beyond the baseline, in the order in which they came.
+        Effects in addition to the baseline, in the order of their selection.
     sampling_offset : float
-        By how much later than our convention the displacement was sampled [s].
+        Delay of the displacement samples relative to the convention of this package [s].
     """
 
     model: Model
@@ -71,44 +71,44 @@ class ModelSpec:
 
     @property
     def effect(self) -> str:
-        """Effect that came last; empty for a baseline."""
+        """Name of the last added effect; empty for a baseline."""
         return self.added[-1].effect if self.added else ''
 
     @property
     def variant(self) -> str:
-        """How it enters."""
+        """Variant of the last added effect; empty for a baseline."""
         return self.added[-1].variant if self.added else ''
 
     @property
     def shifted(self) -> tuple[str, ...]:
-        """Names of what the baseline had already and what is fitted all the same."""
+        """Names of the baseline parameters that are fitted although the baseline is fixed."""
         changed = (each for each in self.added if each.effect == PARAMETER_SHIFT.name)
         return tuple(name for each in changed for name in each.names.values())
 
     def with_candidate(self, candidate: Candidate, values: Values) -> ModelSpec:
-        """Return the model of a candidate, which this one is without its effect."""
+        """Return the model extended by the effect of a candidate, with the given values."""
         added = (*self.added, added_of(candidate))
         return ModelSpec(candidate.model, dict(values), added, self.sampling_offset)
 
 
 @dataclass(frozen=True)
 class CandidateFit(ModelSpec):
-    """A model judged on views.
+    """A model evaluated on views.
 
     Attributes
     ----------
     errors : tuple of ndarray
-        Measured minus simulated of every view [m].
+        Residual (measured minus simulated) of every view [m].
     noises : tuple of float
-        Noise of every view [m].
+        Noise rms of every view [m].
     precisions : tuple of float
         Weight of every view.
     doubts : tuple of float
-        Standard deviation of the mean square that noise leaves of every view, as a share of it.
+        Relative standard deviation of the noise mean square of every view.
     parameters : int
         Number of fitted parameters.
     fitted : FitResult or None
-        The fit, where there was one.
+        Result of the fit; None if the model was only evaluated.
     """
 
     errors: tuple[FloatArray, ...] = ()
@@ -120,39 +120,39 @@ class CandidateFit(ModelSpec):
 
     @property
     def weighted(self) -> tuple[FloatArray, ...]:
-        """Errors, each view by its weight [m]."""
+        """Residuals multiplied by the weight of their view [m]."""
         return tuple(e * p for e, p in zip(self.errors, self.precisions, strict=True))
 
     @property
     def square(self) -> float:
-        """Weighted sum of squared errors [m^2]."""
+        """Weighted sum of squared residuals [m^2]."""
         pairs = zip(self.errors, self.precisions, strict=True)
         return sum(float(e @ e) * p**2 for e, p in pairs)
 
     @property
     def floors(self) -> float:
-        """Rms of the errors, each in multiples of the noise of its record."""
+        """Rms of the residuals, each in units of the noise of its record."""
         pairs = zip(self.errors, self.noises, strict=True)
         total = sum(float(e @ e) / max(noise, 1e-150) ** 2 for e, noise in pairs)
         return float(np.sqrt(total / max(self.samples, 1)))
 
     @property
     def samples(self) -> int:
-        """Number of errors."""
+        """Number of residual samples."""
         return sum(e.size for e in self.errors)
 
     @property
     def rms(self) -> float:
-        """Rms of the errors [m]."""
+        """Rms of the residuals [m]."""
         return float(np.sqrt(sum(float(e @ e) for e in self.errors) / max(self.samples, 1)))
 
 
-# Step towards a parameter, as a share of its value or of a hundredth of its scale.
+# Finite-difference step of a parameter, relative to its value or to a hundredth of its scale.
 _STEP = 1e-4
 
 
 def nudged(spec: ModelSpec, name: str) -> dict[str, float]:
-    """Return the values of a model with one of them a small step away, within its bounds."""
+    """Return the parameter values with one of them changed by a small step within its bounds."""
     value = spec.values[name]
     row = next(q for q in spec.model.parameters if q.name == name)
     step = _STEP * max(abs(value), 1e-2 * row.scale)
@@ -162,14 +162,14 @@ def nudged(spec: ModelSpec, name: str) -> dict[str, float]:
 def errors_of(
     spec: ModelSpec, views: Sequence[Target], cache: StageCache | None = None
 ) -> tuple[FloatArray, ...]:
-    """Return measured minus simulated of every view [m]; infinite where a model diverges.
+    """Return the residual (measured minus simulated) of every view [m]; infinite after divergence.
 
-    Stages that a model like it has simulated are taken from the `cache`.
+    Stages already simulated with the same parameters are taken from the `cache`.
 
     Raises
     ------
     PiezoError
-        If a value is impossible.
+        If a parameter value is invalid.
     """
     packed = spec.model.pack(spec.values)
     with np.errstate(over='ignore', invalid='ignore'):
@@ -181,7 +181,7 @@ def errors_of(
 
 
 def judged_on(spec: ModelSpec, views: Sequence[Target]) -> CandidateFit:
-    """Return a model with these values judged on views, to which it was not fitted."""
+    """Return the model evaluated on views with its present values, without a fit."""
     parameters = spec.parameters if isinstance(spec, CandidateFit) else 0
     return CandidateFit(
         spec.model,
@@ -207,30 +207,31 @@ def fitted_to(
     stopped: Callable[[], bool] = lambda: False,
     workers: int = 1,
 ) -> CandidateFit | None:
-    """Fit a model from its own values; return None where it cannot be fitted at all.
+    """Fit a model from its own values; return None if the fit fails.
 
     Parameters
     ----------
     spec, views
-        What is fitted, and to what.
+        Model with starting values, and the data of the fit.
     evaluations : int
-        Limit of the fit.
+        Evaluation budget of the fit.
     tolerance : float
-        Relative decrease that counts as none.
+        Relative decrease at which the fit stops.
     free : sequence of str, optional
-        What is fitted; everything that the model does not hold where not given.
+        Names of the fitted parameters; by default all that the model does not hold.
     clock : (float, float), optional
-        Between what the sampling offset may lie [s]. Where not given, a recording may have taken
-        the displacement before the voltage of a tick acted, which is our convention, or both
-        together, which is as much as a tick later.
+        Bounds of the sampling offset [s]. By default from 0, where the displacement is sampled
+        before the voltage of the tick acts (the convention of this package), to one tick, where
+        both are sampled together.
     enough : float
-        Sum of squares, as of `CandidateFit`, from which on a fit is of use, see `solver.solve`.
+        Sum of squares, as in `CandidateFit`, above which the fit is terminated, see
+        `solver.solve`.
     derivatives : bool
-        Whether those at the end are of use, see `solver.solve`.
+        Whether the derivatives at the end of the fit are needed, see `solver.solve`.
     stopped : callable
-        Asked before each step of the fit whether there is no time for it.
+        Called before each step; the fit ends if it returns True.
     workers : int
-        Threads over the views; the result does not depend on it.
+        Number of threads over the views; the result does not depend on it.
     """
     low, high = clock or (0.0, views[0].dt)
     bounds = {
@@ -260,7 +261,7 @@ def fitted_to(
     return _of_result(result, spec.added)
 
 
-# Frequencies are looked for below this share of the sampling rate, off their aliases above half.
+# Upper bound of fitted frequencies, relative to the sampling rate; it excludes aliases above half.
 _HIGHEST = 0.49
 
 
@@ -269,22 +270,23 @@ def _below_half_the_rate(model: Model, dt: float) -> dict[str, tuple[float, floa
     return {q.name: (q.low, min(q.high, _HIGHEST / dt)) for q in free}
 
 
-# Lengths that must be positive are looked for from this share of the noise on.
+# Lower bound of positive lengths, relative to the noise.
 _SHORTEST = 0.1
 
 
 def _not_below_the_noise(model: Model, noise: float) -> dict[str, tuple[float, float]]:
-    """Return bounds of lengths within which a force is built up: shorter ones show nothing.
+    """Return bounds that keep fitted lengths above a share of the noise.
 
-    A model follows them in ever finer steps, and would take a hundred times as long.
+    Shorter lengths, over which a force builds up, have no visible effect. They require ever finer
+    integration steps, which take a hundred times as long.
     """
     free = (q for q in model.parameters if q.unit == 'm' and q.low > 0.0 and not q.held)
     return {q.name: (min(max(q.low, _SHORTEST * noise), q.high), q.high) for q in free}
 
 
 def _of_result(result: FitResult, added: tuple[Added, ...]) -> CandidateFit | None:
-    """Return a fit, or None where its errors are not finite."""
-    if len(result.residuals) < len(result.targets):  # the fit could not even begin
+    """Return the result as a candidate fit, or None if its residuals are not finite."""
+    if len(result.residuals) < len(result.targets):  # the fit did not start
         return None
     errors = tuple(result.residuals[t.name] for t in result.targets)
     if not all(np.all(np.isfinite(e)) for e in errors):
@@ -310,14 +312,14 @@ def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers]:
     )
 
 
-# A time that ends within this factor of the shortest one is none.
+# A fitted time constant within this factor of the shortest possible one counts as zero.
 _SHORT = 2.0
 
 
 def takes_no_time(fit: CandidateFit, dt: float) -> bool:
-    """Return whether what came last was fitted as if it happened at once.
+    """Return whether a time constant of the last added effect was fitted as practically zero.
 
-    Creep without a time is a gain, and where the gain is held it would pass for one.
+    Creep without a time constant is a gain; it would be mistaken for one if the gain is fixed.
     """
     own = set(fit.added[-1].names.values()) if fit.added else set()
     return any(

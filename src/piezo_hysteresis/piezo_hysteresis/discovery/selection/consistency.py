@@ -1,27 +1,28 @@
-"""Which values training leaves open that all records tell."""
+"""Parameters that the training records determine poorly and all records determine well."""
 
 from __future__ import annotations
 
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 
-# A value counts as left open by training if all records tell it so many times better.
+# Ratio of standard errors from which training alone determines a value poorly.
 _OPEN = 1.5
 _MOST_NAMES = 3
 
 
 def explained_together(training: CandidateFit, both: CandidateFit) -> str:
-    """Return a sentence on a gap that one set of values for all records closes.
+    """Return a sentence on a held-out gap that a fit to all records closes.
 
-    Where the held-out records reach beyond those of training (a chirp into a mode), values that
-    training determines badly leave a gap there, although nothing is missing in the model. Then a
-    fit to all records leaves nothing anywhere; an effect that the model lacks stays in that fit,
-    too. The values of `training` are not touched: what was fitted to all records has nothing left
-    to prove itself on.
+    If the held-out records exceed the range of the training records (a chirp into a mode), values
+    that
+    the training records determine poorly cause a gap, although no effect is missing. A fit to all
+    records then has no residual; with a missing effect a residual remains in that fit, too. The
+    values
+    of `training` stay unchanged, because a model fitted to all records could not be tested on any.
 
     Parameters
     ----------
     training, both : CandidateFit
-        The model fitted to the training records, and to all.
+        The model fitted to the training records, and to all records.
     """
     names = _better_known(training, both)
     which = f' ({", ".join(names)})' if names else ''
@@ -32,7 +33,7 @@ def explained_together(training: CandidateFit, both: CandidateFit) -> str:
 
 
 def _better_known(training: CandidateFit, both: CandidateFit) -> list[str]:
-    """Return which values all records tell much better than those of training, worst first."""
+    """Return the parameters that all records determine much better than training, worst first."""
     if training.fitted is None or both.fitted is None:
         return []
     before, after = training.fitted.std, both.fitted.std

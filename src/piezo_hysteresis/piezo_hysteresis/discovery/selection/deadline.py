@@ -1,4 +1,4 @@
-"""When a search ends, and what it then had no time for."""
+"""Time limit of a search and list of the skipped steps."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from piezo_hysteresis.errors import IdentificationError
 
 @dataclass
 class Deadline:
-    """A limit of time that a search asks before it begins anything new.
+    """A time limit that a search checks before each new step.
 
     Attributes
     ----------
     seconds : float
-        From now; without end where not given [s].
+        Time limit from now; unlimited by default [s].
     untried : dict of str to None
-        What was skipped, in the order in which it came up.
+        Skipped steps, in the order of the search.
 
     Raises
     ------
     IdentificationError
-        If there is no time at all.
+        If the limit is not positive.
     """
 
     seconds: float = inf
     untried: dict[str, None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Begin to count."""
+        """Start the clock."""
         if not self.seconds > 0.0:
             raise IdentificationError(
                 'the time limit must be more than 0 s; leave it out for none'
@@ -39,11 +39,11 @@ class Deadline:
 
     @property
     def passed(self) -> bool:
-        """Whether the time is over."""
+        """Whether the time limit has passed."""
         return time.monotonic() > self._end
 
     def skips(self, what: str) -> bool:
-        """Return whether there is no time for something, and take note of it."""
+        """Return whether the time limit has passed, and record the skipped step."""
         late = self.passed
         if late:
             self.untried[what] = None

@@ -1,9 +1,9 @@
-"""Effects that were found one by one, judged again knowing the others.
+"""Backward elimination of effects that were added one at a time.
 
-The first effect was chosen while the others were still in the residual. So each is taken out
-again and the place it leaves is selected for anew (backward elimination): what is needless goes,
-what only resembled the sum of others is replaced, and what stays is sure in the presence of the
-rest.
+The first effect was selected while the others were still in the residual. Each effect is therefore
+removed and its position is selected again. A redundant effect is removed, an effect that only
+resembled the sum of others is replaced, and the effects that stay are significant in the presence
+of the others.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Step:
     Attributes
     ----------
     round : SelectionRound
-        In which it won, the effects besides it being known.
+        The round that accepted it, with the other effects in the model.
     fit : CandidateFit
-        The model with it.
+        The model with the effect.
     """
 
     round: SelectionRound
@@ -40,18 +40,19 @@ class Step:
 def judged_again(
     evaluator: Evaluator, start: CandidateFit, steps: Sequence[Step]
 ) -> tuple[Evaluator, list[Step], CandidateFit]:
-    """Judge every effect again until nothing changes.
+    """Test every effect again until the model does not change.
 
-    Initial conditions were estimated while effects were missing, and by what stood in for them: a
-    delay before a step looks like a motion from before the record, and then a lag fits better than
-    the delay. So a simpler model is also judged with initial conditions that it estimates itself.
+    The initial conditions were estimated with effects missing or replaced by others: a delay
+    before a
+    step resembles a motion from before the record, and a lag then fits better than the delay. A
+    simpler model is therefore also evaluated with initial conditions that it estimates itself.
 
     Returns
     -------
     evaluator : Evaluator
-        By which the end is judged.
+        Evaluator of the final model.
     steps : list of Step
-        Of the effects that stay.
+        Steps of the effects that stay.
     final : CandidateFit
         The model with all of them, fitted jointly.
     """
@@ -59,7 +60,7 @@ def judged_again(
     done: set[str] = set()
     for _ in range(evaluator.policy.elimination_rounds * len(steps)):
         names = list(dict.fromkeys(added.effect for added in final.added))
-        # the last one was chosen with all others in their places
+        # the last effect was selected with all others in the model
         name = next((each for each in names[:-1] if each not in done), None)
         if name is None:
             break
@@ -91,10 +92,11 @@ def judged_again(
 
 
 def pruned(evaluator: Evaluator, final: CandidateFit, start: CandidateFit) -> CandidateFit:
-    """Return `final` without additions that change nothing, itself if there are none.
+    """Return `final` without redundant effects, or itself if there are none.
 
-    The fit of a new effect may bring the ones before it to where they had to be, and leave the new
-    one without a purpose. Only then every addition is put to the test.
+    The fit of a new effect may improve the values of earlier effects until the new one is
+    redundant.
+    Only in that case is the removal of every effect tested.
     """
     idle = _with_only(evaluator, final, start, final.added[:-1])
     limit = (1.0 + evaluator.policy.idle) * final.square
@@ -120,7 +122,7 @@ def _selected_again(
     start: CandidateFit,
     name: str,
 ) -> SelectionRound | None:
-    """Select for the place of an effect; one that took several elements keeps it."""
+    """Run a selection round for the position of an effect; one with several elements keeps it."""
     if sum(added.effect == name for added in final.added) > 1:
         return None
     return select(evaluator, without, start, lambda fraction, message: None)
@@ -131,7 +133,7 @@ def _without(
 ) -> CandidateFit | None:
     """Return the model without an effect, fitted from the values of `final`.
 
-    Where it is only `compared` with that, it is not followed once it is too far off for that.
+    With `compared`, the fit is terminated early if it cannot reach the quality of `final`.
     """
     kept = [added for added in final.added if added.effect != name]
     bare = _with_only(evaluator, final, start, kept)
@@ -142,8 +144,8 @@ def _without(
 def _with_only(
     evaluator: Evaluator, final: CandidateFit, start: CandidateFit, kept: Sequence[Added]
 ) -> ModelSpec | None:
-    """Return `start` with some of the additions of `final`, all with the values there."""
-    held = start.model.held  # an effect may have freed them
+    """Return `start` with some of the effects of `final`, with the values of `final`."""
+    held = start.model.held  # the final model may have freed some of them
     found = {k: v for k, v in final.values.items() if k in start.values and k not in held}
     bare: ModelSpec | None = ModelSpec(
         start.model, start.values | found, (), final.sampling_offset
@@ -156,7 +158,7 @@ def _with_only(
 def _again(
     evaluator: Evaluator, bare: ModelSpec, added: Added, final: CandidateFit
 ) -> ModelSpec | None:
-    """Give `bare` an effect that `final` has, with the values it has there."""
+    """Return `bare` with an effect of `final` added, with its values in `final`."""
     for each in evaluator.candidates(bare):
         if (each.effect.name, each.effect.variant) != (added.effect, added.variant):
             continue

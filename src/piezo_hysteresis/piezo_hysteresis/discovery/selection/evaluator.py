@@ -1,4 +1,4 @@
-"""What a search looks at: the views, and how a model is fitted to them and scored on them."""
+"""Interface of the search to the data: fit and score of models on training views."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate, candidates
 
 Opening = Callable[[Sequence[FloatArray]], Callable[[float], bool]]
-"""``opening(changes)(factor)``: whether changes of every view [m], multiplied, open a search."""
+"""``opening(changes)(factor)``: whether scaled response changes [m] start a search."""
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
@@ -37,18 +37,18 @@ Result = TypeVar('Result')
 
 @dataclass(frozen=True)
 class Remainder:
-    """What a model leaves in the end.
+    """Residual of the final model.
 
     Attributes
     ----------
     significant : bool
-        Whether it is more than noise, nuisances and what was known.
+        Whether the residual exceeds noise, nuisance parameters and known discrepancy.
     views : tuple of Target
-        Where it shows.
+        Views on which it is evaluated.
     fit : CandidateFit
-        The model judged on these views.
+        The model evaluated on these views.
     note : str
-        What is to be said of it besides; may be empty.
+        Additional statement for the user; may be empty.
     """
 
     significant: bool
@@ -63,15 +63,16 @@ class Evaluator(ABC):
     Parameters
     ----------
     data : Dataset
-        Only its training views are looked at; of held-out ones the drive, and errors as a veto.
+        Training views, for all fits and scores. Of held-out views the search uses the drive, and
+        the errors only to reject an effect.
     seed : int
-        Of every random choice.
+        Seed of all random choices.
     workers : int
-        Threads; the result does not depend on it.
+        Number of threads; the result does not depend on it.
     policy : SelectionPolicy
-        What decides.
+        Decision thresholds.
     deadline : Deadline, optional
-        When nothing more is started.
+        Time limit after which no new step is started.
     """
 
     def __init__(
@@ -90,111 +91,112 @@ class Evaluator(ABC):
         self.screened = thinned(self.views, policy.screening_samples, data.periods)
         self.short = thinned(self.views, policy.first_fit_samples, data.periods)
 
-    # --- what the two views of a baseline differ in ---------------------------------------
+    # --- differences between a joint fit and a fixed baseline ------------------------------
 
     @abstractmethod
     def with_data(self, data: Dataset) -> Evaluator:
-        """Return the same evaluator on other data."""
+        """Return an evaluator with the same settings on other data."""
 
     @abstractmethod
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
-        """Return which parameters of a model are fitted."""
+        """Return the names of the fitted parameters of a model."""
 
     @abstractmethod
     def score(self, fit: CandidateFit) -> float:
-        """Return what ranks models, parameters priced; the smaller the better."""
+        """Return the penalized score that ranks models; smaller is better."""
 
     @abstractmethod
     def excess(self, fit: CandidateFit) -> float:
-        """Return the mean square beyond what is expected on its views, in units of it."""
+        """Return the mean square beyond the expectation on the fitted views, relative to it."""
 
     @abstractmethod
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
-        """Return whether there is something left to look for, `start` being the baseline."""
+        """Return whether a significant residual remains; `start` is the baseline."""
 
     @abstractmethod
     def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
-        """Return which changes of the response of a model would open a search.
+        """Return a function that decides whether response changes of a model would start a search.
 
-        Changes and errors are uncorrelated: their powers add up. The answer is yes where it holds
-        with a probability of 95 % over the noise.
+        Changes and errors are uncorrelated, so their powers add. The function returns True if the
+        search
+        starts with a probability of 95 % over the noise.
         """
 
     @abstractmethod
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
-        """Return whether `after` is better by more than chance, of `tried`."""
+        """Return whether `after` is significantly better, given `tried` candidates."""
 
     @abstractmethod
     def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
-        """Return whether what came last in `after` explains enough, on held-out records too."""
+        """Return whether the last effect of `after` explains enough, also on held-out records."""
 
     @abstractmethod
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
-        """Return how sure `after` is better, of `tried` candidates."""
+        """Return the size and significance of the improvement, given `tried` candidates."""
 
     @abstractmethod
     def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
-        """Return the probability that each finalist is right, given that one of them is."""
+        """Return the probability of each finalist, given that one of them is correct."""
 
     @abstractmethod
     def is_as_good(self, simpler: CandidateFit, richer: CandidateFit) -> bool:
-        """Return whether the richer model is no real improvement over the simpler one."""
+        """Return whether the richer model is not a relevant improvement over the simpler one."""
 
     @abstractmethod
     def certainty(self, before: float, after: float) -> float:
-        """Return the probability that what is missing is among the effects that competed.
+        """Return the probability that the missing effect is among the candidates.
 
         `before` and `after` are the gaps on held-out records, in noise rms.
         """
 
     @abstractmethod
     def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
-        """Return what is left in the end."""
+        """Return the residual of the final model and its significance."""
 
-    # --- what they share -------------------------------------------------------------------
+    # --- shared by both evaluators -----------------------------------------------------------
 
     @property
     def measured(self) -> Dataset:
-        """The data as they were measured."""
+        """The measured data, without subtraction of a known discrepancy."""
         return self.data
 
     def as_measured(self, fit: CandidateFit) -> CandidateFit:
-        """Return a model judged on training views as they were measured."""
+        """Return a model evaluated on the measured training views."""
         return fit
 
-    #: Between what the sampling offset may lie [s]; None for what every recording may have.
+    #: Bounds of the sampling offset [s]; None for the bounds of any recording.
     clock: tuple[float, float] | None = None
 
     @property
     def unseen_delay(self) -> float:
-        """How long a delay may be that passes for the clock of the records [s]."""
+        """Largest delay that is indistinguishable from the sampling offset of the records [s]."""
         low, high = self.clock or (0.0, 2.0 * self.views[0].dt)
         return 0.5 * (high - low)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
-        """Return a model with every effect that it can take up."""
+        """Return the model extended by each effect that it can accept."""
         return candidates(spec.model, self.data.amplitude, self.data.span)
 
     def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
-        """Return the excess that the laws of a model are known to leave."""
+        """Return the excess that the inexact laws of a model can leave."""
         return 0.0
 
     def first_values(self, before: ModelSpec) -> dict[str, float] | None:
-        """Return the values of a baseline before any fit of it, None where it is held."""
+        """Return the parameter values of a baseline before any fit; None if it is fixed."""
         return None
 
     def with_own_starts(self, fit: CandidateFit) -> tuple[Evaluator, CandidateFit]:
-        """Return the model with initial conditions that it estimates, and its evaluator."""
+        """Return an evaluator and a fit whose initial conditions the model itself estimates."""
         return self, fit
 
     def first_judged(self, fit: CandidateFit) -> CandidateFit:
-        """Return a first fit as it is ranked among the others."""
+        """Return a first fit evaluated on the samples on which first fits are ranked."""
         return fit
 
     def promising(
         self, before: CandidateFit, fits: Sequence[CandidateFit], start: CandidateFit
     ) -> list[CandidateFit]:
-        """Return the first fits that a longer one may make worth a name."""
+        """Return the first fits that explain enough to justify a final fit."""
         old = self.excess(self.first_judged(judged_on(before, self.short)))
         known = self.discrepancy(before, start)
         return [
@@ -202,11 +204,11 @@ class Evaluator(ABC):
         ]
 
     def tolerance(self, spec: ModelSpec) -> float:
-        """Return the relative decrease that counts as none in a fit to all samples."""
+        """Return the relative decrease at which a fit to all samples stops."""
         return self.policy.final_tolerance
 
     def enough(self, best: CandidateFit, within: float) -> float:
-        """Return the sum of squares up to which a fit is of use beside the best so far."""
+        """Return the sum of squares above which a fit is terminated, given the best fit so far."""
         return inf
 
     def fit(
@@ -216,7 +218,7 @@ class Evaluator(ABC):
         evaluations: int = 0,
         enough: float = inf,
     ) -> CandidateFit | None:
-        """Return a model fitted from its own values, to all training views or those given."""
+        """Return the model fitted from its own values to `views` (default: all training views)."""
         views = self.views if views is None else views
         return self._fitted(spec, views, evaluations, self.clock, enough)
 
@@ -243,7 +245,7 @@ class Evaluator(ABC):
     def fit_briefly(
         self, spec: ModelSpec, evaluations: int, enough: float = inf, workers: int = 1
     ) -> CandidateFit | None:
-        """Return a model fitted to the short views, near enough to be ranked."""
+        """Return the model fitted to the short views, precise enough for ranking."""
         return self._fitted_briefly(spec, evaluations, self.clock, enough, workers)
 
     def _fitted_briefly(
@@ -268,16 +270,19 @@ class Evaluator(ABC):
         )
 
     def refit(self, fit: CandidateFit, evaluations: int = 0) -> CandidateFit:
-        """Return a model fitted once more, itself where that is no better."""
+        """Return the model after another fit, or the same fit if that is not better."""
         again = self.fit(fit, evaluations=evaluations)
         return fit if again is None or again.square > fit.square else again
 
     def judged(self, spec: ModelSpec) -> CandidateFit:
-        """Return a model judged on all training views."""
+        """Return the model evaluated on all training views."""
         return judged_on(spec, self.views)
 
     def with_tones_aligned(self, fit: CandidateFit) -> Evaluator:
-        """Return the evaluator with phases of a fixed tone lined up, before one is modelled."""
+        """Return an evaluator with the phases of a fixed tone aligned over all records.
+
+        A model that already contains a tone keeps the data unchanged.
+        """
         if any(block.clocked for block in fit.model.blocks):
             return self
         names = {view.name for view in self.views}
@@ -286,7 +291,10 @@ class Evaluator(ABC):
         return self if aligned is self.data else self.with_data(aligned)
 
     def stays_finite(self, spec: ModelSpec) -> bool:
-        """Return whether a model survives the held-out drives; what was measured is not used."""
+        """Return whether the response to the held-out drives is finite.
+
+        The held-out displacement is not used.
+        """
         limit = 100.0 * self.data.span
         errors = errors_of(spec, self.data.held_out)
         return all(bool(np.all(np.abs(e) < limit)) for e in errors)
@@ -299,23 +307,24 @@ class Evaluator(ABC):
         best: CandidateFit | None = None,
         wins: Callable[[CandidateFit], bool] = lambda fit: True,
     ) -> list[CandidateFit]:
-        """Return fits gone on with, those that fail left out.
+        """Return the continued fits, without those that fail.
 
-        The first, which is the best so far, goes ahead where there is no `best` from before; the
-        others only have to show what may come near it.
+        Without an earlier `best`, the first fit, which is the best so far, is continued alone
+        first. The
+        other fits are terminated early if they cannot come near it.
 
         Parameters
         ----------
         function : callable
-            Goes on with a fit, given the sum of squares from which on it is of use.
+            Continues a fit, given the sum of squares above which the fit is terminated.
         fits : sequence of CandidateFit
-            The best first.
+            Fits, the best first.
         within : float
-            Sum of squares over that of the best that is still of use.
+            Largest useful sum of squares, relative to that of the best fit.
         best : CandidateFit, optional
-            Of the same kind as what comes out.
+            Best earlier fit of the same kind as the results.
         wins : callable
-            Whether the best is such that the others have to come near it.
+            Whether a fit is good enough to terminate the others early.
         """
         ahead = [function(fit, inf) for fit in fits[:1]] if best is None else []
         first = ahead[0] if ahead else best
@@ -326,7 +335,7 @@ class Evaluator(ABC):
         return [fit for fit in (*ahead, *others) if fit is not None]
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """Return the function of all items, computed in threads, in order."""
+        """Return the function values of all items in order, computed in threads."""
         if self.workers == 1 or len(items) < 2:
             return [function(each) for each in items]
         with ThreadPoolExecutor(self.workers) as pool:

@@ -1,4 +1,4 @@
-"""What a search came to, judged on the views that decided nothing."""
+"""Evaluation of the result of a search on held-out views."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from piezo_hysteresis.discovery.selection.search import Found
 
 @dataclass(frozen=True)
 class Outcome:
-    """Everything that a verdict is made of.
+    """Data of a verdict.
 
     Attributes
     ----------
     found : Found
-        The end of the search; the baseline alone where effects made it worse on held-out views.
+        Result of the search; the baseline alone if the effects increase the error on held-out
+        views.
     before, after : CandidateFit
-        Its start and its end, judged on the held-out views.
+        Baseline and final model, evaluated on the held-out views.
     remainder : Remainder
-        What is left in the end.
+        Residual of the final model.
     certainty : float
-        Probability that what is missing is among the effects that competed [1].
+        Probability that the missing effect is among the candidates [1].
     """
 
     found: Found
@@ -34,14 +35,14 @@ class Outcome:
 
     @property
     def ends_in_noise(self) -> bool:
-        """Whether held-out records show hardly more than their noise in the end."""
+        """Whether the final residual on held-out records is close to the noise."""
         return self.after.floors <= self.found.evaluator.policy.explained_gap
 
 
 def with_headlines_only(found: Found) -> Found:
-    """Return the end of a search, without names that take too little of the held-out gap.
+    """Return the result of a search without effects that reduce the held-out gap too little.
 
-    What the baseline is known to miss in phase with the drive is no part of that gap.
+    The known discrepancy of the baseline in phase with the drive is not part of the gap.
     """
     if not found.steps:
         return found
@@ -54,7 +55,7 @@ def with_headlines_only(found: Found) -> Found:
 
 
 def outcome_of(found: Found) -> Outcome:
-    """Return the end of a search as it is on records that it has not seen."""
+    """Return the result of a search, evaluated on held-out records."""
     found = with_headlines_only(found)
     evaluator, views = found.evaluator, found.evaluator.measured.held_out
     before = judged_on(found.start, views)

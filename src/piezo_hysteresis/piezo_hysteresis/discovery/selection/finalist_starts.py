@@ -1,8 +1,9 @@
-"""The finalists of a round, each with initial conditions that it estimates itself.
+"""Comparison of the finalists of a round, each with its own estimated initial conditions.
 
-Initial conditions were estimated by a model that lacks something. A delay before a step looks like
-a motion from before the record, and beside such a motion a lag explains more than the delay does.
-So there is a winner, or none, only among finalists of which each estimates its own.
+The initial conditions were estimated by an incomplete model. A delay before a step resembles a
+motion from before the record, and with such an initial condition a lag explains more than the
+delay. A finalist is therefore accepted only after each of them has estimated its own initial
+conditions.
 """
 
 from __future__ import annotations
@@ -19,23 +20,23 @@ def led_by_best_start(
 ) -> tuple[Evaluator, SelectionRound]:
     """Return the round with the finalist first that is best with its own initial conditions.
 
-    Only where records begin with numbers of their own: a start that has none hides nothing.
+    This is needed only if records have free initial conditions; otherwise they can hide no effect.
 
     Parameters
     ----------
     evaluator : Evaluator
-        By which the round was judged.
+        Evaluator of the round.
     contest : SelectionRound
-        Its finalists; none of them need be accepted.
+        The round with its finalists; none of them needs to be accepted.
     start : CandidateFit
         The baseline.
 
     Returns
     -------
     evaluator : Evaluator
-        With the initial conditions by the first of the round.
+        Evaluator with the initial conditions of the first finalist.
     contest : SelectionRound
-        The round; itself where no other start is better.
+        The round; unchanged if no other initial conditions are better.
     """
     free = any(v.begins.kind == 'estimate' or v.begins.levels for v in evaluator.views)
     if not free or evaluator.deadline.skips('starts of rivals'):
@@ -61,7 +62,7 @@ def led_by_best_start(
 def _led(
     judge: Evaluator, contest: SelectionRound, first: CandidateFit, replaced: CandidateFit
 ) -> SelectionRound:
-    """Return the round with `first` in the lead, in the place of one of its finalists."""
+    """Return the round with `first` in the lead, instead of the finalist `replaced`."""
     order = (first, *(fit for fit in contest.finalists if fit is not replaced))
     return replace(
         contest,

@@ -1,4 +1,4 @@
-"""The free view: a baseline known by name alone is fitted together with every effect."""
+"""Evaluator for a baseline without known discrepancy; it is fitted jointly with every effect."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Candidate
 
 _AUTO = Choices()
-# Standard deviations below the mean that a normal number is with a chance of 5 %.
+# 5 % quantile of the standard normal distribution, in standard deviations below the mean.
 _ONE_IN_TWENTY = 1.645
 
 
 class FreeEvaluator(Evaluator):
-    """Judges against the noise alone: nothing is known of what the baseline misses.
+    """Scores models relative to the noise, because the baseline has no known discrepancy.
 
     Parameters
     ----------
     data, seed, workers, policy, deadline
         As in `Evaluator`.
     choices : Choices
-        What is known of how records begin, where that is estimated again with an effect.
+        Known initial conditions of the records, used to estimate them again with each effect.
     """
 
     def __init__(
@@ -67,17 +67,17 @@ class FreeEvaluator(Evaluator):
         )
 
     def with_data(self, data: Dataset) -> FreeEvaluator:
-        """Return the same evaluator on other data."""
+        """Return an evaluator with the same settings on other data."""
         return FreeEvaluator(
             data, self.seed, self.workers, self.policy, self.deadline, self.choices
         )
 
     def first_values(self, before: ModelSpec) -> dict[str, float]:
-        """Return the values of a baseline as a scan for start values finds them."""
+        """Return the parameter values of a baseline from the scan of starting values."""
         return first_values(before, self.data, self.policy.screening_samples)
 
     def with_own_starts(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
-        """Return a model fitted with initial conditions that it estimates, if that is better."""
+        """Return the fit with initial conditions that the model estimates, if it is better."""
         seen = with_renewed_starts(fit, self.data, self.choices, self.workers)
         if begin_alike(self.data, seen):
             return self, fit
@@ -86,18 +86,19 @@ class FreeEvaluator(Evaluator):
         return (self, fit) if again is None or again.square > fit.square else (renewed, again)
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
-        """Return a model with every effect that it can take up and that a fit besides leaves."""
+        """Return the model extended by each effect that can be fitted jointly with it."""
         return tuple(each for each in super().candidates(spec) if not each.effect.held)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
-        """Return which parameters of a model are fitted: all that it does not hold."""
+        """Return the names of the fitted parameters: all that the model does not hold."""
         return spec.model.free_names
 
     def tolerance(self, spec: ModelSpec) -> float:
-        """Return what counts as no decrease: where much is missing, what is a trace of that.
+        """Return the relative decrease at which a fit stops; it is larger for a large excess.
 
-        A name asks for a share of what is missing, so that no more than a trace of it may be left
-        by a fit that ends early.
+        An effect must explain a share of the excess, so an early stop may leave only a small
+        fraction of
+        it.
         """
         known = isinstance(spec, CandidateFit) and spec.errors
         seen = spec if isinstance(spec, CandidateFit) and known else self.judged(spec)
@@ -105,24 +106,24 @@ class FreeEvaluator(Evaluator):
         return max(self.policy.final_tolerance, self.policy.first_tolerance * missing)
 
     def enough(self, best: CandidateFit, within: float) -> float:
-        """Return the sum of squares up to which a fit is of use beside the best so far."""
+        """Return the sum of squares above which a fit is terminated, given the best fit so far."""
         return within * best.square
 
     def penalty(self, fit: CandidateFit) -> float:
-        """Return what the parameters of a model cost, in units of log sum of squares."""
+        """Return the parameter penalty, in units of the log sum of squares."""
         independent = self.policy.records_information * len(self.views)
         return fit.parameters * float(np.log(independent)) / independent
 
     def score(self, fit: CandidateFit) -> float:
-        """Return the penalised log sum of squares, of the kind of Schwarz 1978."""
+        """Return the penalized log sum of squares, similar to the criterion of Schwarz 1978."""
         return float(np.log(max(fit.square, 1e-300))) + self.penalty(fit)
 
     def excess(self, fit: CandidateFit) -> float:
-        """Return the mean square above the noise of each record, in units of it."""
+        """Return the mean square above the noise of each record, relative to it."""
         return fit.floors**2 - 1.0
 
     def shows_a_gap(self, fit: CandidateFit) -> bool:
-        """Return whether a model judged on any views leaves more than noise."""
+        """Return whether the residual of a model on its views exceeds the noise."""
         return self._shows_a_gap(fit, _excesses(fit))
 
     def _shows_a_gap(self, fit: CandidateFit, excesses: Sequence[float]) -> bool:
@@ -130,23 +131,27 @@ class FreeEvaluator(Evaluator):
         return rules.shows_a_gap(excess, excesses, fit.doubts, doubt, self.policy)
 
     def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
-        """Return the excess that the laws of a model are known to leave."""
+        """Return the excess that the inexact laws of the added effects can leave."""
         inexact = [added.inexactness for added in fit.added]
         return rules.model_discrepancy(inexact, self.excess(start))
 
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
-        """Return whether more is left than noise; a trace in one record may be the laws' own."""
+        """Return whether the residual exceeds the noise and the known inexactness of the laws."""
         return self._lacks(fit, _excesses(fit), self._trace(fit, start))
 
     def _lacks(self, fit: CandidateFit, excesses: Sequence[float], trace: float) -> bool:
         return self._shows_a_gap(fit, excesses) and _over_all(fit, excesses) >= trace
 
     def _trace(self, fit: CandidateFit, start: CandidateFit) -> float:
-        """Return the excess below which the laws of a model may leave it."""
+        """Return the excess that the inexact laws of a model explain, up to the negligible one."""
         return min(self.negligible, self.discrepancy(fit, start))
 
     def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
-        """Return which changes would be more than noise, also where chance makes noise small."""
+        """Return a function that decides whether response changes exceed the noise.
+
+        It uses the 5 % quantile of the noise mean square, so that the decision holds with 95 %
+        probability.
+        """
         low = 1.0 - _ONE_IN_TWENTY * hypot(self.data.noise.doubt, sqrt(2.0 / fit.samples))
         trace = self._trace(fit, start)
 
@@ -162,12 +167,12 @@ class FreeEvaluator(Evaluator):
         return of
 
     def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
-        """Return whether `after` is better by more than chance."""
+        """Return whether `after` is significantly better than `before`."""
         errors = self.improvement(before, after, 1).ratio
         return rules.is_sure(errors, self.score(before) - self.score(after), self.policy)
 
     def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
-        """Return whether what came last in `after` explains enough, on held-out records too."""
+        """Return whether the last effect of `after` explains enough, also on held-out records."""
         old, new = self.excess(before), self.excess(after)
         known = self.discrepancy(before, start)
         if not rules.is_worth_a_name(old, new, known, self.policy):
@@ -175,31 +180,36 @@ class FreeEvaluator(Evaluator):
         return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
 
     def _held_out(self, spec: ModelSpec) -> float:
-        """Return the mean square of the errors on held-out views, in units of the noise."""
+        """Return the mean square error on held-out views, relative to that of the noise."""
         return judged_on(spec, self.data.held_out).floors ** 2
 
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
-        """Return how sure `after` is better, by the spectrum of what it leaves."""
+        """Return the size and significance of the improvement from the residual spectrum."""
         return improvement(before, after, tried)
 
     def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
-        """Return the share of resamples in which each finalist is the best."""
+        """Return the share of bootstrap resamples in which each finalist is the best."""
         penalties = [self.penalty(each) for each in finalists]
         found = win_shares(finalists, penalties, self.edges, self.seed, self.policy.resamples)
         return tuple(map(float, found))
 
     def is_as_good(self, simpler: CandidateFit, richer: CandidateFit) -> bool:
-        """Return whether the richer model is no real improvement over the simpler one."""
+        """Return whether the richer model is not a relevant improvement over the simpler one."""
         errors = self.improvement(simpler, richer, 1).ratio
         old, new = self.excess(simpler), self.excess(richer)
         return rules.is_as_good(old, new, errors, self.negligible, self.policy)
 
     def certainty(self, before: float, after: float) -> float:
-        """Return the share of the held-out excess that was taken: the rest is none of these."""
+        """Return the probability that the missing effect is among the candidates.
+
+        It is proportional to the explained share of the held-out excess; the unexplained share
+        counts
+        against every candidate.
+        """
         return self.policy.trust * rules.explained(before, after)
 
     def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
-        """Return what is left; what held-out records alone show is not passed over either."""
+        """Return the residual on training views, or on held-out views if only they show one."""
         if self.shows_a_gap(final):
             return Remainder(True, self.views, final)
         held_out = self.data.held_out
@@ -215,12 +225,12 @@ class FreeEvaluator(Evaluator):
 
 
 def _excesses(fit: CandidateFit) -> list[float]:
-    """Return the mean square above the noise of each record, in units of it."""
+    """Return the mean square above the noise of each record, relative to that of the noise."""
     pairs = zip(fit.errors, fit.noises, strict=True)
     return [float(e @ e) / e.size / max(noise, 1e-150) ** 2 - 1.0 for e, noise in pairs]
 
 
 def _over_all(fit: CandidateFit, excesses: Sequence[float]) -> float:
-    """Return the excess over all records, by their samples."""
+    """Return the excess over all records, weighted by their number of samples."""
     pairs = zip(fit.errors, excesses, strict=True)
     return sum(error.size * excess for error, excess in pairs) / max(fit.samples, 1)

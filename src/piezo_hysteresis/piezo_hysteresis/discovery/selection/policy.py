@@ -322,7 +322,7 @@ class SelectionPolicy:
     )
 
     def __post_init__(self) -> None:
-        """Refuse invalid values."""
+        """Reject invalid values."""
         for each in fields(self):
             value = getattr(self, each.name)
             if not isinstance(value, (int, float)) or not value >= 0:
@@ -332,12 +332,12 @@ class SelectionPolicy:
                 )
 
     def but(self, **changed: float) -> SelectionPolicy:
-        """Return the policy with other numbers.
+        """Return a copy of the policy with changed values.
 
         Raises
         ------
         IdentificationError
-            If there is no such value, or it is invalid.
+            If a name is unknown or a value is invalid.
         """
         known = {each.name: each for each in fields(self)}
         unknown = sorted(set(changed) - set(known))
@@ -353,7 +353,7 @@ class SelectionPolicy:
         return replace(self, **whole)  # type: ignore[arg-type]
 
 
-#: For a baseline that is fitted together with every effect.
+#: For a baseline that is fitted jointly with every effect.
 POLICY = SelectionPolicy()
 #: For a fixed baseline with a known discrepancy: fits are small, and each effect is tried.
 HELD = POLICY.but(
@@ -371,7 +371,7 @@ HELD = POLICY.but(
 
 
 def rows(free: Any = POLICY, held: Any = HELD) -> list[tuple[str, str, str, str, str]]:
-    """Return name, value, unit, meaning and source of every number of a policy.
+    """Return name, value, unit, meaning and source of every threshold of a policy.
 
     Parameters
     ----------

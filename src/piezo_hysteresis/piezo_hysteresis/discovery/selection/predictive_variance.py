@@ -1,7 +1,8 @@
-"""What the values of a model file leave open: how far its answer may be off on new records.
+"""Predictive variance of a model file: response uncertainty due to uncertain parameter values.
 
-A value that the fitted records hardly determined, as the damping of a mode that they did not
-excite, may show on others. That is no news: it is what the covariance of the file says.
+A parameter that the fitted records hardly determine, such as the damping of a mode that they do
+not excite, may cause a residual on other records. This residual is not a new deviation; it follows
+from the covariance of the file.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
 
-# Directions with less than this share of the largest variance, in standard deviations, are none.
+# Relative variance below which a principal direction of the covariance is omitted.
 _NONE = 1e-12
 
 
@@ -29,22 +30,23 @@ def widened(
     names: Sequence[str],
     covariance: FloatArray,
 ) -> tuple[Expectation, ...]:
-    """Return what is no news of views, with what uncertain values may do besides.
+    """Return the expectations of views, increased by the predictive variance of the parameters.
 
-    Under a condition under which the model was judged, what its values do wrong is in what it
-    misses there already; an octave away, hardly any of it is.
+    At a condition where the model was evaluated, the error of its values is already part of the
+    known
+    discrepancy; an octave away hardly any of it is.
 
     Parameters
     ----------
     expected : sequence of Expectation
-        Of each view.
+        Expectation of each view.
     base : ModelSpec
-        The model as its file says.
+        The model with the values of its file.
     views : sequence of Target
-        What it is driven with.
+        Views with the drive signals.
     names, covariance : sequence of str, ndarray of shape (p, p)
-        Of the values. Where the file does not tell that of all which were fitted, nothing is
-        added: the others may make up for what one alone would do.
+        Names and covariance of the values. Nothing is added if the covariance does not contain all
+        fitted values, because the missing ones may compensate for the change of one alone.
     """
     if not names or set(names) != set(base.model.free_names):
         return tuple(expected)
@@ -63,22 +65,25 @@ def widened(
 def cost_of_change(
     changes: Mapping[str, float], names: Sequence[str], covariance: FloatArray, price: float
 ) -> float:
-    """Return what it costs that values are others than the file says [nats].
+    """Return the cost of parameter values that differ from the file [nats].
 
-    Gains that make up for each other are determined badly one by one, and well in their sum: a
-    change of all of them by a percent is many deviations of that sum and hardly one of any. So a
-    change is determined in one of two ways, the cheaper counts: some values are others, at the
-    price of a parameter each, and the rest lies within its deviations; or so along independent
-    directions.
+    Gains that compensate for each other are poorly determined individually and well determined in
+    their sum: a change of all of them by one per cent is many standard deviations of the sum and
+    hardly one of each. The cost is the lower one of two descriptions. Either some values are new,
+    at
+    the price of a parameter each, and the others stay within the covariance; or the same holds
+    along
+    the principal directions of the covariance.
 
     Parameters
     ----------
     changes : mapping of str to float
-        Of values; one that is not among `names` was held, and its change is another value.
+        Changes of values; a value that is not among `names` was held, and its change is a new
+        value.
     names, covariance : sequence of str, ndarray of shape (p, p)
-        Of the values that were fitted.
+        Names and covariance of the fitted values.
     price : float
-        Of a parameter [nats].
+        Penalty of a parameter [nats].
     """
     held = price * sum(bool(change) and name not in names for name, change in changes.items())
     at = [k for k, name in enumerate(names) if name in changes]
@@ -88,7 +93,7 @@ def cost_of_change(
 
 
 def _one_by_one(step: FloatArray, covariance: FloatArray, price: float) -> float:
-    """Return the least cost where some values are others, found one after another [nats]."""
+    """Return the least cost with some new values, selected greedily one at a time [nats]."""
     kept = list(range(step.size))
     best = float(_within(step, covariance).sum())
     for others in range(1, step.size + 1):
@@ -100,7 +105,7 @@ def _one_by_one(step: FloatArray, covariance: FloatArray, price: float) -> float
 
 
 def _within(step: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return what lies within deviations costs along each independent direction [nats]."""
+    """Return the cost of a change within the covariance per principal direction [nats]."""
     if not np.any(step):
         return np.zeros(step.size)
     found = _principal(covariance)
@@ -112,7 +117,7 @@ def _within(step: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def _principal(covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Return deviations, and the principal values and directions of the correlation."""
+    """Return standard deviations, and eigenvalues and eigenvectors of the correlation matrix."""
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(std > 0.0, std, 1.0)
     found = symmetric_eigen(covariance / np.outer(scale, scale))
@@ -120,7 +125,7 @@ def _principal(covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArr
 
 
 def _directions(covariance: FloatArray) -> list[FloatArray]:
-    """Return steps of a standard deviation along independent directions."""
+    """Return steps of one standard deviation along the principal directions."""
     found = _principal(covariance)
     if found is None:
         return []
@@ -132,7 +137,10 @@ def _directions(covariance: FloatArray) -> list[FloatArray]:
 def _moved(
     base: ModelSpec, step: dict[str, float], views: Sequence[Target]
 ) -> tuple[FloatArray, ...] | None:
-    """Return the errors of a model a step away, or half of one or back where it cannot be."""
+    """Return the residuals of a model one step away.
+
+    If the step is invalid, the reversed step or half a step is used; None if all are invalid.
+    """
     for factor in (1.0, -1.0, 0.5, -0.5):
         values = {k: v + factor * step.get(k, 0.0) for k, v in base.values.items()}
         try:

@@ -1,7 +1,8 @@
-"""What a baseline misses on records of the actuator as it was: elsewhere that is no news.
+"""Discrepancy of a baseline from reference records of the unchanged actuator.
 
-Where the reference has the drive of a record in question, what is missed there is taken off
-sample by sample, so that what both have in common cancels; elsewhere in the phase of the drive.
+If a reference record has the same drive as a tested record, the reference residual is subtracted
+sample by sample, so that the common part cancels; otherwise it is subtracted in phase with the
+drive.
 """
 
 from __future__ import annotations
@@ -28,26 +29,27 @@ def as_on(
     choices: Choices | None = None,
     workers: int = 1,
 ) -> ModelFile:
-    """Return the baseline with what it misses on reference records.
+    """Return the baseline as a model file with its discrepancy on reference records.
 
-    A named model is identified on them; a file keeps its values, and its discrepancy is what it
-    leaves there.
+    A named model is identified on these records. A file keeps its values, and its discrepancy is
+    the
+    residual on these records.
 
     Parameters
     ----------
     reference : sequence of Record
-        Of the same actuator, before whatever changed.
+        Records of the same actuator before the change.
     baseline : Model or ModelFile
-        The model that lacks something.
+        The model that is tested for missing effects.
     choices : Choices, optional
-        What is known of how the records begin and where their zeros lie.
+        Known initial conditions and zero offsets of the records.
     workers : int
-        Threads of the fit.
+        Number of threads of the fit.
 
     Raises
     ------
     IdentificationError
-        If the reference tells nothing of what the model misses.
+        If no discrepancy can be computed from the reference.
     """
     chosen = choices or Choices()
     records = annotated(reference)

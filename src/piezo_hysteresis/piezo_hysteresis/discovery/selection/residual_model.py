@@ -1,9 +1,10 @@
-"""What the residual of a model that knows what it misses may look like, record by record.
+"""Expected residual power of a model with a known discrepancy, per harmonic and octave.
 
-What a model misses repeats itself with the drive. A harmonic of ten thousand samples holds two
-numbers, not ten thousand, so evidence is counted by line and by octave: a residual is split into
-the harmonics of the drive and octaves of what is beside them, and each part is compared with what
-the noise and the discrepancy of the ``model.yaml`` let expect there.
+The discrepancy of a model repeats with the drive. A harmonic of ten thousand samples holds two
+independent numbers, not ten thousand, so evidence is counted per harmonic and per octave. A
+residual is decomposed into the harmonics of the drive and into octaves of the remaining spectrum;
+the power of each part is compared with the expectation from the noise and from the discrepancy of
+the ``model.yaml``.
 """
 
 from __future__ import annotations
@@ -29,33 +30,34 @@ from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.models.trace import stretches_of
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, phase_of
 
-# Parts of a residual: orders 0 to the highest, then octaves.
+# Parts of a residual: harmonic orders 0 to the highest, then octaves.
 _ORDERS = HIGHEST_ORDER + 1
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """What one view may show.
+    """Expected residual power of one view, per harmonic and octave.
 
     Attributes
     ----------
     lines : ndarray, shape (q, n)
-        Orthonormal rows that span the harmonics of the drive, as they grow with its amplitude.
+        Orthonormal rows that span the harmonics of the drive, scaled with its amplitude.
     line_of : ndarray of int, shape (q,)
-        Order to which each row belongs; 0 is the mean as it follows the amplitude.
+        Harmonic order of each row; order 0 is the mean, scaled with the amplitude.
     octave_of : ndarray of int, shape (bins,)
-        Part to which each bin of the spectrum of what is beside the lines belongs.
+        Part of each bin in the spectrum of the residual without harmonics.
     expected : ndarray, shape (parts,)
-        Mean square that is no news, of the orders and then of the octaves [m^2].
+        Expected mean square of each part, harmonic orders first, then octaves [m^2].
     independent : ndarray, shape (parts,)
-        Independent numbers in each part.
+        Number of independent values in each part.
     window : ndarray, shape (n,)
         Weight of each sample in the spectrum.
     repeated : ndarray, shape (n,)
-        What the model is known to miss under this drive [m]: an error less this is compared with
+        Known discrepancy under this drive [m]; the residual minus this signal is compared with
         `expected`.
     octaves : float
-        How far the drive is from the nearest one under which the model was judged.
+        Distance of the drive from the nearest condition at which the model was evaluated
+        [octaves].
     """
 
     lines: FloatArray
@@ -69,17 +71,17 @@ class Expectation:
 
     @property
     def total(self) -> float:
-        """Mean square over all parts but the mean [m^2]."""
+        """Expected mean square over all parts except the mean [m^2]."""
         return float(self.expected[1:].sum())
 
     def out_of_phase(self) -> Expectation:
-        """Return what is expected where the phases of what repeats itself are lost."""
+        """Return the expectation for a known discrepancy with unknown phases."""
         return replace(self, expected=self.expected + self.powers(self.repeated))
 
     def powers(self, error: FloatArray) -> FloatArray:
-        """Return the mean square of each part of an error, shape (n,) [m^2]; its mean is left out.
+        """Return the residual power per harmonic and octave of an error of shape (n,) [m^2].
 
-        The zero of a record is its own, so that its mean says nothing.
+        The mean is excluded, because the zero offset of a record is a nuisance parameter.
         """
         if not np.all(np.isfinite(error)):
             return np.full(self.expected.size, np.inf)
@@ -94,12 +96,15 @@ class Expectation:
         return np.asarray(found + np.bincount(self.octave_of, power, found.size))
 
     def cost(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> float:
-        """Return minus the log likelihood, up to a constant [nats].
+        """Return the negative log likelihood of the residual powers, up to a constant [nats].
 
-        The size of what is expected is itself known from about as many numbers as there are: tails
-        are those of Student's distribution. The whole counts besides. What lies below what is
-        expected is no evidence of anything: an effect that takes what the model has always missed
-        explains nothing that is new.
+        The expected powers are themselves estimated from about as many numbers as there are parts,
+        so the
+        tails are those of Student's distribution. The total power is weighted in addition. A power
+        below
+        its expectation is no evidence: an effect that reduces the known discrepancy explains no
+        new
+        deviation.
         """
         if not np.all(np.isfinite(powers)):
             return float('inf')
@@ -108,36 +113,36 @@ class Expectation:
         return float(self.independent @ np.log1p(parts)) + whole
 
     def news(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> bool:
-        """Tell whether parts show more than the model is known to miss."""
+        """Return whether the residual powers exceed the known discrepancy (a new deviation)."""
         if not powers[1:].sum() <= policy.news**2 * self.total:
             return True
         chance = 1.0 + 3.0 / np.sqrt(np.maximum(self.independent, 1.0))
         large = powers > chance * policy.news**2 * self.expected
-        # where a large part was possible and is not there, it hides nothing
+        # an expected part that is absent from the residual must not mask a new deviation
         there = min(float(powers[1:].sum()), self.total)
         return bool(np.any(large & (powers - self.expected > policy.part * there)))
 
     def excess(self, powers: FloatArray) -> float:
-        """Return the mean square beyond what is expected, in units of all that is [1]."""
+        """Return the mean square beyond the expectation, relative to the total expectation [1]."""
         return float(np.maximum(powers - self.expected, 0.0).sum() / self.total)
 
 
 def expectation(
     view: Target, known: Discrepancy, stroke: float, policy: SelectionPolicy = HELD
 ) -> Expectation:
-    """Return what a model that is known to miss `known` may leave of a view.
+    """Return the expected residual power of a view for a model with the discrepancy `known`.
 
     Parameters
     ----------
     view : Target
-        With the noise of its record; where that is not known, the noise under the known
-        conditions counts.
+        Data of one record with its noise rms; if that is unknown, the noise of the discrepancy is
+        used.
     known : Discrepancy
-        Of the model.
+        Known discrepancy of the model.
     stroke : float
         Range of the displacement of the record [m].
     policy : SelectionPolicy
-        What decides.
+        Decision thresholds.
     """
     from scipy.signal.windows import tukey
 
@@ -171,7 +176,7 @@ def expectation(
     for order, square in known_lines.items():
         if ranks[order]:
             by_model[order] += square
-        elif order:  # too few periods for a line
+        elif order:  # too few periods to resolve the harmonic
             near = _octaves_near(order * view.frequency * count * dt, parts - _ORDERS)
             by_model[_ORDERS:] += square * near
     total = (missed.share * stroke) ** 2
@@ -195,16 +200,16 @@ def expectation(
         by_model = _beyond_the_mean(found, seen, by_noise)
     anywhere = policy.shape * open_to + LEAST_POWER * total
     expected = np.where(independent > 0, by_noise + by_model + anywhere, 0.0)
-    # how the mean follows the amplitude no file of steady drives tells
+    # a file from steady drives does not contain the dependence of the mean on the amplitude
     expected[0] += total
     return replace(found, expected=expected + 1e-14 * stroke**2 + 1e-300)
 
 
 def _beyond_the_mean(found: Expectation, seen: FloatArray, by_noise: FloatArray) -> FloatArray:
-    """Return by which mean square what is left may differ from its mean over stretches.
+    """Return the mean square by which the residual may deviate from its mean over stretches.
 
-    That mean holds their noise, and what one stretch leaves is not quite what another does.
-    Stretches overlap, so that they differ rather too little.
+    The mean contains the noise of the stretches, and the residual varies between stretches. The
+    stretches overlap, so their variance is a low estimate.
     """
     count = len(seen)
     least = by_noise / count
@@ -214,22 +219,22 @@ def _beyond_the_mean(found: Expectation, seen: FloatArray, by_noise: FloatArray)
     return np.maximum(least, (1.0 + 1.0 / count) * apart - by_noise)
 
 
-# Amplitudes at which what is missed of a growing drive is worked out, between them it is linear.
+# Number of amplitudes at which the discrepancy is evaluated, with linear interpolation between.
 _STEPS = 32
 
 
 def _repeating(
     voltage: FloatArray, dt: float, drive: float, known: Discrepancy, stroke: float
 ) -> tuple[FloatArray | None, dict[int, float]]:
-    """Return what a model will miss of a drive, and the mean square by which it may be off.
+    """Return the expected discrepancy signal of a drive and the uncertainty of its harmonics.
 
     Returns
     -------
     repeated : ndarray, shape (n,), or None
-        Sum of the harmonics that are expected [m]; None where phases are not known, or the drive
-        shows none.
+        Sum of the expected harmonics [m]; None if phases are unknown or the record has no drive
+        frequency.
     squares : dict of int to float
-        By order [m^2].
+        Mean square uncertainty by harmonic order [m^2].
     """
     if drive <= 0.0 or drive * dt * voltage.size < 1.0:
         return None, {}
@@ -250,9 +255,11 @@ def _repeating(
 
 
 def _octaves_near(bin_of_line: float, octaves: int) -> FloatArray:
-    """Return in which octaves of a short record a line may lie, shape (octaves,).
+    """Return the share of a harmonic's power in each octave of a short record, shape (octaves,).
 
-    It leaks into the neighbours; a drive that does not repeat (bin 0) leaves it anywhere.
+    The line leaks into the neighbouring octaves. For a non-periodic drive (bin 0) the power is
+    spread
+    over all octaves.
     """
     if bin_of_line <= 0.0:
         return np.full(octaves, 1.0 / octaves)
@@ -264,7 +271,7 @@ def _octaves_near(bin_of_line: float, octaves: int) -> FloatArray:
 def costs(
     errors: Sequence[FloatArray], expected: Sequence[Expectation]
 ) -> tuple[float, float, bool]:
-    """Return cost [nats], excess [1] and whether there is news, over several views."""
+    """Return the cost [nats], the excess [1] and whether any view has a new deviation."""
     pairs = [(e, e.powers(error)) for e, error in zip(expected, errors, strict=True)]
     return (
         sum(e.cost(p) for e, p in pairs),

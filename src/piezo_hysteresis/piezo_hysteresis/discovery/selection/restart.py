@@ -1,9 +1,9 @@
-"""First fits that begin where the baseline did, not where it ended.
+"""First fits from the initial parameter values of the baseline, before its fit.
 
-A baseline that is fitted alone ends where it hides most of what it lacks: with a loop of another
-shape, or with the gains of two branches that nearly cancel. No fit comes back from there. Where
-the scan for start values put it nothing is hidden yet, and the right effect gets on from there
-together with it.
+A baseline that is fitted alone converges to a local minimum that hides most of the missing effect:
+another loop shape, or two nearly cancelling gains. A fit with the effect does not leave this
+minimum. The values from the scan of starting values hide nothing yet, and a joint fit with the
+correct effect converges from there.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ def better_of_both(
     chosen: Sequence[ScreeningScore],
     fitted: Sequence[CandidateFit],
 ) -> list[CandidateFit]:
-    """Return first fits, each from the baseline's first values where these led farther.
+    """Return first fits, repeated from the initial values of the baseline if these fit better.
 
-    Only for the first effect: with one the baseline was fitted together. Nor where it is held.
+    This applies only to the first effect, because with an effect the baseline is fitted jointly.
+    It
+    does not apply to a fixed baseline.
 
     Parameters
     ----------
     evaluator : Evaluator
-        Fits, and knows the baseline's first values.
+        Fits the models and returns the initial values of the baseline.
     before : CandidateFit
-        The model that lacks something.
+        The model without the effect.
     chosen : sequence of ScreeningScore
-        What was tried.
+        Candidates that were tried.
     fitted : sequence of CandidateFit
-        First fits from where `before` is, the best first.
+        First fits from the values of `before`, the best first.
     """
     needless = before.added or not chosen or evaluator.deadline.passed
     values = None if needless else evaluator.first_values(before)
@@ -50,7 +52,7 @@ def better_of_both(
         own = {name: score.starts[0][name] for name in candidate.added}
         initial = {**score.starts[0], **candidate.values({**before.values, **values}, own)}
         spec = before.with_candidate(candidate, initial)
-        # from far off no first step promises what the whole way brings
+        # far from the minimum the first steps do not predict the final result
         near = evaluator.fit_briefly(spec, evaluator.policy.first_evaluations)
         if near is None:
             return None

@@ -1,4 +1,4 @@
-"""One round of selection: every effect screened, the best fitted with the model and ranked."""
+"""One selection round: all candidates are screened, the best are fitted jointly and ranked."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class SelectionRound:
-    """One round.
+    """Result of one selection round.
 
     Attributes
     ----------
     before : CandidateFit
-        The model that lacks something.
+        The model without the new effect.
     finalists : tuple of CandidateFit
-        Fits to all training samples, the chosen one first.
+        Fits to all training samples, the selected one first.
     shares : tuple of float
         Probability of each finalist.
     gain : Improvement
-        Of the first finalist over `before`.
+        Improvement of the first finalist over `before`.
     tried : int
-        Candidates that were looked at.
+        Number of screened candidates.
     accepted : bool
-        Whether the first finalist is an effect: sure, and worth its name.
+        Whether the first finalist is accepted: a significant improvement that explains enough.
     """
 
     before: CandidateFit
@@ -48,16 +48,16 @@ class SelectionRound:
 
     @property
     def best(self) -> CandidateFit:
-        """The chosen one."""
+        """The selected finalist."""
         return self.finalists[0]
 
     def won_clearly(self, policy: SelectionPolicy) -> bool:
-        """Return whether no finalist of another effect came near."""
+        """Return whether no finalist of another effect has a comparable sum of squares."""
         limit = policy.rival_within * self.best.square
         return all(fit.effect == self.best.effect or fit.square > limit for fit in self.finalists)
 
     def probabilities(self) -> dict[str, float]:
-        """Probability by effect, variants of one effect together."""
+        """Return the probability of each effect, summed over its variants, largest first."""
         found: dict[str, float] = {}
         for fit, share in zip(self.finalists, self.shares, strict=True):
             found[fit.effect] = found.get(fit.effect, 0.0) + share
@@ -67,14 +67,14 @@ class SelectionRound:
 def select(
     evaluator: Evaluator, before: CandidateFit, start: CandidateFit, progress: Progress
 ) -> SelectionRound | None:
-    """Run one round over the effects that `before` may lack; None where none can be fitted.
+    """Run one selection round over the candidates; return None if none can be fitted.
 
     Parameters
     ----------
     evaluator : Evaluator
-        Fits and scores.
+        Fits and scores the models.
     before, start : CandidateFit
-        The model so far, and the baseline.
+        The present model, and the baseline.
     progress : callable
         Called with ``(fraction, message)``.
     """
@@ -104,7 +104,7 @@ def select(
 
 
 def _screened(evaluator: Evaluator, screen: Screen, candidate: Candidate) -> ScreeningScore | None:
-    """Return what a candidate promises, None where there is no time to look at it."""
+    """Return the screening score of a candidate, None after the deadline."""
     return None if evaluator.deadline.skips(candidate.effect.name) else screen.score(candidate)
 
 
@@ -115,9 +115,11 @@ def _finalists(
     start: CandidateFit,
     tried: int,
 ) -> list[CandidateFit]:
-    """Return the best first fits ended on all samples, best first.
+    """Return the final fits to all samples, best first.
 
-    Where none of them promises anything, none is: they stand there as what came nearest.
+    If no first fit is promising, no final fit is made; the nearest first fits are returned,
+    evaluated
+    on all samples.
     """
     hopeful = evaluator.promising(before, fitted, start)
     if not hopeful:
@@ -145,10 +147,10 @@ def round_of(
     tried: int,
     start: CandidateFit,
 ) -> SelectionRound:
-    """Return the round in which finalists, best first, met: the first that is an effect wins.
+    """Return the round with the given finalists; the first significant one is accepted.
 
-    Those that explain enough compete for the name. The others are no outcome of the round: what is
-    there besides, but explains little, or what fails on held-out records.
+    Only finalists that explain enough compete. The other finalists get the share 0: they explain
+    little, or they increase the error on held-out records.
     """
     worthy = [fit for fit in finalists if evaluator.is_worthy(before, fit, start)]
     winner = next((fit for fit in worthy if evaluator.is_sure(before, fit, tried)), None)
@@ -162,16 +164,18 @@ def round_of(
 
 
 def ranked(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
-    """Return fits in the order of their scores."""
+    """Return fits sorted by their scores, best first."""
     return sorted(fits, key=lambda fit: (evaluator.score(fit), fit.effect, fit.variant))
 
 
 def choose_trials(
     scores: Sequence[ScreeningScore], least: float, policy: SelectionPolicy
 ) -> list[ScreeningScore]:
-    """Return what is tried: the most promising, of each effect its best variants first.
+    """Return the candidates that are tried, best scores first, limited per effect at first.
 
-    A richer way of an effect promises more by what it has more, so it is never the first of them.
+    A refined variant of an effect gets a higher score from its additional parameters alone, so it
+    is
+    never the first one of the effect.
     """
     ordered = sorted(
         (each for each in scores if each.explained > least),
@@ -189,7 +193,7 @@ def choose_trials(
 def _trial(
     evaluator: Evaluator, before: CandidateFit, score: ScreeningScore
 ) -> CandidateFit | None:
-    """Try the best starts for a little and return where the best one led."""
+    """Run a few evaluations from the best starting values and return the best of these fits."""
     candidate, policy = score.candidate, evaluator.policy
     if evaluator.deadline.skips(candidate.effect.name):
         return None
@@ -204,7 +208,7 @@ def _trial(
 
 
 def choose_first_fits(evaluator: Evaluator, tried: Sequence[CandidateFit]) -> list[CandidateFit]:
-    """Return the trials that went best; they were all on the same samples."""
+    """Return the trials with the best scores; all trials use the same samples."""
     scores = evaluator.map(lambda fit: evaluator.score(evaluator.first_judged(fit)), tried)
     pairs = sorted(
         zip(scores, tried, strict=True), key=lambda p: (p[0], p[1].effect, p[1].variant)
@@ -213,7 +217,7 @@ def choose_first_fits(evaluator: Evaluator, tried: Sequence[CandidateFit]) -> li
 
 
 def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> CandidateFit | None:
-    """Fit to short views from where a trial ended."""
+    """Continue the fit of a trial on the short views."""
     if evaluator.deadline.skips(trial.effect):
         return None
     evaluations, workers = evaluator.policy.first_evaluations, evaluator.workers
@@ -227,11 +231,12 @@ def _final_fits(
     wins: Callable[[CandidateFit], bool],
     best: CandidateFit | None = None,
 ) -> list[CandidateFit]:
-    """Return what survives of fits on all of the training records, best first.
+    """Return the final fits to all training records with finite responses, best first.
 
-    Where the best of them wins, one that cannot become a rival is not followed to its end, nor one
-    beside a `best` of the same effect that cannot become better. Where the time is over, they are
-    only judged.
+    If the best fit is accepted, a fit that cannot become a rival is terminated early; so is a fit
+    that
+    cannot become better than `best`, of the same effect. After the deadline fits are only
+    evaluated.
     """
 
     def ended(fit: CandidateFit, enough: float) -> CandidateFit | None:
@@ -247,10 +252,11 @@ def _final_fits(
 def _nearer(
     evaluator: Evaluator, before: CandidateFit, fit: CandidateFit, leader: CandidateFit
 ) -> CandidateFit:
-    """Return a variant of the leading effect, from where the leader is if that is nearer.
+    """Return a variant of the leading effect with the better of several starting values.
 
-    What both have, the leader has found on all samples already; what the variant has besides
-    does nothing at first.
+    The shared parameters of the leader are already fitted to all samples; the additional
+    parameters of
+    the variant start at their neutral values.
     """
     chosen = [
         each
@@ -277,8 +283,9 @@ def of_different_places(
 ) -> list[CandidateFit]:
     """Return the best fits of different effects.
 
-    An effect that may take the place of different blocks is as different as two effects: what a
-    model has in that place already can hide it.
+    An effect that can replace different blocks counts as a different effect for each of them,
+    because
+    the block that remains in the chain can hide it.
     """
     leading: list[CandidateFit] = []
     limit = policy.final_within * min((fit.square for fit in fitted), default=0.0)
@@ -289,7 +296,7 @@ def of_different_places(
 
 
 def _place(fit: CandidateFit) -> tuple[str, tuple[str, ...]]:
-    """Return the effect that came last and what it took the place of."""
+    """Return the last added effect and the blocks that it replaces."""
     effect = next(e for e in described(fit.effect) if e.variant == fit.variant)
     return fit.effect, effect.replaces
 
@@ -297,7 +304,7 @@ def _place(fit: CandidateFit) -> tuple[str, tuple[str, ...]]:
 def _other_variants(
     leaders: Sequence[CandidateFit], fitted: Sequence[CandidateFit]
 ) -> list[CandidateFit]:
-    """Return first fits of the winning effect in the variants that had no final fit yet."""
+    """Return first fits of the leading effect for the variants without a final fit."""
     had = {(fit.effect, fit.variant) for fit in leaders}
     return [
         f for f in fitted if f.effect == leaders[0].effect and (f.effect, f.variant) not in had

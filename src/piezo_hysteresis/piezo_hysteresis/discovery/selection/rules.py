@@ -1,7 +1,7 @@
-"""What decides, as functions of plain numbers: nothing here knows a model or a record.
+"""Decision rules of the search as functions of plain numbers, independent of models and records.
 
-An excess is a mean square above that of the noise, in units of it; see `SelectionPolicy` for the
-numbers.
+The excess is the mean square above that of the noise, in units of the noise mean square. The
+thresholds are those of `SelectionPolicy`.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ def shows_a_gap(
     excess: float, by_record: Sequence[float], doubts: Sequence[float], doubt: float,
     policy: SelectionPolicy,
 ) -> bool:  # fmt: skip
-    """Return whether a gap is above the noise by more than anybody would accept.
+    """Return whether the residual exceeds the noise by more than a negligible amount.
 
     Parameters
     ----------
     excess : float
-        Over all records.
+        Excess over all records.
     by_record : sequence of float
-        Of each record.
+        Excess of each record.
     doubts : sequence of float
-        Standard deviation by which each may lie off by chance.
+        Standard deviation of each of them due to chance.
     doubt : float
-        Standard deviation of the noise's own mean square [1].
+        Relative standard deviation of the estimated noise mean square [1].
     policy : SelectionPolicy
-        What decides.
+        Decision thresholds.
     """
     if not excess <= policy.negligible + policy.noise_doubts * doubt:
         return True
@@ -40,14 +40,14 @@ def shows_a_gap(
 
 
 def model_discrepancy(inexactness: Sequence[float], excess_at_start: float) -> float:
-    """Return the excess that the laws of the effects so far are known to leave.
+    """Return the excess that the inexact laws of the accepted effects can leave.
 
     Parameters
     ----------
     inexactness : sequence of float
         Share of each effect that its law does not describe; the largest counts.
     excess_at_start : float
-        Of the baseline.
+        Excess of the baseline.
     """
     return max(inexactness, default=0.0) ** 2 * max(excess_at_start, 0.0)
 
@@ -55,35 +55,37 @@ def model_discrepancy(inexactness: Sequence[float], excess_at_start: float) -> f
 def is_worth_a_name(
     before: float, after: float, discrepancy: float, policy: SelectionPolicy
 ) -> bool:
-    """Return whether an effect that takes an excess from `before` to `after` explains enough.
+    """Return whether an effect that reduces the excess from `before` to `after` explains enough.
 
-    For what the laws so far are known to miss some effect always finds a use. So that much is
-    asked for besides a share of the whole.
+    Some effect always fits the known discrepancy of the accepted laws. The required reduction is
+    therefore a share of the excess plus this discrepancy.
     """
     return before - after >= policy.min_share * before + discrepancy
 
 
 def is_promising(before: float, after: float, discrepancy: float, policy: SelectionPolicy) -> bool:
-    """Return whether a first fit explains enough that a longer one may be worth a name."""
+    """Return whether a first fit reduces the excess enough to justify a final fit."""
     return before - after >= policy.promising * (policy.min_share * before + discrepancy)
 
 
 def least_promise(excess: float, policy: SelectionPolicy) -> float:
-    """Return the share of a squared residual that a candidate must promise to be fitted.
+    """Return the least screening score with which a candidate is fitted.
+
+    The score is a share of the squared residual.
 
     Parameters
     ----------
     excess : float
-        Of the model before.
+        Excess of the model without the candidate.
     policy : SelectionPolicy
-        What decides.
+        Decision thresholds.
     """
     asked = policy.min_share * max(excess, 0.0) / (1.0 + max(excess, 0.0))
     return max(policy.min_promise, policy.promised * asked)
 
 
 def is_sure(standard_errors: float, score_gain: float, policy: SelectionPolicy) -> bool:
-    """Return whether an improvement is none of chance, and worth its parameters."""
+    """Return whether an improvement is significant and outweighs the parameter penalty."""
     return standard_errors >= policy.min_standard_errors and score_gain > 0.0
 
 
@@ -91,18 +93,18 @@ def is_as_good(
     simpler: float, richer: float, standard_errors: float, negligible: float,
     policy: SelectionPolicy,
 ) -> bool:  # fmt: skip
-    """Return whether a richer model is no real improvement over a simpler one.
+    """Return whether a richer model is not a relevant improvement over a simpler one.
 
     Parameters
     ----------
     simpler, richer : float
-        Excess of both.
+        Excess of the two models.
     standard_errors : float
-        Of the improvement.
+        Improvement in standard errors.
     negligible : float
-        Excess that nobody would miss.
+        Excess that is negligible.
     policy : SelectionPolicy
-        What decides.
+        Decision thresholds.
     """
     if simpler < negligible or standard_errors < policy.min_standard_errors:
         return True
@@ -110,29 +112,29 @@ def is_as_good(
 
 
 def is_no_worse(before: float, after: float, policy: SelectionPolicy) -> bool:
-    """Return whether an error on held-out records has not grown, chance aside.
+    """Return whether the error on held-out records has not increased beyond the tolerance.
 
-    Held-out records can veto an effect, never propose one.
+    Held-out records can reject an effect but never propose one.
     """
     return after <= (1.0 + policy.worse) * before
 
 
 def takes_its_share(before: float, after: float, policy: SelectionPolicy) -> bool:
-    """Return whether a gap has fallen by enough to be a headline.
+    """Return whether the gap has decreased by enough to report the effects.
 
     Parameters
     ----------
     before, after : float
-        On records that decided nothing, in noise rms.
+        Gap on records that no decision used, in noise rms.
     policy : SelectionPolicy
-        What decides.
+        Decision thresholds.
     """
     old, new = (max(gap**2 - 1.0, 0.0) ** 0.5 for gap in (before, after))
     return after <= before and old - new >= policy.least_gap * old
 
 
 def explained(before: float, after: float) -> float:
-    """Return the share of an excess that was taken, 0 to 1; both in noise rms."""
+    """Return the removed share of the excess, 0 to 1; both gaps are in noise rms."""
     excess = before**2 - 1.0
     if not excess > 0.0:
         return 1.0
@@ -140,10 +142,11 @@ def explained(before: float, after: float) -> float:
 
 
 def verdict_word(named: int, left: bool) -> str:
-    """Return ``named``, ``none`` or ``unknown``.
+    """Return the word of the verdict: ``named``, ``none`` or ``unknown``.
 
-    What proves itself is named, also where much is left; ``none`` where nothing is above noise and
-    nuisances; ``unknown`` only where something is left and no effect proves itself.
+    A significant effect is named, even if a large residual remains. The word is ``none`` if the
+    residual is within noise and nuisance parameters, and ``unknown`` if a residual remains and no
+    effect is significant.
     """
     if named:
         return 'named'

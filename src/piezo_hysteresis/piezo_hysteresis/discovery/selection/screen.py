@@ -1,8 +1,8 @@
-"""Which effects are worth a full fit: what a small step towards each would explain.
+"""Screening of candidates: first-order estimate of the explained residual, before any fit.
 
-Every candidate is simulated once per start. The difference to the model before, together with
-the sensitivities of the model's own parameters, is fitted to the residual linearly; what that
-explains bounds what the effect can do near its start.
+Every candidate is simulated once per starting point. The change of the response is fitted to the
+residual linearly, together with the sensitivities of the model's own parameters. The explained
+share is an upper bound on the effect near its starting values.
 """
 
 from __future__ import annotations
@@ -28,32 +28,32 @@ from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Candidate, Model
 from piezo_hysteresis.models.effects import is_never_reached
 
-# Share of a sensitivity that others leave of it, below which it is theirs.
+# Relative norm of a projected sensitivity below which it is linearly dependent on the others.
 _DEPENDENT = 1e-7
-# Records, those with the largest residual, from which starts are guessed.
+# Number of records, those with the largest residual, from which starting values are estimated.
 _GUESSES = 3
-# Effects with so many parameters are judged by small changes of all of them, too.
+# Number of parameters from which an effect is also scored by small changes of all of them.
 _MANY = 5
-# Shares of a start at which a candidate is looked at: effects are not linear in their size.
+# Fractions of a starting value at which a candidate is scored, as effects may be nonlinear.
 _STEPS = (1.0, 0.2)
-# Steps that explain as much up to this share point the same way: the effect is linear in its size.
+# Relative difference of scores below which an effect counts as linear in its size.
 _EQUAL = 1e-6
-# Starts whose values all differ by less than this share lead to the same place.
+# Relative difference below which two starting points count as equal.
 _ALIKE = 0.15
 
 
 @dataclass(frozen=True)
 class ScreeningScore:
-    """What one candidate promises.
+    """Screening score of one candidate.
 
     Attributes
     ----------
     candidate : Candidate
         The model with the effect.
     starts : tuple of dict
-        Start values of all parameters, the most promising first.
+        Starting values of all parameters, the best score first.
     explained : float
-        Share of the squared residual that the best start explains, 0..1.
+        Share of the squared residual that the best starting point explains, 0..1.
     """
 
     candidate: Candidate
@@ -62,7 +62,7 @@ class ScreeningScore:
 
 
 def _differ(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    """Tell whether two starts are more than steps of one fit apart."""
+    """Return whether two starting points differ by more than the steps of one fit."""
     return any(abs(one[k] - other[k]) > _ALIKE * max(abs(one[k]), abs(other[k])) for k in one)
 
 
@@ -74,11 +74,11 @@ class Screen:
     fit : CandidateFit
         The model.
     views : sequence of Target
-        Short training views.
+        Shortened training views.
     free : sequence of str, optional
-        Parameters that a fit may move; all that the model does not hold where not given.
+        Parameters that a fit may change; by default all that the model does not hold.
     workers : int
-        Threads over these parameters.
+        Number of threads over these parameters.
     """
 
     def __init__(
@@ -126,14 +126,14 @@ class Screen:
         return projected_out(vector, self._basis)[1]
 
     def score(self, candidate: Candidate) -> ScreeningScore:
-        """Return what `candidate` promises, with its starts ordered by it."""
+        """Return the screening score of `candidate`, with its starting points sorted by it."""
         before = self._fit.values
         found: list[tuple[float, dict[str, float]]] = []
         steps: Sequence[float] = _STEPS
         for start in (*self._guesses(candidate), *candidate.starts):
             values = candidate.values(before, start)
             share, chosen, linear = self._best_step(candidate, values, steps)
-            # one that is linear in its size is so from every start
+            # an effect that is linear in its size is linear from every starting point
             steps = steps[:1] if linear else steps
             found.append((max(share, self._about(candidate, values)), chosen))
         found.sort(key=lambda each: -each[0])
@@ -144,12 +144,12 @@ class Screen:
         return ScreeningScore(candidate, tuple(apart), found[0][0])
 
     def _guesses(self, candidate: Candidate) -> list[dict[str, float]]:
-        """Return starts that the residual itself suggests, where it is largest."""
+        """Return starting values estimated from the largest residuals."""
         if candidate.effect.guess is None:
             return []
         sizes = [float(np.std(error)) for error in self._errors]
         block = candidate.effect.block
-        # what depends on the clock shows best where the drive does little
+        # an effect that depends on time is most visible in records with little motion
         count = len(sizes) if block is not None and block.clocked else _GUESSES
         guesses: list[dict[str, float]] = []
         for place in np.argsort(sizes)[::-1][:count]:
@@ -169,7 +169,7 @@ class Screen:
     def _best_step(
         self, candidate: Candidate, values: dict[str, float], steps: Sequence[float]
     ) -> tuple[float, dict[str, float], bool]:
-        """Return what is explained at most, where, and whether every step explains as much."""
+        """Return the best explained share, its starting values and the linearity of the effect."""
         best, chosen, shares = 0.0, values, []
         neutral = candidate.neutral
         for step in steps:
@@ -185,19 +185,22 @@ class Screen:
         return best, chosen, best > 0.0 and min(shares) >= (1.0 - _EQUAL) * best
 
     def _about(self, candidate: Candidate, values: dict[str, float]) -> float:
-        """Return what small changes of all new parameters about a start would explain.
+        """Return the share explained by small changes of all new parameters at a starting point.
 
-        A step towards a start says little of effects with many parameters, such as a bank of
-        plays, whose start is as good as any, and nothing where the start is the model as it is.
+        The step towards a starting point is not meaningful for effects with many parameters, such
+        as a
+        bank of plays, whose starting point is arbitrary. It is zero if the starting point equals
+        the
+        present model.
         """
         if len(candidate.added) < _MANY and not candidate.effect.refits:
             return 0.0
         return self.nearby(candidate, values)
 
     def nearby(self, candidate: Candidate, values: dict[str, float]) -> float:
-        """Return what small changes of all new parameters about some values would explain.
+        """Return the share explained by small changes of all new parameters about some values.
 
-        For a candidate that does at these values what the model does.
+        The response of the candidate at these values must equal that of the present model.
         """
         rows = []
         try:

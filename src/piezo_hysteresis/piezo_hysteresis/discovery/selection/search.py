@@ -1,4 +1,4 @@
-"""Effects are added one by one and judged again; the search restarts if that fails."""
+"""Forward selection of effects, backward elimination, and restarts of the search."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 
 @dataclass(frozen=True)
 class Found:
-    """What a search ended with.
+    """Result of a search.
 
     Attributes
     ----------
     evaluator : Evaluator
-        By which the end is judged.
+        Evaluator of the final model.
     start, final : CandidateFit
         The baseline, and the model with all effects.
     steps : tuple of Step
-        Accepted effects; empty where nothing is missing or nothing known helps.
+        Accepted effects; empty if nothing is missing or no known effect explains the residual.
     last : SelectionRound or None
-        The round that named nothing more, where there was one.
+        The last round without an accepted effect, if there is one.
     """
 
     evaluator: Evaluator
@@ -35,17 +35,19 @@ class Found:
 
     @property
     def leaves_much(self) -> bool:
-        """Whether the end is far from the noise."""
+        """Whether the residual of the final model is far above the noise."""
         far = self.final.floors > self.evaluator.policy.explained_gap
         return far and self.evaluator.lacks_something(self.final, self.start)
 
 
 def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Found:
-    """Find the effects that `start` lacks.
+    """Search the effects that `start` lacks.
 
-    What is missing besides can let a wrong effect win the first round, and the right one of the
-    same place in the model cannot take it back afterwards. So where much is left in the end, the
-    search begins again with what came next in that round, and the better end counts.
+    A second missing effect can cause a wrong effect to win the first round; the correct effect at
+    the
+    same position of the chain then cannot replace it. If a large residual remains, the search
+    restarts
+    with the next finalist of the first round, and the better result counts.
     """
     found = _forward(evaluator, start, [], progress)
     if not found.steps:
@@ -76,7 +78,7 @@ def _judged_again(found: Found) -> Found:
 
 
 def _others(evaluator: Evaluator, first: SelectionRound) -> list[Step]:
-    """Return what else the search may begin with: what came close in the first round."""
+    """Return alternative first effects: the close finalists of the first round."""
     found: list[Step] = []
     taken = {first.best.effect}
     share_of = dict(zip(map(id, first.finalists), first.shares, strict=True))
@@ -96,7 +98,7 @@ def _others(evaluator: Evaluator, first: SelectionRound) -> list[Step]:
 
 
 def _finished(evaluator: Evaluator, fit: CandidateFit) -> CandidateFit:
-    """Return a fit ended where nothing is left to gain."""
+    """Return the fit continued until it converges."""
     thorough = 0 if evaluator.deadline.passed else evaluator.policy.thorough_evaluations
     return evaluator.refit(fit, thorough) if thorough else fit
 
@@ -104,7 +106,7 @@ def _finished(evaluator: Evaluator, fit: CandidateFit) -> CandidateFit:
 def _forward(
     evaluator: Evaluator, start: CandidateFit, steps: list[Step], progress: Progress
 ) -> Found:
-    """Add effects to those of `steps` one by one until nothing significant is left."""
+    """Add effects to those of `steps` one at a time until no significant residual remains."""
     current = steps[-1].fit if steps else start
     most = evaluator.policy.max_effects
     last: SelectionRound | None = None
@@ -135,9 +137,9 @@ def _forward(
 
 
 def steps_of(current: CandidateFit, steps: list[Step], last: SelectionRound) -> list[Step]:
-    """Return the steps whose effects `current` still has, the last of them fitted as it is.
+    """Return the steps whose effects `current` still contains, with the present fit in the last.
 
-    A new effect may have brought those before it to where they had to be, and be needless then.
+    A new effect may improve the values of earlier effects and be redundant afterwards.
     """
 
     def count(fit: CandidateFit) -> int:

@@ -1,8 +1,8 @@
-"""How sure a comparison of models is.
+"""Significance of a comparison of models.
 
-Errors of one record are alike, so samples must not be counted as if they were independent. Whether
-a model is better is judged by the spectrum of what it leaves, and which of several is the best by
-resampling blocks of whole periods, which nearly are independent.
+Residuals within a record are correlated, so samples are not counted as independent. Whether a
+model is better is tested with the spectrum of its residual. Which of several models is the best is
+tested by resampling blocks of whole periods, which are nearly independent.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ BlockEdges = Sequence[Sequence[int]]
 
 @dataclass(frozen=True)
 class Improvement:
-    """By how much one model is better than another.
+    """Improvement of one model over another.
 
     Attributes
     ----------
     square : float
         Decrease of the weighted sum of squares [m^2].
     ratio : float
-        That over its standard error.
+        Decrease divided by its standard error.
     p_value : float
-        Probability of such a ratio if there were no improvement, times the number of models that
-        were tried.
+        Probability of such a ratio without any improvement, times the number of models that were
+        tried.
     """
 
     square: float
@@ -48,13 +48,17 @@ def block_squares(errors: Sequence[FloatArray], edges: BlockEdges) -> list[Float
 
 
 def improvement(before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
-    """Compare two fits on the same views; `tried` models were looked at to find `after`.
+    """Return the improvement between two fits to the same views; `tried` models were compared.
 
-    By what the models differ is no matter of chance, only what is left is: the decrease of the sum
-    of squares is the square of the difference and twice its product with what is left. That
-    product has the variance of a random signal with the spectrum of what is left, but nowhere less
-    than noise: a fit may have taken from a line what chance had put there. An effect that shows
-    for a moment is as sure as one that always shows, and what two models leave alike is no
+    The difference of the two responses is deterministic; only the residual is random. The decrease
+    of
+    the sum of squares is the square of the difference plus twice its product with the residual.
+    That
+    product has the variance of a random signal with the spectrum of the residual, with the noise
+    as a
+    lower bound at each frequency, because a fit may have removed random components from a line. A
+    short effect is thus as significant as a permanent one, and a residual that both models share
+    is no
     evidence, however often it repeats (Vuong 1989, for errors with a spectrum).
     """
     variance = 0.0
@@ -79,18 +83,18 @@ def win_shares(
     seed: int,
     draws: int,
 ) -> FloatArray:
-    """Return in which share of resamples of blocks (Efron 1979) each fit is the best.
+    """Return the share of block-bootstrap resamples (Efron 1979) in which each fit is the best.
 
     Parameters
     ----------
     fits : sequence of CandidateFit
-        Competitors, judged on the same views.
+        Candidates, evaluated on the same views.
     penalties : sequence of float
-        Added to the logarithm of each fit's sum of squares: what its parameters cost.
+        Parameter penalty, added to the logarithm of the sum of squares of each fit.
     edges : sequence of sequence of int
         Block edges per view.
     seed, draws : int
-        Of the resampling, and how many.
+        Seed and number of resamples.
     """
     generator = np.random.default_rng(seed)
     squares = [block_squares(fit.weighted, edges) for fit in fits]

@@ -1,4 +1,4 @@
-"""Where a search starts: a baseline that is fitted besides, or one that its file holds."""
+"""Entry of the search: selects a jointly fitted or a fixed baseline."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ from piezo_hysteresis.models import Model, ModelFile
 
 @dataclass(frozen=True)
 class Searching:
-    """How a search goes.
+    """Options of a search.
 
     Attributes
     ----------
     choices : Choices
-        What is known of how the records begin and where their zeros lie.
+        Known initial conditions and zero offsets of the records.
     seed : int
-        Of every random choice.
+        Seed of all random choices.
     workers : int
-        Threads.
+        Number of threads.
     changed : dict of str to float
-        Numbers of the policy that are not the usual ones.
+        Thresholds of the policy that differ from the preset.
     deadline : Deadline
-        When nothing more is started.
+        Time limit after which no new step is started.
     """
 
     choices: Choices
@@ -62,7 +62,7 @@ class Searching:
     deadline: Deadline
 
     def policy(self, usual: SelectionPolicy) -> SelectionPolicy:
-        """Return the usual policy with what was changed."""
+        """Return a preset of the policy with the changed thresholds."""
         return usual.but(**self.changed)
 
 
@@ -74,16 +74,18 @@ def find(
     *,
     nothing_new: bool = False,
 ) -> tuple[Baselines, Outcome]:
-    """Find what a baseline lacks, in the view that suits what is known of it, and judge that.
+    """Search the effects that a baseline lacks and evaluate the result on held-out records.
 
-    What the user knows is a prior: a free refit would hide the effect in wrong values. So the
-    values of a file that says what it misses are held. Where its own records are given again
-    (`nothing_new`), it is only judged on them: what it misses there it misses by definition.
+    The knowledge of the user is a prior: a free refit would hide the effect in wrong values. If
+    the
+    baseline is a file with a known discrepancy, its values are therefore fixed. If the records are
+    those of the file itself (`nothing_new`), the baseline is only evaluated on them, because their
+    residual is the known discrepancy by definition.
 
     Raises
     ------
     IdentificationError
-        If the baseline cannot be fitted to the records at all, or the policy is impossible.
+        If the baseline cannot be fitted to the records at all, or the policy is invalid.
     """
     if isinstance(given, ModelFile) and given.discrepancy is not None:
         if nothing_new:
@@ -111,10 +113,13 @@ def _judged(found: Found, progress: Progress) -> Outcome:
 
 
 def zeros_apart(choices: Choices, data: Dataset) -> Choices:
-    """Return the choices by which a zero is a nuisance of every record, as its start is.
+    """Return the choices with the zero offset of every record as a nuisance parameter.
 
-    Zeros that lie apart pass for a loop or a memory with a baseline that lacks something, and a
-    fit does not come back from there; that they are one tells nothing of an effect.
+    With an incomplete baseline, different zero offsets are mistaken for a hysteresis loop or a
+    memory,
+    and a fit does not leave this local minimum. A common zero offset carries no information about
+    an
+    effect.
     """
     several = len({view.name for view in data.training}) > 1
     return replace(choices, zero='record') if choices.zero == 'auto' and several else choices
@@ -128,11 +133,11 @@ def _unsearched(data: Dataset, given: ModelFile, how: Searching) -> Found:
 
 
 def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progress) -> Found:
-    """Find what the model of a file lacks.
+    """Search the effects that the model of a file lacks.
 
-    What happened before a record can explain much: three levels of a strongly creeping model pass
-    for a drift. So where a record that begins at rest at 0 V is said to start otherwise, both
-    are followed to their end, and the levels cost what parameters cost.
+    The history before a record can explain much of a residual: with strong creep, three previous
+    levels are equivalent to a drift. If a record that starts at rest at 0 V is assigned another
+    initial condition, the search runs with both, and the levels cost the penalty of parameters.
     """
     policy, found = how.policy(HELD), list[tuple[float, Found]]()
     for searched in (True, False):
@@ -155,10 +160,10 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
 def held_data(
     data: Dataset, given: ModelFile, how: Searching, *, searched: bool = True
 ) -> tuple[CandidateFit, Dataset]:
-    """Return the baseline as its file says, and the data as it sees how they begin.
+    """Return the baseline with the values of its file, and the data as seen by it.
 
-    Where starts are not `searched`, records begin as they say themselves. What the file says that
-    the baseline misses in phase with the drive is taken off.
+    Without `searched`, the records keep their own initial conditions. The known discrepancy of the
+    baseline in phase with the drive is subtracted.
     """
     late, policy, choices = given.sampling_offset, how.policy(HELD), how.choices
     nominal = ModelSpec(given.model, dict(given.values), sampling_offset=late)
@@ -183,9 +188,10 @@ def held_data(
 
 
 def _invented(data: Dataset, seen: Dataset, given: ModelFile) -> int:
-    """Return how many numbers tell the starts of records that seem to begin at rest at 0 V.
+    """Return the number of parameters of assigned initial conditions of records at rest at 0 V.
 
-    Where a record of the reference with the same drive began so, nothing was invented.
+    A record does not count if a reference record with the same drive has the same initial
+    condition.
     """
     traces = () if given.discrepancy is None else given.discrepancy.traces
     count = 0
