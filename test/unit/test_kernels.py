@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from piezo_hysteresis.jit import jit, leaf
+
 FRESH = """
     from piezo_hysteresis.kernels.rehearse import forgotten, rehearsals, rehearse
     failed = [done.failed for done in map(rehearse, rehearsals()) if done.failed]
@@ -73,6 +75,19 @@ def test_a_kernel_is_compiled_once(module: Callable[..., Any], tmp_path: Path) -
     again = python(CALL, tmp_path, '1.0', NUMBA_CACHE_DIR=str(folder))[0]
     assert (first, again) == (['3.0 1'], ['3.0 0'])
     assert len(kept(folder)) == 1
+
+
+def test_a_piece_called_from_python_runs_its_source() -> None:
+    @leaf
+    def twice(x: float) -> float:
+        return 2.0 * x
+
+    @jit
+    def outer(x: float) -> float:
+        return twice(x) + twice(3.0)
+
+    assert (outer(1.5), twice(1.5)) == (9.0, 3.0)
+    assert len(getattr(twice, 'signatures', 'x')) == 1  # numbers and constants share machine code
 
 
 @pytest.mark.component

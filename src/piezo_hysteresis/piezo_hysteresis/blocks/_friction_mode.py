@@ -4,7 +4,7 @@ from math import ceil, exp, pi, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # Longest step [rad], and how many to a tick: rubbing turns round within a step.
 _STRIDE = 0.25
@@ -20,7 +20,7 @@ Law = tuple[float, float, float, float, float, float, float, float]
 """The parameters of the block, and to how much of the linear stiffness a spring is followed."""
 
 
-@jit
+@leaf
 def law_of(p: FloatArray, h: float) -> Law:
     """Return what rules steps of `h` [s].
 
@@ -31,7 +31,7 @@ def law_of(p: FloatArray, h: float) -> Law:
     return p[0], p[1], p[2], p[3], p[4], p[5], p[6], stiffest
 
 
-@jit
+@leaf
 def transitions(law: Law, h: float) -> tuple[Transition, Transition]:
     """Return the transitions of the linear mode over half a step of `h` [s] and over the whole."""
     omega = 2.0 * pi * law[0]
@@ -52,7 +52,7 @@ def friction_state(
     return limit + (bristle - limit) * exp(-abs(move) / (presliding * abs(limit)))
 
 
-@jit
+@leaf
 def spring(position: float, cubic: float, stiffest: float) -> float:
     """Return the cubic share of the restoring force, in metres of static displacement.
 
@@ -63,7 +63,7 @@ def spring(position: float, cubic: float, stiffest: float) -> float:
     return min(max(cubic * position * position, -1.0), stiffest) * position
 
 
-@jit
+@leaf
 def pull(x: float, initial: Triple, time: float, law: Law) -> float:
     """Return the force that acts back at `x`, `time` after the mode was at `initial`.
 
@@ -78,7 +78,7 @@ def pull(x: float, initial: Triple, time: float, law: Law) -> float:
     return force
 
 
-@jit
+@leaf
 def advance(
     f: Triple, initial: Triple, law: Law, h: float, over: tuple[Transition, Transition]
 ) -> Triple:
@@ -105,7 +105,7 @@ def advance(
     return moved, speed, bristle
 
 
-@jit
+@leaf
 def turn(before: float, after: float, law: Law) -> float:
     """Return the share of a step at which what rubs turns round; 0 where it does not.
 
@@ -117,7 +117,7 @@ def turn(before: float, after: float, law: Law) -> float:
     return 0.0 if share < _BRIEF or share > 1.0 - _BRIEF else share
 
 
-@jit
+@leaf
 def within(f: Triple, begin: float, end: float) -> Triple:
     """Return the input at start, middle and end of a part of a step."""
     slope, bend = -3.0 * f[0] + 4.0 * f[1] - f[2], 2.0 * (f[0] - 2.0 * f[1] + f[2])
@@ -129,7 +129,7 @@ def within(f: Triple, begin: float, end: float) -> Triple:
     )
 
 
-@jit
+@leaf
 def in_two(f: Triple, initial: Triple, law: Law, h: float, share: float) -> Triple:
     """Return where the mode is after a step in two parts, the first as long as `share` says."""
     first, second = share * h, (1.0 - share) * h
@@ -137,7 +137,7 @@ def in_two(f: Triple, initial: Triple, law: Law, h: float, share: float) -> Trip
     return advance(within(f, share, 1.0), there, law, second, transitions(law, second))
 
 
-@jit
+@leaf
 def turning(
     f: Triple, initial: Triple, law: Law, h: float, over: tuple[Transition, Transition]
 ) -> Triple:
@@ -151,7 +151,7 @@ def turning(
     return there if share == 0.0 else in_two(f, initial, law, h, share)
 
 
-@jit
+@leaf
 def parts_of_a_tick(p: FloatArray, dt: float) -> int:
     """Return the steps per tick that the forces need: so many to a radian of the stiffest."""
     stiff = 1.0 + p[3] * p[5] / p[4]
@@ -177,7 +177,7 @@ def kernel(
     state[0], state[1], state[2] = now
 
 
-@jit
+@leaf
 def parts_of_a_step(p: FloatArray, dt: float, steps: int) -> int:
     """Return into how many parts, an even number, one of `steps` per tick is divided."""
     return 2 * max(1, (parts_of_a_tick(p, dt) + 2 * steps - 1) // (2 * steps))

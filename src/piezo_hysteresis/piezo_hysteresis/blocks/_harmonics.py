@@ -3,10 +3,10 @@
 from math import cos, pi, sin
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import leaf
 
 
-@jit
+@leaf
 def add_sine(
     x: FloatArray,
     y: FloatArray,
@@ -29,7 +29,7 @@ def add_sine(
     state[1] = cycles
 
 
-@jit
+@leaf
 def add_recursion(
     x: FloatArray,
     y: FloatArray,

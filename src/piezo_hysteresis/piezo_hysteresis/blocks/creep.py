@@ -10,13 +10,13 @@ from piezo_hysteresis.blocks._counterpart import SimulatorValues, switched
 from piezo_hysteresis.blocks._creep_times import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # Nearer than this two elements are as good as one, and a fit that has them meet stays there.
 _APART = 3.0
 
 
-@jit
+@leaf
 def element(
     x: FloatArray,
     y: FloatArray,

@@ -5,10 +5,10 @@ from math import asin, asinh, sin, sinh, sqrt
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 
-@jit
+@leaf
 def bent(v: float, cubic: float) -> float:
     """Return the x nearest to 0 with ``x + cubic x^3 = v``; held at the fold of a soft spring."""
     if cubic == 0.0:

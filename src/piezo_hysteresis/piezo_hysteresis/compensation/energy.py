@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # Share of the window in which the allowed slew goes over to what can be kept up for ever.
 TAPER = 0.1
@@ -85,7 +85,7 @@ def slow_enough(share: float) -> bool:
     return bool(share * (1.0 + 1.0 / TAPER) <= 1.0)
 
 
-@jit
+@leaf
 def largest_change(mean: float, power: float, per_volt: float) -> float:
     """Return the largest change that the next sample may make [V].
 

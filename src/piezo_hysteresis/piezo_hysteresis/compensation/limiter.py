@@ -11,7 +11,7 @@ from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.compensation.energy import EnergyLimits, largest_change, packed_energy
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 COUNTS = ('not_finite', 'out_of_range', 'slew_limited', 'energy_limited')
 
@@ -22,7 +22,7 @@ LIMITER_SIZE = 6
 LOW, HIGH, STEP, POWER, SHARE, PER_VOLT = range(6)
 
 
-@jit
+@leaf
 def go(goal: float, memory: FloatArray, settings: FloatArray) -> float:
     """Go towards `goal` [V] as far as slew and energy allow; answer the voltage."""
     before, step, reason = memory[VOLTAGE], settings[STEP], _SLEW_LIMITED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # Robust standard deviations from which a sample is none of the others'.
 _FAR = 8.0
@@ -81,7 +81,7 @@ def excursions(y: FloatArray) -> BoolArray:
     return found
 
 
-@jit
+@leaf
 def _away(y: FloatArray, k: int, width: int) -> tuple[float, float, bool]:
     """Return how far `width` samples behind `k` are off a line, least and most, and if one way."""
     slope = (y[k + width + 1] - y[k]) / (width + 1)

@@ -12,7 +12,7 @@ from math import sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit, jit_sums
+from piezo_hysteresis.jit import jit, jit_sums, leaf
 
 
 @jit_sums
@@ -85,7 +85,7 @@ def triangle(rows: FloatArray) -> FloatArray:
     return r
 
 
-@jit
+@leaf
 def _reflect(r: FloatArray, rows: FloatArray, j: int, begin: int, end: int) -> None:
     """Take row `j` of a piece up into `r`, shape (p, p), and out of the rows behind it."""
     p, v = rows.shape[0], rows[j, begin:end]

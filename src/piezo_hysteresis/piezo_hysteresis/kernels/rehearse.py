@@ -6,6 +6,7 @@ what its users do at length. The signatures are so those that are really called.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import multiprocessing
 import os
@@ -69,8 +70,14 @@ def rehearse_all(packages: Sequence[str], workers: int) -> Iterator[Done]:
     """Run every rehearsal, several at a time in processes of their own."""
     found = rehearsals(packages)
     # forked: numba is imported once, and nothing has been started that a fork would break
-    with multiprocessing.get_context('fork').Pool(workers) as pool:
+    with multiprocessing.get_context('fork').Pool(workers, _collect_rarely) as pool:
         yield from pool.imap_unordered(rehearse, found)
+
+
+def _collect_rarely() -> None:
+    """Look for garbage less often: a compiler makes many objects that refer to each other."""
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 100)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

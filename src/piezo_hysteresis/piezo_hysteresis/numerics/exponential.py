@@ -11,13 +11,13 @@ from math import ceil, log2
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 _TERMS = 18  # of the series, for a norm up to 1: what is left out is below rounding
 _SWEEPS = 60  # of balancing; each halves or doubles
 
 
-@jit
+@leaf
 def balance(matrix: FloatArray) -> FloatArray:
     """Scale rows and columns of `matrix`, in place, to sizes alike; return the scales.
 
@@ -48,7 +48,7 @@ def balance(matrix: FloatArray) -> FloatArray:
     return scale
 
 
-@jit
+@leaf
 def norm(matrix: FloatArray) -> float:
     """Return the largest sum of magnitudes of a row."""
     largest = 0.0
@@ -60,7 +60,7 @@ def norm(matrix: FloatArray) -> float:
     return largest
 
 
-@jit
+@leaf
 def product(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
     """Fill `c` with the product of the square matrices `a` and `b`."""
     n = a.shape[0]
@@ -73,7 +73,7 @@ def product(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
                     c[i, j] += factor * b[k, j]
 
 
-@jit
+@leaf
 def of_balanced(matrix: FloatArray) -> FloatArray:
     """Return the exponential by scaling and squaring of its series."""
     n = matrix.shape[0]

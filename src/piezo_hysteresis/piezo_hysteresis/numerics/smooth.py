@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 #: Its steepest slope, of unit height and length.
 STEEPEST = 1.875
@@ -25,7 +25,7 @@ def _quintic(s: Any) -> tuple[Any, Any, Any]:
 quintic = jit(_quintic)
 
 
-@jit
+@leaf
 def smooth_step(s: float) -> tuple[float, float, float]:
     """Return the smooth step at `s` in 0..1 and its first two derivatives."""
     if s <= 0.0:

@@ -26,7 +26,7 @@ from piezo_hysteresis.compensation.sensor_guard import (
 )
 from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, forget_fade
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # A window in which the voltage was cut off for this share of the time, while what the link
 # receives is within the range, is looked at: cut at both ends the loop swings between its limits,
@@ -66,7 +66,7 @@ class FeedbackLaw(NamedTuple):
     cut: Callable[[float, FloatArray, FloatArray, float], None]
 
 
-@jit
+@leaf
 def judge(excess: float, received_in_range: bool, memory: FloatArray, window: float) -> None:
     """Switch the law off where it does harm."""
     memory[_TICKS] += 1.0

@@ -27,7 +27,7 @@ from piezo_hysteresis.compensation.feedback.pid import (
 )
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 LEVELS = ('NB', 'NM', 'NS', 'ZO', 'PS', 'PM', 'PB')
 
@@ -111,7 +111,7 @@ def infer(rules: FloatArray, error: float, rate: float) -> float:
     return level(np.ravel(rules).astype(np.float64), float(error), float(rate))
 
 
-@jit
+@leaf
 def scheduled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
     """Return the share of the voltage [V] by gains that follow error and rate."""
     # The filtered slope of the tick before: the raw one is mostly noise.

@@ -23,7 +23,7 @@ from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
 )
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.numerics.linalg import failing_as
 
 # Xiao 2014 (4); its DC gain reads as mm per volt at the actuator.
@@ -215,7 +215,7 @@ def controlled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> fl
     return float(share)
 
 
-@jit
+@leaf
 def hold(memory: FloatArray, p: FloatArray) -> float:
     """Return the share without a measurement: that of the state [V]."""
     n = int(p[_STATES])
@@ -225,7 +225,7 @@ def hold(memory: FloatArray, p: FloatArray) -> float:
     return total
 
 
-@jit
+@leaf
 def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
     """Let the state follow what was cut off [V]."""
     n = int(p[_STATES])

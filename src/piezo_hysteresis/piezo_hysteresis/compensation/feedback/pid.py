@@ -15,7 +15,7 @@ from piezo_hysteresis.compensation.feedback.feedback_link import (
 )
 from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 __all__ = ['Pid', 'PidGains']
 
@@ -28,7 +28,7 @@ PROPORTIONAL, INTEGRAL, _DERIVATIVE, _FILTER, _TRACKING = range(5)
 GAINS = 5
 
 
-@jit
+@leaf
 def pid(
     error: float,
     proportional: float,
@@ -46,19 +46,19 @@ def pid(
     return float(proportional * error + memory[_INTEGRAL] + p[_DERIVATIVE] * memory[SLOPE])
 
 
-@jit
+@leaf
 def plain(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
     """Return the share of the voltage [V]."""
     return pid(error, p[PROPORTIONAL], p[INTEGRAL], memory, p, dt)
 
 
-@jit
+@leaf
 def hold(memory: FloatArray, p: FloatArray) -> float:
     """Return the share without a measurement: the integral [V]."""
     return float(memory[_INTEGRAL])
 
 
-@jit
+@leaf
 def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
     """Let the integral follow what was cut off [V]."""
     memory[_INTEGRAL] += excess * min(1.0, dt / p[_TRACKING])

@@ -7,7 +7,7 @@ that fights a disturbance moves against it. Ask only when the loop has run into 
 from __future__ import annotations
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import leaf
 
 # Slower than the swings of an unstable loop about a resonance, faster than drift.
 _SMOOTHING = 0.1
@@ -18,7 +18,7 @@ _STARTED, _SLOW_V, _SLOW_Y, _FIRST_V, _FIRST_Y, _PRODUCT = range(6)
 POLARITY_SIZE = 6
 
 
-@jit
+@leaf
 def see(voltage: float, displacement: float, memory: FloatArray, dt: float) -> None:
     """Take the voltage [V] and the displacement [m] of one tick."""
     share, forget = min(1.0, dt / _SMOOTHING), min(1.0, dt / _MEMORY)
@@ -32,7 +32,7 @@ def see(voltage: float, displacement: float, memory: FloatArray, dt: float) -> N
     memory[_PRODUCT] += forget * (product - memory[_PRODUCT])
 
 
-@jit
+@leaf
 def inverted(memory: FloatArray) -> bool:
     """Tell whether displacement has gone against voltage, both counted from the start."""
     return bool(memory[_PRODUCT] < 0.0)

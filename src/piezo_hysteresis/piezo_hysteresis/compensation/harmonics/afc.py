@@ -49,7 +49,7 @@ from piezo_hysteresis.compensation.harmonics.steering import (
     move,
 )
 from piezo_hysteresis.compensation.linear_gain import gain_at
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 # Share of the changes of all other lines that may show in one line; 1 to 7 % were seen in the loop
 # of a bimorph while its third harmonic was far off.
@@ -85,13 +85,13 @@ _MEAN = 15
 _LINES = _MEAN + LINE_SIZE
 
 
-@jit
+@leaf
 def room(p: FloatArray) -> int:
     """Return for how many orders there is room."""
     return p.size - ORDERS + (MOST if p[RESONANCE] > 0.0 else 0)
 
 
-@jit
+@leaf
 def fitted_at(p: FloatArray) -> int:
     """Return where the fitted orders stand in the memory."""
     return _LINES + LINE_SIZE * room(p)
@@ -142,7 +142,7 @@ def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     begin_line(memory[_MEAN:_LINES], 0.0)
 
 
-@jit
+@leaf
 def update(
     error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
     dt: float,
@@ -173,7 +173,7 @@ def update(
         close_window(memory, p, g, dt)
 
 
-@jit
+@leaf
 def harmful(error: float, phase: float, memory: FloatArray) -> bool:
     """Take one error; tell whether a period ended that is far worse than the window before."""
     turn = math.floor(phase / (2.0 * math.pi))
@@ -190,7 +190,7 @@ def harmful(error: float, phase: float, memory: FloatArray) -> bool:
     return worse
 
 
-@jit
+@leaf
 def take_back(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Take the last step of every line back, and measure again before the next one."""
     memory[REVERTED] += 1.0
@@ -201,7 +201,7 @@ def take_back(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> No
     drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
-@jit
+@leaf
 def retreat(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Put every correction to 0; the gains are kept, but are to be confirmed again."""
     memory[_SHARE] = max(_LESS * memory[_SHARE], _LEAST_SHARE)
@@ -213,7 +213,7 @@ def retreat(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None
         drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
-@jit
+@leaf
 def voltage(
     frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> float:
@@ -228,7 +228,7 @@ def voltage(
     return float(total)
 
 
-@jit
+@leaf
 def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Begin the window anew and learn nothing from what the last step seemed to do."""
     if memory[_FREQUENCY] > 0.0:
@@ -242,7 +242,7 @@ def regain(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
         reschedule(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
-@jit
+@leaf
 def drop_window(
     frequency: float, kept: bool, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> None:
@@ -266,7 +266,7 @@ def drop_window(
         memory[k] = 0.0
 
 
-@jit
+@leaf
 def choose_orders(frequency: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
     """Choose the orders that are cancelled and those that are fitted beside them."""
     most, own = room(p), p.size - ORDERS
@@ -291,7 +291,7 @@ def choose_orders(frequency: float, memory: FloatArray, p: FloatArray, dt: float
     memory[_FITTED] = fill_separable(every[:count], frequency, dt, span, memory[first:])
 
 
-@jit
+@leaf
 def take_lines(memory: FloatArray, kept: FloatArray, wanted: FloatArray, most: int) -> None:
     """Carry the lines of the orders `kept` that are `wanted` on, and begin those that are new."""
     before, old = scratch(LINE_SIZE * most), int(memory[_COUNT])
@@ -314,7 +314,7 @@ def take_lines(memory: FloatArray, kept: FloatArray, wanted: FloatArray, most: i
     memory[_COUNT] = count
 
 
-@jit
+@leaf
 def reschedule(
     frequency: float, kept: bool, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> None:
@@ -329,7 +329,7 @@ def reschedule(
     memory[_MEAN + MODELLED + 1] = 0.0
 
 
-@jit
+@leaf
 def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Learn from the window that has ended, and begin the next."""
     fit = fit_of(int(memory[_FITTED]), p)
@@ -378,7 +378,7 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
     drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
 
 
-@jit
+@leaf
 def judge_window(power: float, memory: FloatArray) -> None:
     """Take the mean square error [m^2] of a window: without harm the next steps may be larger."""
     if 0.0 < power <= _HARMLESS * memory[_POWER]:

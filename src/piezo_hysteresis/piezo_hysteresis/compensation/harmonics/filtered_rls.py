@@ -20,7 +20,7 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
 from piezo_hysteresis.compensation.harmonics.harmonic_rls import rls_update
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic, folded
 from piezo_hysteresis.compensation.linear_gain import gain_at
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 # Places in the memory: frequency, what was counted, then of each order two numbers of the
 # correction [V], the gain [m/V], the error [m] and the share; the covariance comes last.
@@ -58,7 +58,7 @@ def regain(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
         memory[_THETA + m + 2 * i], memory[_THETA + m + 2 * i + 1] = gain.real, gain.imag
 
 
-@jit
+@leaf
 def update(
     error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
     dt: float,
@@ -105,7 +105,7 @@ def update(
         memory[BOUNDED] += 1.0
 
 
-@jit
+@leaf
 def voltage(
     frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> float:
@@ -119,7 +119,7 @@ def voltage(
     return total
 
 
-@jit
+@leaf
 def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Go on: the recursion forgets a transient by itself."""
 

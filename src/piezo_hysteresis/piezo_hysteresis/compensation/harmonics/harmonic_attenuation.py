@@ -44,7 +44,7 @@ from piezo_hysteresis.compensation.sensor_guard import (
     write_point,
     write_read,
 )
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 __all__ = ['AttenuationSettings', 'Harmonic', 'HarmonicAttenuation']
 
@@ -115,7 +115,7 @@ LAWS: dict[str, HarmonicLaw] = {
 }
 
 
-@jit
+@leaf
 def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
     """Take the reference of one tick; tell whether a period ended whose amplitude differs.
 

@@ -27,7 +27,7 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
 )
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic
 from piezo_hysteresis.compensation.linear_gain import gain_at
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 # Above this trace per parameter the covariance is scaled down: forgetting without excitation
 # would let it grow for ever.
@@ -38,7 +38,7 @@ _LARGEST_COVARIANCE = 1e6
 _FREQUENCY, BOUNDED, _PAST, _GAINS_OF, _GAINS = 0, 1, 2, 5, 6
 
 
-@jit
+@leaf
 def rls_update(
     theta: FloatArray,
     covariance: FloatArray,
@@ -73,13 +73,13 @@ def rls_update(
             covariance[i] *= scale
 
 
-@jit
+@leaf
 def unknowns(p: FloatArray) -> int:
     """Return how many unknowns there are."""
     return (2 if p[RECURSIVE] > 0.0 else 0) + 2 * (p.size - ORDERS)
 
 
-@jit
+@leaf
 def unknowns_at(p: FloatArray) -> int:
     """Return where the unknowns stand in the memory."""
     return _GAINS + 2 * (p.size - ORDERS)
@@ -102,7 +102,7 @@ def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
         memory[place + m + i * m + i] = 1.0
 
 
-@jit
+@leaf
 def update(
     error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
     dt: float,
@@ -130,7 +130,7 @@ def update(
     memory[_PAST] = value
 
 
-@jit
+@leaf
 def voltage(
     frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> float:
@@ -189,7 +189,7 @@ def correction(i: int, frequency: float, memory: FloatArray, p: FloatArray, dt: 
     return theta
 
 
-@jit
+@leaf
 def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Go on: the recursion forgets a transient by itself."""
 

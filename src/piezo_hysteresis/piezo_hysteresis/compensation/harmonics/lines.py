@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 
 class Harmonic(NamedTuple):
@@ -40,7 +40,7 @@ class Harmonic(NamedTuple):
 HIGHEST, MOST = 75, 6
 
 
-@jit
+@leaf
 def folded(frequency: float, dt: float) -> float:
     """Return the signed frequency in -1/(2 dt) .. 1/(2 dt) that sampling makes of `frequency`."""
     rate = 1.0 / dt
@@ -135,7 +135,7 @@ def separable_orders(
     return tuple(int(order) for order in kept[:count])
 
 
-@jit
+@leaf
 def fill_basis(phase: float, orders: FloatArray, basis: FloatArray) -> None:
     """Write 1, cos(n phase), -sin(n phase) per order into `basis`, shape (1 + 2 orders,)."""
     basis[0] = 1.0
@@ -145,7 +145,7 @@ def fill_basis(phase: float, orders: FloatArray, basis: FloatArray) -> None:
         basis[2 + 2 * i] = -math.sin(angle)
 
 
-@jit
+@leaf
 def accumulate(
     error: float, phase: float, orders: FloatArray, basis: FloatArray, normal: FloatArray
 ) -> None:
@@ -197,7 +197,7 @@ def solve_normal(normal: FloatArray, count: float, solution: FloatArray) -> floa
     return math.sqrt(residual * 2.0 / max(count, 1.0))
 
 
-@jit
+@leaf
 def eliminate(a: FloatArray, solution: FloatArray) -> bool:
     """Solve the square system whose last column is the right side, in place; tell if it can be."""
     m = solution.size

@@ -24,7 +24,7 @@ from piezo_hysteresis.compensation.sensor_guard import (
     write_read,
 )
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ _TAPS = (-0.0625, 0.25, 0.625, 0.25, -0.0625)
 _REACH = 3  # newest sample that filter and interpolation need, ahead of the one asked for
 
 
-@jit
+@leaf
 def _recall(memory: FloatArray, newest: int, back: float) -> float:
     """Return the ring `memory` `back` samples ago, low-passed; cubic between samples."""
     size = memory.size
@@ -104,7 +104,7 @@ def forget_repetitive(memory: FloatArray) -> None:
         memory[k] = 0.0
 
 
-@jit
+@leaf
 def _filtered(error: float, past: FloatArray, b: FloatArray) -> float:
     """Pass an error [m] through the learning filter; answers [V]."""
     value: float = b[0] * error + b[1] * past[0] + b[2] * past[1] - b[3] * past[2] - b[4] * past[3]

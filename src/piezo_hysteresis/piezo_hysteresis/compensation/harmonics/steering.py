@@ -12,7 +12,7 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
     STEP_SIZE,
 )
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # What was believed before weighs this much against clear observations, which fade by the memory.
 _PRIOR = 0.1
@@ -43,7 +43,7 @@ CONFIRMED, CHANGED = 14, 15
 LINE_SIZE = 16
 
 
-@jit
+@leaf
 def begin_line(line: FloatArray, order: float) -> None:
     """Begin an order without a correction."""
     for k in range(LINE_SIZE):
@@ -58,7 +58,7 @@ def believed(line: FloatArray) -> complex:
     return modelled * complex(line[RATIO], line[RATIO + 1])
 
 
-@jit
+@leaf
 def observe(line: FloatArray, change: complex, clearness: float) -> None:
     """Learn from the change of the error [m] that followed the last step."""
     moved = complex(line[MOVED], line[MOVED + 1])
@@ -81,14 +81,14 @@ def observe(line: FloatArray, change: complex, clearness: float) -> None:
         line[RATIO], line[RATIO + 1] = ratio.real, ratio.imag
 
 
-@jit
+@leaf
 def clearness_of(size: float, deviation: float) -> float:
     """Return 0..1: how clearly an amplitude stands out of the noise."""
     noise = _SIGNIFICANCE * deviation
     return size * size / (size * size + noise * noise) if size > 0.0 else 0.0
 
 
-@jit
+@leaf
 def doubt(line: FloatArray) -> None:
     """Take the last step back; the gain is kept, but is to be confirmed again."""
     for k in range(2):
@@ -97,7 +97,7 @@ def doubt(line: FloatArray) -> None:
     line[SEEN] = line[RISES] = line[CONFIRMED] = line[CHANGED] = 0.0
 
 
-@jit
+@leaf
 def move(
     line: FloatArray, error: complex, deviation: float, foreign: float, others: float,
     share: float, p: FloatArray,

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # Shortest window, the time over which a correction fades, and by how much longer it takes to fade
 # in after each failure [s].
@@ -57,13 +57,13 @@ def forget_guard(memory: FloatArray) -> None:
     memory[WEIGHT] = 1.0
 
 
-@jit
+@leaf
 def learns(memory: FloatArray, fading: bool) -> bool:
     """Return whether the law may learn from the error: in full force, or while `fading` in too."""
     return bool(memory[STATE] == RUNNING and (fading or memory[WEIGHT] == 1.0))
 
 
-@jit
+@leaf
 def fade(memory: FloatArray, fading: bool, dt: float) -> float:
     """Take one tick; return the weight of the correction, 0..1.
 
@@ -77,13 +77,13 @@ def fade(memory: FloatArray, fading: bool, dt: float) -> float:
     return float(memory[WEIGHT])
 
 
-@jit
+@leaf
 def empty_window(memory: FloatArray) -> None:
     """Begin a window."""
     memory[SQUARES] = memory[SUM] = memory[TICKS] = 0.0
 
 
-@jit
+@leaf
 def supervise(
     error: float, frequency: float, phase: float, size: float, disturbed: bool, with_mean: bool,
     settle: float, memory: FloatArray, dt: float,
@@ -144,7 +144,7 @@ def supervise(
     return answer
 
 
-@jit
+@leaf
 def doubled(time: float, times: float) -> float:
     """Return a time [s] that was doubled so often, at most the longest."""
     for _ in range(int(times)):
@@ -152,7 +152,7 @@ def doubled(time: float, times: float) -> float:
     return time
 
 
-@jit
+@leaf
 def judge(power: float, frequency: float, size: float, memory: FloatArray) -> int:
     """Take the mean square error [m^2] of a window and decide."""
     if memory[STATE] != RUNNING or memory[BASE] == 0.0:
@@ -175,7 +175,7 @@ def judge(power: float, frequency: float, size: float, memory: FloatArray) -> in
     return NOTHING
 
 
-@jit
+@leaf
 def judged_larger(power: float, frequency: float, size: float, memory: FloatArray) -> bool:
     """Return whether the error [m^2] is so much larger than without a correction to be tested."""
     if abs(frequency - memory[FREQUENCY]) > _CHANGE * memory[FREQUENCY]:

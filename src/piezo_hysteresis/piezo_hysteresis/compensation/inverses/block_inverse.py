@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.simulation.compiled import kernel_of
 from piezo_hysteresis.models.simulation.state_space import run_path, step_of
 
@@ -118,11 +119,12 @@ def _step(numbers: FloatArray, n: int) -> tuple[FloatArray, ...]:
     )
 
 
+@functools.cache
 def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, Answer]:
     """Return trial and commit of a block whose input is held."""
     last, memory_end = _OWN + values, _STATE + size
 
-    @jit
+    @leaf
     def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         given, answer, state = scratch(1), scratch(1), scratch(size)
         given[0] = x
@@ -131,7 +133,7 @@ def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, 
         kernel(given, answer, state, p[_OWN:last], dt, 0.0)
         return float(answer[0])
 
-    @jit
+    @leaf
     def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         given, answer = scratch(1), scratch(1)
         given[0] = x
@@ -142,10 +144,11 @@ def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, 
     return trial, commit
 
 
+@functools.cache
 def _joined(n: int) -> tuple[Answer, Answer]:
     """Return trial and commit of a linear block of n states, its input joined by lines."""
 
-    @jit
+    @leaf
     def along(x: float, last: float, state: FloatArray, p: FloatArray) -> float:
         phi, gamma, rows, gains = (
             scratch((n, n)), scratch((n, 3)), scratch((3, n)), scratch((3, 3)),
@@ -171,14 +174,14 @@ def _joined(n: int) -> tuple[Answer, Answer]:
         run_path(line, answer, state, phi, gamma, rows, gains)
         return float(answer[2])
 
-    @jit
+    @leaf
     def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         state = scratch(n)
         for i in range(n):
             state[i] = memory[_STATE + i]
         return along(x, memory[LAST], state, p)
 
-    @jit
+    @leaf
     def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         answer = along(x, memory[LAST], memory[_STATE : _STATE + n], p)
         memory[LAST] = x
@@ -187,8 +190,9 @@ def _joined(n: int) -> tuple[Answer, Answer]:
     return trial, commit
 
 
+@functools.cache
 def _shaping(trial: Answer) -> Callable[..., tuple[float, float]]:
-    @jit
+    @leaf
     def shape(x: float, memory: FloatArray, p: FloatArray, dt: float) -> tuple[float, float]:
         step = p[SCALE]
         above, below = trial(x + step, memory, p, dt), trial(x - step, memory, p, dt)
@@ -198,10 +202,11 @@ def _shaping(trial: Answer) -> Callable[..., tuple[float, float]]:
     return shape
 
 
+@functools.cache
 def _solving(trial: Answer) -> Answer:
     between = _bracketing(trial)
 
-    @jit
+    @leaf
     def solve(target: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         start = memory[LAST]
         missing = target - trial(start, memory, p, dt)
@@ -230,7 +235,7 @@ def _solving(trial: Answer) -> Answer:
 def _bracketing(trial: Answer) -> Callable[..., float]:
     """Return the search for a root between two inputs: secants, kept safe by halving (Ridders)."""
 
-    @jit
+    @leaf
     def between(
         near: float, far: float, target: float, memory: FloatArray, p: FloatArray, dt: float
     ) -> float:

@@ -21,7 +21,7 @@ from piezo_hysteresis.compensation.inverses.structure_inverse import (
     carry_ahead,
     lift_droop,
 )
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 # Places in the parameters: structure, lead, reading at rest; what acts back and the blocks follow.
 _K1, _K2, _LEAD, REST, _BACK = range(5)
@@ -119,7 +119,7 @@ def _whole(undone: _Through, solved: _Through, kept: _Through, clamped: Any, bac
     return run
 
 
-@jit
+@leaf
 def _nothing_back(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
     return 0.0
 
@@ -128,7 +128,7 @@ def _acting_back(restoring: Any, count: int) -> Any:
     """Return what acts back on the mode, to be added to the target at `x` [m]."""
     last = _BACK + count
 
-    @jit
+    @leaf
     def back(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         force, memory[_FORCE] = restoring(p[_BACK:last], x, memory[_MOVED], memory[_FORCE], dt)
         memory[_MOVED] = x
@@ -137,18 +137,18 @@ def _acting_back(restoring: Any, count: int) -> Any:
     return back
 
 
-@jit
+@leaf
 def _nothing(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
     return at
 
 
-@jit
+@leaf
 def _no_count(memory: FloatArray) -> float:
     return 0.0
 
 
 def _counting(before: Any, place: int) -> Callable[[FloatArray], float]:
-    @jit
+    @leaf
     def total(memory: FloatArray) -> float:
         return float(before(memory) + memory[place + CLAMPED])
 
@@ -157,8 +157,10 @@ def _counting(before: Any, place: int) -> Callable[[FloatArray], float]:
 
 def _before(one: _Through, other: _Through) -> _Through:
     """Return `one` and then `other`."""
+    if _nothing in (one, other):
+        return other if one is _nothing else one
 
-    @jit
+    @leaf
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         return other(one(at, memory, p, dt), memory, p, dt)
 
@@ -169,7 +171,7 @@ def _solve(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     """Return the step from the output of a block to its input."""
     solve = inverse.solve
 
-    @jit
+    @leaf
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         return Motion(solve(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
 
@@ -180,7 +182,7 @@ def _keep(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     """Return the step from the input of a block to its output, which it remembers."""
     commit = inverse.commit
 
-    @jit
+    @leaf
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         return Motion(commit(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
 
@@ -191,7 +193,7 @@ def _undo(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     """Return the step from the output of a block to its input with both derivatives."""
     solve, commit, shape = inverse.solve, inverse.commit, inverse.shape
 
-    @jit
+    @leaf
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         own, numbers_of_it = memory[place:], p[numbers:]
         d = solve(at.displacement, own, numbers_of_it, dt)

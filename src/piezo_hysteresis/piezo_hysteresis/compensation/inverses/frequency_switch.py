@@ -15,7 +15,7 @@ from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.sensor_guard import FREQUENCY, POINT_SIZE, write_point
 from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, forget_fade
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # Places in the memory: whether the fast one is in charge (-1 before the first tick), the changes
 # so far; then that of a change.
@@ -33,7 +33,7 @@ def forget_switch(memory: FloatArray) -> None:
     forget_fade(memory[_FADING:])
 
 
-@jit
+@leaf
 def choose(
     slow: float, fast: float, received: float, frequency: float,
     memory: FloatArray, settings: FloatArray,

@@ -18,7 +18,7 @@ from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.sensor_guard import POINT_SIZE, write_point
 from piezo_hysteresis.compensation.transition import FADE_SIZE, Transition, fade
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.numerics.smooth import smooth_step
 
 #: Kernel of an inverse: ``run(reference, voltage, memory, p, dt, low, high)``, rows of the
@@ -71,6 +71,23 @@ def condition(
         conditioned[0, k], conditioned[1, k], conditioned[2, k] = d, v, a
 
 
+@leaf
+def eased_point(
+    point: FloatArray, eased: FloatArray, memory: FloatArray, settings: FloatArray
+) -> None:
+    """Condition the reference of one tick, see `condition`."""
+    row = scratch((3, 1))
+    row[0, 0], row[1, 0], row[2, 0] = point[1], point[2], point[3]
+    condition(row, eased, memory[:FADING], settings[OFFSET], settings[EASING], settings[DT])
+
+
+@leaf
+def faded_answer(answer: float, memory: FloatArray, settings: FloatArray) -> float:
+    """Return the voltage of an inverse, smooth where its parameters change."""
+    changing = memory[FADING:OWN]
+    return float(fade(answer, changing, settings[DT], settings[DURATION], settings[SLEW]))
+
+
 @functools.cache
 def stepping(run: Run) -> Callable[..., float]:
     """Return the kernel of a link: ``step(point, received, memory, settings, p)``.
@@ -82,13 +99,10 @@ def stepping(run: Run) -> Callable[..., float]:
     def step(
         point: FloatArray, received: float, memory: FloatArray, settings: FloatArray, p: FloatArray
     ) -> float:
-        row, eased, answer = scratch((3, 1)), scratch((3, 1)), scratch(1)
-        row[0, 0], row[1, 0], row[2, 0] = point[1], point[2], point[3]
-        dt = settings[DT]
-        condition(row, eased, memory[:FADING], settings[OFFSET], settings[EASING], dt)
-        run(eased, answer, memory[OWN:], p, dt, settings[LOW], settings[HIGH])
-        changing = memory[FADING:OWN]
-        return received + fade(answer[0], changing, dt, settings[DURATION], settings[SLEW])
+        eased, answer = scratch((3, 1)), scratch(1)
+        eased_point(point, eased, memory, settings)
+        run(eased, answer, memory[OWN:], p, settings[DT], settings[LOW], settings[HIGH])
+        return received + faded_answer(answer[0], memory, settings)
 
     return step
 

@@ -11,13 +11,13 @@ from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, take
 from piezo_hysteresis.compensation.inverses.structure_inverse import STATE_SIZE, invert_structure
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 _NAMES = ('mass', 'damping', 'stiffness', 'z_alpha', 'z_beta', 'z_gamma', 'z_exponent')
 _CLAMPED, _STROKE, _X, _Z, _OWN = range(5)
 
 
-@jit
+@leaf
 def _add_restoring_force(
     x: FloatArray, force: FloatArray, memory: FloatArray, p: FloatArray, low: float, high: float
 ) -> None:

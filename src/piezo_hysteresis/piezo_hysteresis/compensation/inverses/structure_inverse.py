@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 # Places in the state; the number of corners comes first.
 CORNERS, _SEEN, _D, _V, _A, _SMOOTH, _W1, _W2 = range(8)
@@ -20,7 +20,7 @@ STATE_SIZE = 8
 _TOLERANCE = 0.25
 
 
-@jit
+@leaf
 def carry_ahead(
     reference: FloatArray, ahead: FloatArray, state: FloatArray, lead: float, dt: float
 ) -> None:
@@ -58,7 +58,7 @@ def carry_ahead(
         ahead[2, k] = a + t * (jerk + t * (snap / 2.0 + t * crackle / 6.0))
 
 
-@jit
+@leaf
 def lift_droop(target: FloatArray, state: FloatArray) -> None:
     """Lift a target by the droop of the hold, ``(w dt)^2 / 24``, where it has been smooth."""
     for k in range(target.size):
@@ -69,7 +69,7 @@ def lift_droop(target: FloatArray, state: FloatArray) -> None:
         state[_SMOOTH] += 1.0
 
 
-@jit
+@leaf
 def invert_structure(
     reference: FloatArray,
     target: FloatArray,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Kernel
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 
 def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:
@@ -26,10 +27,14 @@ def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:
         return _beside(block.parts, dt, points)
     if block.kernel is not None and (not points or block.along is None):
         return block.kernel
-    along: Any = block.along
-    points = points or 1
+    return _follower(block.along, points or 1)
 
-    @jit
+
+@functools.cache
+def _follower(along: Any, points: int) -> Kernel:
+    """Return the kernel of a block that is given so many points of its path per tick."""
+
+    @leaf
     def follow(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
     ) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Approach, System
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.models.simulation.state_space import decayed, fastest, in_series, settled
 
 #: Fastest pole times the tick up to which an impulse response is a polynomial of moderate degree.
@@ -106,7 +106,7 @@ def gauss_of(
     return 0.5 * (1.0 + places), 0.5 * weights
 
 
-@jit
+@leaf
 def approach_one(
     initial: float, target: float, length: float, approach: tuple[float, float], dt: float,
     places: FloatArray, values: FloatArray,
@@ -157,7 +157,7 @@ def approaches(
             state[0] = values[k, i, places.size]
 
 
-@jit
+@leaf
 def add_at(t: float, series: FloatArray, factor: float, total: FloatArray) -> None:
     """Add `factor` times the Chebyshev series with coefficients `series` at `t` (Clenshaw)."""
     for i in range(total.size):
@@ -167,7 +167,7 @@ def add_at(t: float, series: FloatArray, factor: float, total: FloatArray) -> No
         total[i] += factor * (series[0, i] + t * one - two)
 
 
-@jit
+@leaf
 def weigh(
     lasts: FloatArray, part: float, places: FloatArray, weights: FloatArray,
     impulse: FloatArray, integral: FloatArray, shares: FloatArray,

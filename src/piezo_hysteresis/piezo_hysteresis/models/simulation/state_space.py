@@ -9,7 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import System
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.numerics.exponential import exponential, pace
 from piezo_hysteresis.numerics.linalg import solve_square
 
@@ -163,7 +163,7 @@ def _exponential(matrix: FloatArray) -> FloatArray:
         return exponential(matrix)
 
 
-@jit
+@leaf
 def nonzero(phi: FloatArray, places: FloatArray, shares: FloatArray, counts: FloatArray) -> None:
     """Fill which states move each state i, and by how much: the first counts[i] of both rows.
 
