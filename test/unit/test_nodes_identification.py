@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.identification.online import OnlineMethod
+from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.models import named
 from piezo_hysteresis.parameters.node_tables import IDENTIFICATION
 from piezo_hysteresis.runtime.identification_plan import (

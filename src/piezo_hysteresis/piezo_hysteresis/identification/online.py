@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.fit import FARTHEST
 from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.identification.solver import Progress
@@ -36,33 +36,6 @@ _BY_RLS = {
 }
 
 ONLINE_METHODS = ('rls', 'rls_ud', 'pi_bank')
-
-
-class OnlineMethod(Protocol):
-    """What every recursive method answers, sample by sample."""
-
-    forgetting: float
-
-    def update(self, voltage: float, displacement: float) -> float:
-        """Take one sample in; return the prediction error [m]."""
-
-    def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Take samples in; return the prediction errors [m]."""
-
-    def estimate(self) -> Estimate:
-        """Return the present parameters in SI units."""
-
-    def free_run(self, voltage: FloatArray) -> FloatArray:
-        """Simulate the present estimate from rest."""
-
-    def drive_at(self, frequency: float, start: float = 0.0) -> None:
-        """Go on with another drive [Hz] from the time `start` [s], where it matters."""
-
-    def rest(self) -> None:
-        """Begin another record from rest, keeping what was learnt."""
-
-    def reset(self) -> None:
-        """Forget everything."""
 
 
 def online(method: str, settings: RlsSettings | UdSettings | None = None) -> OnlineMethod:

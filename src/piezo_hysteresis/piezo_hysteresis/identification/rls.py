@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import isfinite, pi, sqrt
+from math import isfinite, pi
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from piezo_hysteresis.identification.estimate import (
     correlation_of,
     scaled_condition,
 )
+from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.identification.rls_kernels import (
     ERROR_SUM,
     FORGETTING,
@@ -31,7 +32,6 @@ from piezo_hysteresis.identification.rls_kernels import (
     SAMPLES,
     WEIGHT_SUM,
     free_run,
-    update,
     update_many,
 )
 
@@ -117,7 +117,7 @@ class RlsSettings:
             )
 
 
-class OnlineRls:
+class OnlineRls(OnlineMethod):
     """The papers' RLS, Fujii 2018 (8)-(12), Tatebatake 2017 (8)-(11), one sample at a time.
 
     Starts as the papers do where the settings say nothing else: P0 = I, all parameters 0 but
@@ -130,26 +130,19 @@ class OnlineRls:
         Variant, columns, unit and forgetting.
     """
 
+    _FORGETTING, _ERROR_SUM, _WEIGHT_SUM = FORGETTING, ERROR_SUM, WEIGHT_SUM
+    _settings: RlsSettings
+
     def __init__(self, settings: RlsSettings | None = None) -> None:
-        self._settings = settings or RlsSettings()
-        self._scale = WORKING_UNITS[self._settings.unit]
-        self._columns = 7 + self._settings.offset + 4 * (self._settings.harmonic > 0)
-        self.reset()
+        settings = settings or RlsSettings()
+        self._scale = WORKING_UNITS[settings.unit]
+        self._columns = 7 + settings.offset + 4 * (settings.harmonic > 0)
+        super().__init__(settings)
 
     @property
     def settings(self) -> RlsSettings:
         """The settings in force."""
         return self._settings
-
-    @property
-    def forgetting(self) -> float:
-        """Forgetting factor; may be set while running."""
-        return self._settings.forgetting
-
-    @forgetting.setter
-    def forgetting(self, value: float) -> None:
-        self._settings = replace(self._settings, forgetting=value)
-        self._c[FORGETTING] = value
 
     def reset(self) -> None:
         """Forget everything and start as the settings say.
@@ -169,7 +162,7 @@ class OnlineRls:
         self._theta[[2, 3, 5, 6]] = 0.01, 0.005, 0.001, 0.001
         self._place_start()
         self._p = s.p0 * np.eye(self._columns)
-        self._x, self._g, self._one = np.zeros(self._columns), np.zeros(self._columns), np.zeros(3)
+        self._x, self._g = np.zeros(self._columns), np.zeros(self._columns)
         self._m = np.zeros(MEMORY)
         self._before = 0
 
@@ -215,54 +208,11 @@ class OnlineRls:
         self._m[:] = 0.0
         self._m[[ERROR_SUM, WEIGHT_SUM]] = learnt
 
-    def update(self, voltage: float, displacement: float) -> float:
-        """Take one sample in: voltage [V], displacement [m]; return the one-step error [m].
-
-        A sample that is not finite is skipped and answered by NaN.
-        """
-        error: float = update(
-            voltage,
-            displacement,
-            self._one,
-            self._scale,
-            self._theta,
-            self._p,
-            self._x,
-            self._g,
-            self._m,
-            self._c,
-        )
-        return error
-
-    def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Take samples in, shapes (n,); return the one-step errors [m], the same bits as `update`.
-
-        Raises
-        ------
-        IdentificationError
-            If the two arrays differ in length.
-        """
-        u = np.ascontiguousarray(voltage, dtype=np.float64)
-        y = np.ascontiguousarray(displacement, dtype=np.float64)
-        if u.shape != y.shape or u.ndim != 1:
-            raise IdentificationError(
-                f'voltage has shape {u.shape}, displacement {y.shape}; give two columns of one '
-                'length'
-            )
-        errors = np.empty_like(u)
+    def _take(self, voltage: FloatArray, displacement: FloatArray, errors: FloatArray) -> None:
         update_many(
-            u,
-            y,
-            errors,
-            self._scale,
-            self._theta,
-            self._p,
-            self._x,
-            self._g,
-            self._m,
-            self._c,
-        )
-        return errors
+            voltage, displacement, errors, self._scale, self._theta, self._p, self._x, self._g,
+            self._m, self._c,
+        )  # fmt: skip
 
     def free_run(self, voltage: FloatArray) -> FloatArray:
         """Simulate the present estimate from rest, with `voltage` [V]; return displacement [m]."""
@@ -275,9 +225,8 @@ class OnlineRls:
     def estimate(self) -> Estimate:
         """Return the present parameters in SI units."""
         names, units, factors, order = self._layout()
-        sigma = sqrt(self._m[ERROR_SUM] / self._m[WEIGHT_SUM]) if self._m[WEIGHT_SUM] > 0 else 0.0
         values = self._theta[order] * factors
-        spread = sigma * np.sqrt(np.abs(np.diag(self._p))[order]) * np.abs(factors)
+        spread = self._sigma * np.sqrt(np.abs(np.diag(self._p))[order]) * np.abs(factors)
         # What is left of P0 along A1 + A is no deviation: that sum is its start, see the notes.
         spread[[names.index('A1'), names.index('A')]] = np.inf
         if self._settings.offset:
@@ -287,7 +236,7 @@ class OnlineRls:
             units=units,
             values=values,
             standard_deviations=spread,
-            one_step_rms=sigma / self._scale,
+            one_step_rms=self._sigma / self._scale,
             samples=self._before + int(self._m[SAMPLES]),
             condition_number=scaled_condition(self._p[np.ix_(order, order)]),
             notes=self._notes(),

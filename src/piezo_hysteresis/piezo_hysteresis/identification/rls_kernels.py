@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import cos, isfinite, nan, sin, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 _TRACE_MAX = 1e3  # mean of the diagonal of P at which forgetting rests; P0 = I has 1
 
@@ -19,7 +19,7 @@ BASIC = 3.0  # number of the variant without recursion and A0
 _VARIANT, _OFFSET, _HARMONIC, OMEGA, FORGETTING, PHASE = range(6)
 
 
-@jit
+@leaf
 def _gain(
     x: FloatArray,
     theta: FloatArray,
@@ -51,7 +51,7 @@ def _gain(
         _forget(p, forgetting)
 
 
-@jit
+@leaf
 def _forget(p: FloatArray, forgetting: float) -> None:
     """Inflate P; it rests above a bound, because without excitation it would grow for ever."""
     n = p.shape[0]
@@ -65,7 +65,7 @@ def _forget(p: FloatArray, forgetting: float) -> None:
                 p[i, j] *= grow
 
 
-@jit
+@leaf
 def _lags(
     y: float, y1: float, y2: float, y3: float, z2: float, z3: float, variant: float
 ) -> tuple[float, float, float]:
@@ -140,26 +140,6 @@ def update_many(
     kept = (k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww)
     for i in range(len(kept)):
         m[i] = kept[i]
-
-
-@jit
-def update(
-    u: float,
-    y: float,
-    one: FloatArray,
-    scale: float,
-    theta: FloatArray,
-    p: FloatArray,
-    x: FloatArray,
-    g: FloatArray,
-    m: FloatArray,
-    c: FloatArray,
-) -> float:
-    """Take one sample in by `update_many`; `one`, shape (3,), is work space."""
-    one[0], one[1] = u, y
-    update_many(one[0:1], one[1:2], one[2:3], scale, theta, p, x, g, m, c)
-    error: float = one[2]
-    return error
 
 
 @jit

@@ -7,8 +7,8 @@ frozen (from `output_error`, or left out where drives stay far below it).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import pi, sqrt
+from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import ud_kernels as ud
 from piezo_hysteresis.identification.estimate import Estimate, correlation_of, scaled_condition
+from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK
 
@@ -83,7 +84,7 @@ class UdSettings:
             )
 
 
-class OnlineUd:
+class OnlineUd(OnlineMethod):
     """Bouc-Wen or play-bank parameters, one sample at a time, finite for ever.
 
     Parked actuators teach nothing and forget nothing (excitation test), the covariance never
@@ -95,24 +96,16 @@ class OnlineUd:
         Kind, ranges, mode and forgetting.
     """
 
+    _FORGETTING, _ERROR_SUM, _WEIGHT_SUM = ud.FORGETTING, ud.ERROR_SUM, ud.WEIGHT_SUM
+    _settings: UdSettings
+
     def __init__(self, settings: UdSettings | None = None) -> None:
-        self._settings = settings or UdSettings()
-        self.reset()
+        super().__init__(settings or UdSettings())
 
     @property
     def settings(self) -> UdSettings:
         """The settings in force."""
         return self._settings
-
-    @property
-    def forgetting(self) -> float:
-        """Forgetting factor; may be set while running."""
-        return self._settings.forgetting
-
-    @forgetting.setter
-    def forgetting(self, value: float) -> None:
-        self._settings = replace(self._settings, forgetting=value)
-        self._c[ud.FORGETTING] = value
 
     def reset(self) -> None:
         """Forget everything: a linear gain with a mild hysteresis."""
@@ -156,57 +149,13 @@ class OnlineUd:
         self._m[[ud.LAST, ud.H, ud.H_BETA, ud.H_GAMMA]] = 0.0
         self._m[ud.PLAYS :] = 0.0
 
-    def update(self, voltage: float, displacement: float) -> float:
-        """Take one sample in: voltage [V], displacement [m]; return the prediction error [m].
-
-        A displacement that is not finite teaches nothing and is answered by NaN.
-        """
+    def _take(self, voltage: FloatArray, displacement: FloatArray, errors: FloatArray) -> None:
         s = self._settings
-        error: float = ud.update(
-            voltage / s.voltage_range,
-            displacement / s.displacement_range,
-            self._theta,
-            self._factor,
-            self._d,
-            self._d_max,
-            self._w,
-            self._q,
-            self._m,
-            self._c,
-        )
-        return error * s.displacement_range
-
-    def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Take samples in, shapes (n,); return the prediction errors [m], the bits of `update`.
-
-        Raises
-        ------
-        IdentificationError
-            If the two arrays differ in length.
-        """
-        s = self._settings
-        u = np.asarray(voltage, dtype=np.float64) / s.voltage_range
-        y = np.asarray(displacement, dtype=np.float64) / s.displacement_range
-        if u.shape != y.shape or u.ndim != 1:
-            raise IdentificationError(
-                f'voltage has shape {u.shape}, displacement {y.shape}; give two columns of one '
-                'length'
-            )
-        errors = np.empty_like(u)
         ud.update_many(
-            u,
-            y,
-            errors,
-            self._theta,
-            self._factor,
-            self._d,
-            self._d_max,
-            self._w,
-            self._q,
-            self._m,
-            self._c,
-        )
-        return errors * s.displacement_range
+            voltage / s.voltage_range, displacement / s.displacement_range, errors, self._theta,
+            self._factor, self._d, self._d_max, self._w, self._q, self._m, self._c,
+        )  # fmt: skip
+        errors *= s.displacement_range
 
     def model(self) -> Model:
         """Return the chain whose parameters `estimate` gives."""
@@ -234,11 +183,9 @@ class OnlineUd:
         names, units, factors = self._layout()
         covariance = (self._factor * self._d) @ self._factor.T
         correlation = correlation_of(covariance)
-        weight = self._m[ud.WEIGHT_SUM]
-        sigma = sqrt(self._m[ud.ERROR_SUM] / weight) if weight > 0 else 0.0
         theta = self._theta if s.kind != KINDS['pi_bank'] else invertible_bank(self._theta)
         values = theta * factors
-        spread = sigma * np.sqrt(np.diag(covariance)) * factors
+        spread = self._sigma * np.sqrt(np.diag(covariance)) * factors
         if s.kind != KINDS['pi_bank'] and values[1] < 0:
             # h of a negative A decays the other way round
             values[3] = -values[3]
@@ -262,7 +209,7 @@ class OnlineUd:
             units=units,
             values=values,
             standard_deviations=spread,
-            one_step_rms=sigma * s.displacement_range,
+            one_step_rms=self._sigma * s.displacement_range,
             samples=int(self._m[ud.SAMPLES]),
             condition_number=scaled_condition(covariance),
             notes=self._notes(),

@@ -12,7 +12,7 @@ from math import isfinite, nan
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import play
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 from piezo_hysteresis.kernels.forward import jacobian
 
 SAMPLES, LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY = range(8)
@@ -30,7 +30,7 @@ _SETTLED = 4.0  # travel in ranges, one full cycle, before the shape is learnt
 _step = jacobian(exact_step)
 
 
-@jit
+@leaf
 def bierman(
     theta: FloatArray,
     u: FloatArray,
@@ -66,7 +66,7 @@ def bierman(
     return a
 
 
-@jit
+@leaf
 def _bouc_wen_columns(u: float, theta: FloatArray, m: FloatArray, v: FloatArray) -> None:
     """Fill v with u, -h and the derivatives by beta and gamma, for h of unit A."""
     du = u - m[LAST]
@@ -82,7 +82,7 @@ def _bouc_wen_columns(u: float, theta: FloatArray, m: FloatArray, v: FloatArray)
     v[3] = -theta[1] * m[H_GAMMA]
 
 
-@jit
+@leaf
 def _play_columns(u: float, m: FloatArray, v: FloatArray) -> None:
     """Fill v with u and the plays at a tenth of the range, two tenths, ..."""
     v[0] = u
@@ -92,7 +92,7 @@ def _play_columns(u: float, m: FloatArray, v: FloatArray) -> None:
         v[j] = m[place]
 
 
-@jit
+@leaf
 def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) -> None:
     """Run each column through the frozen mode, sampled before the new hold acts."""
     if c[MODE] == 0.0:
@@ -106,7 +106,7 @@ def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) ->
         q[i, 0] = moved
 
 
-@jit
+@leaf
 def _project_bouc_wen(theta: FloatArray, m: FloatArray) -> None:
     """Keep a decaying h (beta > |gamma|) and a slope that stays positive after reversals."""
     theta[0] = min(max(theta[0], -_BOX), _BOX)
@@ -120,7 +120,7 @@ def _project_bouc_wen(theta: FloatArray, m: FloatArray) -> None:
         m[PROJECTED] += 1.0
 
 
-@jit
+@leaf
 def update(
     u: float,
     y: float,
@@ -165,7 +165,7 @@ def update(
     return error
 
 
-@jit
+@leaf
 def _learn(
     error: float,
     theta: FloatArray,

@@ -12,7 +12,7 @@ from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level,
 from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import nanoseconds_of
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.identification.online import OnlineMethod
+from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.nodes.messages import estimate_into
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.node_tables import IDENTIFICATION

@@ -14,7 +14,8 @@ import numpy as np
 from piezo_hysteresis.common.order import AHEAD, SequenceFilter, StampValidator
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
-from piezo_hysteresis.identification.online import OnlineMethod, online, settled
+from piezo_hysteresis.identification.online import online, settled
+from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.identification.settings import pairs
