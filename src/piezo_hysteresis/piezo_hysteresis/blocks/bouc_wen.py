@@ -1,29 +1,20 @@
 """Bouc-Wen hysteresis by the papers' forward Euler step."""
 
-from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check, run_of
 from piezo_hysteresis.blocks._counterpart import bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import leaf
 
 
-@jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return ``A1 u - h``; state is (last voltage [V], h [m])."""
-    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
-    last, h = state[0], state[1]
-    for k in range(x.size):
-        du = x[k] - last
-        last = x[k]
-        rise = abs(du)
-        h += a * du + a0 * rise - gamma * abs(h) * du - beta * rise * h
-        y[k] = a1 * last - h
-    state[0] = last
-    state[1] = h
+@leaf
+def euler_step(h: float, du: float, a: float, a0: float, beta: float, gamma: float) -> float:
+    """Return h [m] after the voltage moved by `du` [V]."""
+    rise = abs(du)
+    return h + (a * du + a0 * rise - gamma * abs(h) * du - beta * rise * h)
 
+
+kernel = run_of(euler_step)
 
 BLOCK = Block(
     name='bouc_wen',

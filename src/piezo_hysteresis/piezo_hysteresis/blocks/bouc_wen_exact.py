@@ -2,15 +2,14 @@
 
 from math import expm1, log1p
 
-from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check, run_of
 from piezo_hysteresis.blocks._counterpart import bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 
-@jit
+@leaf
 def decay(h: float, a: float, kp: float, travel: float) -> float:
     """Return h after ``dh/dz = a - kp h`` over `travel`, stable for kp near 0 and of any sign."""
     z = kp * travel
@@ -51,20 +50,7 @@ def exact_step(h: float, du: float, a: float, a0: float, beta: float, gamma: flo
     return decay(h, c, kp, travel)
 
 
-@jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return ``A1 u - h``; state is (last voltage [V], h [m])."""
-    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
-    last, h = state[0], state[1]
-    for k in range(x.size):
-        h = exact_step(h, x[k] - last, a, a0, beta, gamma)
-        last = x[k]
-        y[k] = a1 * last - h
-    state[0] = last
-    state[1] = h
-
+kernel = run_of(exact_step)
 
 BLOCK = Block(
     name='bouc_wen_exact',

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS
+from piezo_hysteresis.blocks._bouc_wen import PARAMETERS
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, filtered_rate, rate_factor

@@ -4,12 +4,13 @@ from collections.abc import Mapping
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check
 from piezo_hysteresis.blocks._counterpart import SimulatorValues, bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.bouc_wen import euler_step
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 # Longest stride in units of the memory 1/(n (beta + |gamma|)), and that of the fourth order.
 _STRIDE, _LONG_STRIDE = 0.05, 0.2
@@ -19,7 +20,7 @@ _SMOOTH = 1.2
 _BEYOND = 1.1  # times its height up to which h is followed in long strides
 
 
-@jit
+@leaf
 def exponent_factor(h: float, height: float, exponent: float) -> float:
     """Return ``|h/height|^(exponent - 1)``, by which the decay of h differs from exponent 1."""
     if exponent == 1.0 or height == 0.0:
@@ -28,14 +29,14 @@ def exponent_factor(h: float, height: float, exponent: float) -> float:
     return float(max(abs(h) / height, 1e-9) ** (exponent - 1.0))
 
 
-@jit
+@leaf
 def full_height(a: float, a0: float, beta: float, gamma: float) -> float:
     """Return where h saturates [m], the same for every exponent."""
     rate = beta + gamma
     return (abs(a) + abs(a0)) / rate if rate > 0.0 else 0.0
 
 
-@jit
+@leaf
 def slope(
     h: float, way: float, p: tuple[float, float, float, float], height: float, exponent: float
 ) -> float:
@@ -44,7 +45,7 @@ def slope(
     return p[0] * way + p[1] - decay
 
 
-@jit
+@leaf
 def long_strides(
     h: float, du: float, p: tuple[float, float, float, float], height: float, exponent: float,
     strides: int,
@@ -120,11 +121,11 @@ def euler_kernel(
     for k in range(x.size):
         du = x[k] - last
         last = x[k]
-        rise = abs(du)
+        rate = (beta + abs(gamma)) * abs(du)
         now = exponent_factor(h, height, exponent)
-        if now * (beta + abs(gamma)) * rise > 1.0 and exponent != 1.0:
-            now = 1.0 / ((beta + abs(gamma)) * rise)  # a coarse step may use h up, not more
-        h += a * du + a0 * rise - now * gamma * abs(h) * du - now * beta * rise * h
+        if now * rate > 1.0 and exponent != 1.0:
+            now = 1.0 / rate  # a coarse step may use h up, not more
+        h = euler_step(h, du, a, a0, now * beta, now * gamma)
         y[k] = a1 * last - h
     state[0] = last
     state[1] = h

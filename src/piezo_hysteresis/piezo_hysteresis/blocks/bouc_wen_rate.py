@@ -1,72 +1,57 @@
 """Bouc-Wen hysteresis whose memory depends on how fast the voltage moves."""
 
 from math import expm1
+from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.bouc_wen import euler_step
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 
-@jit
+@leaf
 def filtered_rate(rate: float, du: float, dt: float, memory: float) -> float:
     """Return the rate of the voltage [V/s] as domains feel it: a low pass of |du/dt|."""
     now = abs(du) / dt
     return now if memory == 0.0 else rate - (now - rate) * expm1(-dt / memory)
 
 
-@jit
+@leaf
 def rate_factor(rate: float, corner: float, exponent: float) -> float:
     """Return ``(1 + rate/corner)^exponent``: 1 when slow, a power law when fast."""
     return 1.0 if exponent == 0.0 else float((1.0 + rate / corner) ** exponent)
 
 
-@jit
-def along(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
-    points: int,
-) -> None:  # fmt: skip
-    """Return ``A1 u - h``; state is (last voltage [V], h [m], filtered rate [V/s]).
+def _along(step: Any) -> Any:
+    """Return the kernel of a law whose decay depends on the rate, given its step."""
 
-    The rate of a tick is that of the line from where the voltage was to where it goes: a held
-    voltage has no other.
-    """
-    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
-    last, h, rate = state[0], state[1], state[2]
-    for tick in range(0, x.size, points):
-        rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[7])
-        factor = rate_factor(rate, p[5], p[6])
-        for k in range(tick, tick + points):
-            h = exact_step(h, x[k] - last, a, a0, beta * factor, gamma * factor)
-            last = x[k]
-            y[k] = a1 * last - h
-    state[0] = last
-    state[1] = h
-    state[2] = rate
+    @jit
+    def along(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float,
+        frequency: float, points: int,
+    ) -> None:  # fmt: skip
+        """Return ``A1 u - h``; state is (last voltage [V], h [m], filtered rate [V/s]).
 
+        The rate of a tick is that of the line from the last voltage to the present one: a held
+        voltage has no other.
+        """
+        a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+        last, h, rate = state[0], state[1], state[2]
+        for tick in range(0, x.size, points):
+            rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[7])
+            factor = rate_factor(rate, p[5], p[6])
+            for k in range(tick, tick + points):
+                h = step(h, x[k] - last, a, a0, beta * factor, gamma * factor)
+                last = x[k]
+                y[k] = a1 * last - h
+        state[0] = last
+        state[1] = h
+        state[2] = rate
 
-@jit
-def euler_along(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
-    points: int,
-) -> None:  # fmt: skip
-    """Return ``A1 u - h`` by the Euler step; state as in the exact one."""
-    a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
-    last, h, rate = state[0], state[1], state[2]
-    for tick in range(0, x.size, points):
-        rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[7])
-        factor = rate_factor(rate, p[5], p[6])
-        for k in range(tick, tick + points):
-            du = x[k] - last
-            last = x[k]
-            rise = abs(du)
-            h += a * du + a0 * rise - factor * gamma * abs(h) * du - factor * beta * rise * h
-            y[k] = a1 * last - h
-    state[0] = last
-    state[1] = h
-    state[2] = rate
+    return along
 
 
 RATE_PARAMETERS = (
@@ -111,7 +96,7 @@ BLOCKS = (
         state_size=3,
         between=Between.PATH,
         unknown=(1, 2),
-        along=along,
+        along=_along(exact_step),
         description=_DESCRIPTION,
         source='our reading of Fang 2019: constant below a corner, dependent on the rate above it',
         check=check,
@@ -123,7 +108,7 @@ BLOCKS = (
         state_size=3,
         between=Between.PATH,
         unknown=(1, 2),
-        along=euler_along,
+        along=_along(euler_step),
         step_bound=True,
         description=f'{_DESCRIPTION} Forward Euler step.',
         source='as bouc_wen_rate, with the step of Fujii 2018 (3)',

@@ -4,16 +4,16 @@ from collections.abc import Mapping
 from math import log1p
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._bouc_wen_parameters import PARAMETERS, check
+from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check
 from piezo_hysteresis.blocks._counterpart import SimulatorValues, bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import filtered_rate
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, leaf
 
 
-@jit
+@leaf
 def respond_widened(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, memory: float,
     power: float, points: int,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._bouc_wen_parameters import LINEAR_GAIN
+from piezo_hysteresis.blocks._bouc_wen import LINEAR_GAIN
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot, System
 from piezo_hysteresis.jit import jit
 

@@ -90,7 +90,8 @@ class Writer:
         self._partials = Partials(flow.on)
         kept = ''.join('01'[n in moving] for n in hints)
         kind = 'jacobian' if local else f'along{own}_{lanes}'
-        self.name = f'{source.__qualname__.replace(".", "_")}_{kind}_{kept}'
+        name = source.__qualname__.replace('<locals>.', '').replace('.', '_')
+        self.name = f'{name}_{kind}_{kept}'
         self.used: list[str] = []
         self.shape: int | None = None
         self._lines, self._depth = list[str](), 1

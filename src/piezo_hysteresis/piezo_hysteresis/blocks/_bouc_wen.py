@@ -1,4 +1,4 @@
-"""The parameters that every Bouc-Wen block shares, in the order of its kernel.
+"""What Bouc-Wen blocks share: their parameters in the order of the kernel, and its loop.
 
 Blocks that stand for the same hysteresis (Euler step, exact step, with exponent, ...) use the
 same names for the same quantities, so that one can take the place of another and keep the values.
@@ -7,8 +7,11 @@ same names for the same quantities, so that one can take the place of another an
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
-from piezo_hysteresis.blocks.base import Parameter
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Kernel, Parameter
+from piezo_hysteresis.jit import jit
 
 LINEAR_GAIN = Parameter(
     'A1',
@@ -65,3 +68,23 @@ def check(values: Mapping[str, float]) -> str:
     if values['beta'] == 0.0 and values['A0'] != 0.0:
         return 'A0 without decay (beta = 0) grows for ever; set beta above 0 or A0 to 0'
     return ''
+
+
+def run_of(step: Any) -> Kernel:
+    """Return the kernel of a law, given ``step(h, du, A, A0, beta, gamma)``: h after a move."""
+
+    @jit
+    def kernel(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+    ) -> None:
+        """Return ``A1 u - h``; state is (last voltage [V], h [m])."""
+        a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+        last, h = state[0], state[1]
+        for k in range(x.size):
+            h = step(h, x[k] - last, a, a0, beta, gamma)
+            last = x[k]
+            y[k] = a1 * last - h
+        state[0] = last
+        state[1] = h
+
+    return kernel
