@@ -71,9 +71,9 @@ def chain_kernel(
     dt : float
         Sampling interval [s].
     """
-    solved: Any = _nothing
-    undone: Any = _nothing
-    kept: Any = _nothing
+    solved: _Through | None = None
+    undone: _Through | None = None
+    kept: _Through | None = None
     start = [np.zeros(_MEMORIES)]
     memory, numbers = _MEMORIES, _BACK + restoring[1]
     clamped: Any = _no_count
@@ -89,10 +89,14 @@ def chain_kernel(
         memory += inverse.start.size
         numbers += sizes[i]
     acting = _nothing_back if restoring[0] is None else _acting_back(*restoring)
-    return ChainKernel(_whole(undone, solved, kept, clamped, acting), np.concatenate(start))
+    return ChainKernel(
+        _whole(undone, solved, kept, clamped=clamped, back=acting), np.concatenate(start)
+    )
 
 
-def _whole(undone: _Through, solved: _Through, kept: _Through, clamped: Any, back: Any) -> Run:
+def _whole(*steps: _Through | None, clamped: Any, back: Any) -> Run:
+    undone, solved, kept = (_passing() if each is None else each for each in steps)
+
     @jit
     def run(
         reference: FloatArray, voltage: FloatArray, memory: FloatArray, p: FloatArray, dt: float,
@@ -137,9 +141,14 @@ def _acting_back(restoring: Any, count: int) -> Any:
     return back
 
 
-@leaf
-def _nothing(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
-    return at
+def _passing() -> _Through:
+    """Return what stands for no blocks at all."""
+
+    @leaf
+    def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
+        return at
+
+    return through
 
 
 @leaf
@@ -155,10 +164,10 @@ def _counting(before: Any, place: int) -> Callable[[FloatArray], float]:
     return total
 
 
-def _before(one: _Through, other: _Through) -> _Through:
-    """Return `one` and then `other`."""
-    if _nothing in (one, other):
-        return other if one is _nothing else one
+def _before(one: _Through | None, other: _Through | None) -> _Through | None:
+    """Return `one` and then `other`; None where there is neither."""
+    if one is None or other is None:
+        return other if one is None else one
 
     @leaf
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
