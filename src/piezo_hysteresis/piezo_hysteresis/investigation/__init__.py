@@ -1,1 +1,1 @@
-"""Discovery that chooses its own experiments: catalogue, prediction, choice, belief, journal."""
+"""Active discovery: experiment catalogue, response prediction, design criterion and journal."""

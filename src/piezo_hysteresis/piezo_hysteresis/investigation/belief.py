@@ -1,4 +1,4 @@
-"""What is believed after some experiments: rivals, how likely each is, and what is left."""
+"""Belief after some experiments: candidate models, their probabilities, and the residual."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.investigation.undetected import Hidden
 
-# Scores of a few records know less than they say: rivals count by their shares to this power.
+# Exponent that tempers the shares of candidates: scores from few records are overconfident.
 TEMPER = 0.25
-# Deviations of fitted values are counted so many times: they know of noise alone.
+# Factor on the standard deviations of fitted values, which contain the noise only.
 WIDER = 3.0
-# A value of which no deviation is known may be off by such a share of itself.
+# Relative standard deviation of a value without a known one.
 VAGUE = 0.3
 NOTHING = 'none'
 
 
 @dataclass(frozen=True)
 class Rival:
-    """One explanation, with its values.
+    """One candidate model with its values.
 
     Attributes
     ----------
     name : str
-        Effect; ``none`` for the model without it.
+        Name of the effect; ``none`` for the model without it.
     chance : float
-        Probability, among the rivals.
+        Probability among the candidates.
     fit : CandidateFit
         The model.
     deviations : dict of str to float
-        By how much each fitted value may be off, in its unit.
+        Standard deviation of each fitted value, in its unit.
     """
 
     name: str
@@ -48,25 +48,25 @@ class Rival:
 
 @dataclass(frozen=True)
 class Belief:
-    """What is believed.
+    """Probabilities of effects after the experiments so far.
 
     Attributes
     ----------
     verdict : str
-        ``none``, ``named`` or ``unknown``, as discovery says it.
+        ``none``, ``named`` or ``unknown``, as in discovery.
     names : tuple of str
-        Effects that are named, in the order in which they were found.
+        Named effects, in the order of their selection.
     chances : dict of str to float
-        Probability by effect, the likeliest first: of every one that is named, and of what else
-        the least sure of them may be.
+        Probability by effect, most probable first: of every named effect, and of the alternatives
+        to the least certain one.
     surest : (str, float)
-        The likeliest name of the effect that is least sure, and its probability.
+        Most probable name of the least certain effect, and its probability.
     rivals : tuple of Rival
-        What could be distinguished.
+        Candidate models that further experiments could discriminate.
     left : bool
-        Whether something is left that no name explains.
+        Whether a significant residual remains without a name.
     floors : float
-        Held-out gap of the model with what was found, in multiples of the noise.
+        Held-out gap of the model with the named effects, in multiples of the noise.
     """
 
     verdict: str
@@ -79,22 +79,22 @@ class Belief:
 
 
 def nothing_known(hidden: Hidden) -> Belief:
-    """Return what is believed before the first experiment."""
+    """Return the prior belief, before the first experiment."""
     chances = hidden.chances(())
     return Belief('none', (), chances, _first(chances), (), False, float('nan'))
 
 
 def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
-    """Return what is believed after a discovery on all records so far.
+    """Return the belief after a discovery on all records so far.
 
     Parameters
     ----------
     found : Discovery
-        What came out.
+        Result of the discovery.
     hidden : Hidden
-        What may be missing although no record shows it.
+        Effects that may be missing without a visible residual in any record.
     done : sequence of str
-        Experiments so far.
+        Names of the experiments so far.
     """
     verdict = found.verdict
     names = tuple(effect.name for effect in verdict.effects)

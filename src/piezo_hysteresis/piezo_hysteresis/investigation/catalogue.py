@@ -1,4 +1,4 @@
-"""Every experiment that the limits allow: from these the next one is chosen."""
+"""Catalogue of all experiments that the limits allow."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from piezo_hysteresis.investigation.experiments import PlannedExperiment, Spec, 
 from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.waveforms import reversal_curves
 
-# Drives of the sines [Hz], and their amplitudes as shares of the largest.
+# Drive frequencies of the sines [Hz], and their amplitudes relative to the largest.
 DRIVES = (1.0, 2.0, 5.0, 10.0, 14.0, 20.0, 33.0, 50.0, 70.0, 100.0, 150.0, 200.0, 300.0, 500.0)
 SHARES = (0.99, 0.5)
-# A sine lasts so many periods, and no shorter than so long [s].
+# Number of periods of a sine, and its shortest duration [s].
 PERIODS, SHORTEST = 5, 1.0
-# Ticks per period below which a sine is a caricature of itself.
+# Smallest number of ticks per period of a sine.
 FINEST = 6
-# Of steps: how long they are held [s], and how fast they are where nothing limits the slew [s].
+# Hold times of the steps [s], and rise time without a slew limit [s].
 HOLDS, RISE = (4.0, 12.0, 30.0), 0.005
 RESTS = (5.0, 20.0)
 
 
 def catalogue(limits: ExperimentLimits, rate: float) -> tuple[PlannedExperiment, ...]:
-    """Return every experiment within the limits, in an order that never changes.
+    """Return every experiment within the limits, in a fixed order.
 
     Parameters
     ----------
     limits : ExperimentLimits
-        What the user allows.
+        Limits set by the user.
     rate : float
         Ticks per second [Hz].
 
     Raises
     ------
     InvestigationError
-        If they allow none.
+        If the limits allow no experiment.
     """
     highest = min(limits.frequency, rate / FINEST)
     made = (
@@ -51,7 +51,7 @@ def catalogue(limits: ExperimentLimits, rate: float) -> tuple[PlannedExperiment,
 
 
 def _wanted(limits: ExperimentLimits, highest: float) -> Iterator[tuple[str, Spec, float, float]]:
-    """Yield name, main part, its length [s] and the frequency [Hz] of every experiment."""
+    """Yield name, main part, its duration [s] and drive frequency [Hz] of every experiment."""
     full = SHARES[0] * limits.amplitude
     for share in SHARES:
         for drive in (drive for drive in DRIVES if drive <= highest):
@@ -85,7 +85,7 @@ def _sine(
 def _chirp(amplitude: float, highest: float) -> tuple[str, Spec, float, float]:
     first = min(1.0, 0.5 * highest)
     mean = 0.5 * (first + highest)
-    length = ceil(4.0 * mean) / mean  # whole turns: it ends at the middle
+    length = ceil(4.0 * mean) / mean  # whole periods: the chirp ends at its center voltage
     main = {
         'kind': 'chirp', 'amplitude': amplitude, 'frequency': first, 'highest': highest,
         'duration': length, 'ramp': 0.2,

@@ -1,4 +1,4 @@
-"""Which experiment is worth its time most: what it is expected to tell, per second."""
+"""Selection of the next experiment by expected information per second."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.predict import Outlook, answer_of, sensitivities_of
 from piezo_hysteresis.investigation.undetected import Hidden
 
-# How often one experiment may be run.
+# Largest number of runs of one experiment.
 MOST_RUNS = 2
 
 
 @dataclass(frozen=True)
 class ExperimentChoice:
-    """The next experiment, and why.
+    """The next experiment and the reason of its selection.
 
     Attributes
     ----------
     experiment : PlannedExperiment
-        Which.
+        The selected experiment.
     discrimination : float
-        By how much it is expected to lower the entropy of the rivals' names [nats].
+        Expected decrease of the entropy of the candidate names [nats].
     news : float
-        Probability that it shows something that no record so far has shown.
+        Probability that it shows an effect that no record so far has shown.
     why : str
-        In one sentence.
+        Reason, in one sentence.
     """
 
     experiment: PlannedExperiment
@@ -43,12 +43,12 @@ class ExperimentChoice:
 
     @property
     def worth(self) -> float:
-        """What it is expected to tell [nats]."""
+        """Expected information [nats]."""
         return self.discrimination + binary_entropy(self.news)
 
     @property
     def rate(self) -> float:
-        """The same per second of actuator time [nats/s]."""
+        """Expected information per second of actuator time [nats/s]."""
         return self.worth / self.experiment.seconds
 
 
@@ -59,20 +59,20 @@ def choices(
     done: Sequence[str],
     seconds: float,
 ) -> list[ExperimentChoice]:
-    """Return what may be done next, the most telling per second first.
+    """Return the possible next experiments, highest expected information per second first.
 
     Parameters
     ----------
     outlooks : sequence of Outlook
-        The experiments.
+        Experiments with their predictions.
     belief : Belief
-        What is believed.
+        Present belief.
     hidden : Hidden
-        What may be missing besides.
+        Effects that may be missing without a visible residual.
     done : sequence of str
-        Names of those that have been run.
+        Names of the experiments so far.
     seconds : float
-        Actuator time that is left [s].
+        Remaining actuator time [s].
     """
     runs = Counter(done)
     possible = [
@@ -91,10 +91,11 @@ def unseen(
     done: Sequence[str],
     seconds: float,
 ) -> list[ExperimentChoice]:
-    """Return what has not been run yet, as if nothing had: what shows most per second first.
+    """Return the experiments that have not run yet, ranked as if no record existed.
 
-    Where something is seen that nobody can name, none of the rivals is right, and what tells them
-    apart says little. Then more of what is seen, under other circumstances, leads on.
+    If a significant residual matches no candidate, none of the candidates is correct and their
+    discrimination has little value. Records of this residual under other conditions add more
+    information.
     """
     new = [each for each in outlooks if each.experiment.name not in done]
     return [
@@ -118,9 +119,9 @@ def _judged(
 
 
 def nats_between(rivals: Sequence[Rival], seen: Outlook) -> FloatArray:
-    """Return by how much rival j would lose where rival i is right, shape (n, n) [nats].
+    """Return the loss of log likelihood of candidate j if candidate i is correct, (n, n) [nats].
 
-    Rival j may move its values within what they are known to, and so come nearer.
+    Candidate j may adapt its values within their uncertainty and so reduce the difference.
     """
     answers = [answer_of(rival.fit, seen.view) for rival in rivals]
     rows = [sensitivities_of(rival.fit, rival.deviations, seen.view) for rival in rivals]
@@ -132,7 +133,7 @@ def nats_between(rivals: Sequence[Rival], seen: Outlook) -> FloatArray:
 
 
 def _best_pair(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> tuple[str, str]:
-    """Return the two names that an experiment tells apart best, the likelier first."""
+    """Return the two names that an experiment distinguishes best, the more probable first."""
     worth = np.outer(chances, chances) * (1.0 - np.exp(-np.maximum(nats, 0.0)))
     i, j = np.unravel_index(int(np.argmax(worth)), worth.shape)
     one, other = (i, j) if chances[i] >= chances[j] else (j, i)

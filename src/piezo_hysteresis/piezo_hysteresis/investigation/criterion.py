@@ -1,9 +1,10 @@
-"""What an experiment is expected to tell, as functions of plain numbers.
+"""Expected information of an experiment, as functions of plain numbers.
 
-Between rivals the expected loss of entropy decides, as in the criteria of Hunter and Reiner 1965
-and of Box and Hill 1967, of which it is the form that saturates: rivals that are distinguished for
-sure cannot be distinguished better. What no rival explains yet may still be hidden in a size that
-the records so far would not have shown; an experiment that would show more sizes is worth more.
+Candidates are discriminated by the expected decrease of entropy, as in the criteria of Hunter and
+Reiner 1965 and of Box and Hill 1967. This form saturates: candidates that are distinguished with
+certainty cannot be distinguished better. An effect outside the candidates may be hidden with a
+size that the records so far would not show; an experiment that detects more of these sizes has a
+higher value.
 """
 
 from __future__ import annotations
@@ -14,34 +15,34 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 
-# Sizes of a hidden effect, over its usual size, between which any is as likely by its logarithm.
+# Bounds of the log-uniform prior of the size of a hidden effect, relative to its usual size.
 SMALLEST, LARGEST = 0.05, 3.0
 
 
 def entropy(chances: FloatArray) -> float:
-    """Return the entropy of probabilities, shape (n,), that add up to 1 [nats]."""
+    """Return the entropy of probabilities, shape (n,), with sum 1 [nats]."""
     kept = chances[chances > 0.0]
     return float(-np.sum(kept * np.log(kept)))
 
 
 def grouped(chances: FloatArray, names: Sequence[str]) -> FloatArray:
-    """Return the probabilities of different names, those of equal ones added up."""
+    """Return the probabilities summed over equal names."""
     order = {name: place for place, name in enumerate(dict.fromkeys(names))}
     places = [order[name] for name in names]
     return np.asarray(np.bincount(places, chances, len(order)), dtype=np.float64)
 
 
 def discrimination(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> float:
-    """Return by how much an experiment lowers the entropy of the names, as expected [nats].
+    """Return the expected decrease of the entropy of the names by an experiment [nats].
 
     Parameters
     ----------
     chances : ndarray, shape (n,)
-        Probability of each rival before it; they add up to 1.
+        Prior probability of each candidate, with sum 1.
     names : sequence of str
-        What each rival is called; those of one name need not be distinguished.
+        Name of each candidate; candidates of one name need not be distinguished.
     nats : ndarray, shape (n, n)
-        By how much rival j loses log likelihood where rival i is right.
+        Loss of log likelihood of candidate j if candidate i is correct.
     """
     after = 0.0
     for place in np.flatnonzero(chances):
@@ -51,7 +52,7 @@ def discrimination(chances: FloatArray, names: Sequence[str], nats: FloatArray) 
 
 
 def hidden_share(size: FloatArray) -> FloatArray:
-    """Return the share of the likely sizes that lie below `size`, any shape [1]."""
+    """Return the prior probability of sizes below `size`, any shape [1]."""
     span = np.log(LARGEST / SMALLEST)
     bounded = np.clip(size, SMALLEST, LARGEST)
     return np.asarray(np.log(bounded / SMALLEST) / span)
@@ -65,13 +66,13 @@ def chance_of_news(
     Parameters
     ----------
     weights : ndarray, shape (n,)
-        Probability of each effect beforehand.
+        Prior probability of each effect.
     seen : ndarray, shape (n,)
-        Smallest size of each that would have been seen in the records so far.
+        Smallest detectable size of each effect in the records so far.
     new : ndarray, shape (n,)
-        Smallest size of each that the experiment would show.
+        Smallest detectable size of each effect in the experiment.
     nothing : float
-        Probability beforehand that nothing is hidden.
+        Prior probability that no effect is hidden.
     """
     before = hidden_share(seen)
     gained = np.maximum(before - hidden_share(new), 0.0)
@@ -79,5 +80,5 @@ def chance_of_news(
 
 
 def binary_entropy(chance: float) -> float:
-    """Return what the answer to a question of yes or no tells [nats]."""
+    """Return the entropy of a binary outcome [nats]."""
     return entropy(np.array([chance, 1.0 - chance]))

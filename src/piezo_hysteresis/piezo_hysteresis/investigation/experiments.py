@@ -1,7 +1,7 @@
-"""One experiment: a record of its own that begins and ends at rest at 0 V.
+"""Experiments: records that start and end at rest at 0 V.
 
-It begins with a conditioning, a sine that dies away, after which the actuator remembers nothing of
-what was before: all experiments begin with the same remanence.
+An experiment starts with a conditioning, a decaying sine that removes the memory of the
+hysteresis. All experiments thus start with the same remanence.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from piezo_hysteresis.waveforms import from_spec
 
 Spec = Mapping[str, Any]
 
-# Of the conditioning: turns in which it dies away, and its frequency [Hz].
+# Periods of the decaying conditioning signal, and its frequency [Hz].
 TURNS, CONDITIONING = 6, 10.0
-# Time from rest to the middle of the range, where that is not 0 V [s].
+# Time from rest to the center voltage, if that is not 0 V [s].
 APPROACH = 0.5
-# Experiments that a limit makes smaller than this share of what was meant are not worth doing.
+# Smallest permitted amplitude, as a share of the nominal one; smaller experiments are omitted.
 SMALLEST = 0.1
 # Share of a limit that is used, so that rounding does not break it.
 BELOW = 0.999
-# Its speed is seen on a grid so much finer than the ticks.
+# Oversampling factor for the slew rate, relative to the ticks.
 FINER = 8
-# A conditioning slower than this would take longer than the experiment [Hz].
+# Lowest frequency of the conditioning [Hz]; a slower one would take longer than the experiment.
 SLOWEST = 0.5
 
 
@@ -44,15 +44,15 @@ class PlannedExperiment:
     kind : str
         Waveform of its main part.
     parts : tuple of mapping
-        Specification of each part; the middle of the range is not in it yet.
+        Specification of each part, relative to the center voltage.
     frequency : float
-        Of the drive [Hz], 0 where it does not repeat.
+        Drive frequency [Hz], 0 for a non-periodic drive.
     amplitude : float
-        Of the main part [V].
+        Amplitude of the main part [V].
     prelude : float
         Time before the main part [s].
     seconds : float
-        Length with its conditioning [s].
+        Duration including the conditioning [s].
     """
 
     name: str
@@ -65,7 +65,7 @@ class PlannedExperiment:
 
     @property
     def spec(self) -> dict[str, Any]:
-        """Specification of the whole as a waveform."""
+        """Waveform specification of the whole experiment."""
         return {'kind': 'sequence', 'parts': [dict(part) for part in self.parts]}
 
     def voltage(self, rate: float) -> FloatArray:
@@ -75,7 +75,7 @@ class PlannedExperiment:
 
     @property
     def info(self) -> RecordInfo:
-        """What is known of its record; errors leave the conditioning out."""
+        """Annotation of its record; the conditioning is the warm-up and not evaluated."""
         return RecordInfo(
             excitation=self.kind,
             frequency=self.frequency,
@@ -84,7 +84,7 @@ class PlannedExperiment:
         )
 
     def record(self, name: str, measured: Record) -> Record:
-        """Return a measured record under another name, with what is known of it."""
+        """Return a measured record under another name, with the annotation of the experiment."""
         info = replace(self.info, actuator=measured.info.actuator)
         return replace(measured, name=name, info=info)
 
@@ -97,23 +97,23 @@ def composed(
     rate: float,
     frequency: float = 0.0,
 ) -> PlannedExperiment | None:
-    """Return an experiment within the limits; None where they leave too little of it.
+    """Return an experiment within the limits, or None if they reduce it too much.
 
     Parameters
     ----------
     name : str
-        What to call it.
+        Name of the experiment.
     main : mapping
-        Specification of its main part, which begins and ends at its middle of 0 V; amplitudes
-        must all be named ``amplitude`` or, of lines, ``values``.
+        Specification of the main part, which starts and ends at its center of 0 V; all its
+        amplitudes must be named ``amplitude`` or, for lines, ``values``.
     seconds : float
-        Length of the main part [s].
+        Duration of the main part [s].
     limits : ExperimentLimits
-        What must be kept; amplitudes are made smaller for the slew.
+        Limits of the experiment; amplitudes are reduced for the slew rate.
     rate : float
         Ticks per second [Hz].
     frequency : float
-        Of the drive [Hz], 0 where it does not repeat.
+        Drive frequency [Hz], 0 for a non-periodic drive.
     """
     alone = _sampled((main,), seconds, FINER * rate)
     speed = fastest(alone, 1.0 / (FINER * rate))
@@ -148,7 +148,7 @@ def _length(part: Spec) -> float:
 
 
 def _prelude(limits: ExperimentLimits) -> tuple[Spec, ...] | None:
-    """Return the way to the middle of the range and the conditioning about it."""
+    """Return the transition to the center voltage and the conditioning about it."""
     amplitude = limits.amplitude
     frequency = min(
         CONDITIONING, limits.frequency, BELOW * limits.slew / (2.0 * np.pi * amplitude)

@@ -1,9 +1,9 @@
-"""What the actuator went through before each record of an investigation.
+"""Voltage history of the actuator before each record of an investigation.
 
-Creep, heat and fatigue outlast an experiment and its conditioning. But all that was commanded
-since the first experiment is known, and between two of them the actuator rests at 0 V. So a model
-is led through that before a record begins, on one clock for all of them, and what it says of slow
-states is carried from one record to the next: nothing more has to be known, nor waited for.
+Creep, heat and fatigue outlast an experiment and its conditioning. All commands since the first
+experiment are known, and the actuator rests at 0 V between experiments. The model is therefore
+simulated through this history before each record, on one common clock, and its slow states carry
+over from one record to the next. Neither a free initial condition nor a waiting time is needed.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.records import Record
 
-# What was longer ago is left out [s]: what is slower than that looks like a zero, and every record
-# is simulated with all that went before it.
+# Length of the history before a record [s]: every record is simulated with its history, and a
+# slower state is indistinguishable from a zero offset.
 LONGEST = 60.0
 
 
 class History:
-    """The records so far as one course of the voltage."""
+    """The records so far as one continuous voltage signal."""
 
     def __init__(self) -> None:
         self._last: Record | None = None
@@ -29,22 +29,24 @@ class History:
 
     @property
     def known(self) -> bool:
-        """Whether the actuator is where the last record left it."""
+        """Whether the state of the actuator follows from the last record."""
         return self._last is not None
 
     def forget(self) -> None:
-        """Note that the actuator did something else since the last record."""
+        """Discard the history, because the actuator received other commands."""
         self._last = None
 
     def following(self, record: Record) -> Record:
-        """Return a record with what went before it, and remember it.
+        """Return a record with its voltage history, and append it to the history.
 
         Parameters
         ----------
         record : Record
-            The next one, which begins at rest at 0 V; its start is read on the clock of the
-            actuator. If it lies before the end of the last one, that clock was started anew and
-            nobody knows what went before.
+            Next record, which starts at rest at 0 V; its start time refers to the clock of the
+            actuator.
+            If it lies before the end of the last record, the clock was restarted and the history
+            is
+            unknown.
         """
         start, before = record.start - self._zero, None
         if self._last is not None:
@@ -58,7 +60,10 @@ class History:
         return self._last
 
     def _gone_through(self, rest: int, most: int) -> FloatArray:
-        """Return at most so many ticks before a record that follows the last one after a rest."""
+        """Return the voltage before a record that starts after `rest` ticks at 0 V.
+
+        The voltage is limited to the last `most` ticks.
+        """
         assert self._last is not None
         known = (self._last.before, self._last.voltage, np.zeros(min(rest, most)))
         return np.concatenate([part for part in known if part is not None])[-most:]

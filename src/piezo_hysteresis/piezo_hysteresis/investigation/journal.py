@@ -1,8 +1,8 @@
-"""The folder of an investigation: what was asked and why, what it answered, and every bag.
+"""Folder of an investigation: conditions, choices with reasons, results and bags.
 
-``baseline.yaml`` is the model at the beginning, ``journal.jsonl`` holds the conditions in its
-first line and then a line for each experiment, ``bags/NN`` its record. From these it goes on after
-an interruption, and can be repeated.
+``baseline.yaml`` is the initial model. ``journal.jsonl`` holds the conditions in its first line
+and one line per experiment; ``bags/NN`` are the records. From these files an investigation
+continues after an interruption and can be evaluated again.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ BASELINE, JOURNAL, BAGS = 'baseline.yaml', 'journal.jsonl', 'bags'
 
 @dataclass(frozen=True)
 class Setup:
-    """Under which conditions an investigation goes.
+    """Conditions of an investigation.
 
     Attributes
     ----------
     model : ModelFile
         The model in use.
     limits : ExperimentLimits
-        What no experiment may exceed.
+        Limits of every experiment.
     rules : Rules
-        When it ends.
+        Stopping rules.
     rate : float
         Ticks per second [Hz].
     """
@@ -48,11 +48,11 @@ class Setup:
     rate: float
 
     def investigation(self, workers: int = 1) -> Investigation:
-        """Return the investigation at its beginning."""
+        """Return the investigation in its initial state."""
         return Investigation(self.model, self.limits, self.rate, self.rules, workers)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the conditions, without the model."""
+        """Return the conditions without the model."""
         return {
             'investigation': 1,
             'limits': self.limits.to_dict(),
@@ -62,16 +62,16 @@ class Setup:
 
 
 class Journal:
-    """What has been done in a folder, line by line.
+    """Log of the experiments of a folder, one line each.
 
     Parameters
     ----------
     folder : Path
-        Of the investigation.
+        Folder of the investigation.
     setup : Setup
         Its conditions.
     lines : sequence of dict
-        What has been done.
+        Lines of the finished experiments.
     """
 
     def __init__(self, folder: Path, setup: Setup, lines: Sequence[dict[str, Any]] = ()) -> None:
@@ -79,16 +79,16 @@ class Journal:
 
     @classmethod
     def create_or_resume(cls, folder: Path, setup: Setup) -> Journal:
-        """Begin a journal, or go on with one of the same conditions; the budget may be another.
+        """Create a journal, or continue one with the same conditions; the budget may differ.
 
-        Nothing is written before something is run, so that what is refused leaves nothing.
+        No file is written before the first experiment, so that a rejected call leaves no files.
 
         Raises
         ------
         InvestigationError
-            If the folder holds something else.
+            If the folder contains other files or another investigation.
         """
-        # as the file holds it, which rounds: a repetition shall begin with the same numbers
+        # rounded as in the file, so that a repetition starts with the same numbers
         setup = replace(setup, model=ModelFile.parse(setup.model.text()))
         if (folder / JOURNAL).is_file():
             found = cls.read(folder)
@@ -111,7 +111,7 @@ class Journal:
         Raises
         ------
         InvestigationError
-            If there is none, or it is damaged.
+            If the journal is missing or damaged.
         """
         try:
             text = (folder / JOURNAL).read_text(encoding='utf-8')
@@ -131,11 +131,11 @@ class Journal:
         return cls(folder, setup, lines)
 
     def bag(self, number: int) -> Path:
-        """Return the bag of an experiment, counted from 1."""
+        """Return the bag path of an experiment; numbers start at 1."""
         return self.folder / BAGS / f'{number:02}'
 
     def cleared(self, number: int) -> Path:
-        """Return the bag of an experiment that is about to run; what was broken off is gone.
+        """Return the bag path of the next experiment, after removal of an incomplete bag.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class Journal:
         return path
 
     def add(self, choice: ExperimentChoice, answer: ExperimentAnswer, follows: bool) -> None:
-        """Write down an experiment and what it led to; it `follows` the one before at rest."""
+        """Append an experiment and its result; `follows` states a rest since the previous one."""
         budget = self.setup.rules.budget
         self.lines.append(line_of(len(self.lines) + 1, choice, answer, follows, budget))
         self._write()
@@ -178,10 +178,11 @@ class Journal:
 def line_of(
     number: int, choice: ExperimentChoice, answer: ExperimentAnswer, follows: bool, budget: float
 ) -> dict[str, Any]:
-    """Return an experiment and what it led to, as it stands in the journal.
+    """Return the journal line of an experiment and its result.
 
-    It `follows` the one before where the actuator rested in between, and was chosen as one that
-    the `budget` [s] allowed.
+    `follows` states that the actuator rested since the previous experiment. The experiment was
+    chosen
+    within the `budget` [s].
     """
     return {
         'number': number,
@@ -201,7 +202,7 @@ def line_of(
 
 
 def believed(belief: Belief) -> dict[str, Any]:
-    """Return a belief as it stands in the journal."""
+    """Return a belief as a dictionary for the journal."""
     return {
         'verdict': belief.verdict,
         'names': list(belief.names),
@@ -211,7 +212,7 @@ def believed(belief: Belief) -> dict[str, Any]:
 
 
 def belief_from(content: dict[str, Any]) -> Belief:
-    """Return a belief from what `believed` made of it: what rivals there were it does not say."""
+    """Return a belief from the output of `believed`, which does not contain the candidates."""
     chances = dict(content['chances'])
     return Belief(
         content['verdict'],
@@ -225,11 +226,11 @@ def belief_from(content: dict[str, Any]) -> Belief:
 
 
 def record_of(bag: Path) -> Record:
-    """Return the record of a bag, on the clock of the actuator.
+    """Return the record of a bag, with times on the clock of the actuator.
 
     Raises
     ------
     PiezoError
-        If it holds none that counts.
+        If the bag contains no valid record.
     """
     return load([bag])[-1]

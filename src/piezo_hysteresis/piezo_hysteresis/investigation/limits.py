@@ -1,4 +1,4 @@
-"""What an experiment may ask of an actuator, as its user says."""
+"""Safety limits of experiments, set by the user."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 
-# Rounding of commands that is no breach of a limit.
+# Relative rounding of commands that does not violate a limit.
 _ROUNDING = 1e-9
 
 
 class InvestigationError(PiezoError):
-    """An investigation cannot be done as it was asked for."""
+    """An investigation cannot run with the given settings."""
 
 
 @dataclass(frozen=True)
 class ExperimentLimits:
-    """What no experiment may exceed.
+    """Limits of every experiment.
 
     Attributes
     ----------
     low, high : float
-        Range of the commanded voltage [V]; 0 V, where the actuator rests, lies within.
+        Range of the commanded voltage [V]; it contains 0 V, where the actuator rests.
     slew : float
-        Largest change of the command [V/s].
+        Largest slew rate of the command [V/s].
     frequency : float
         Highest frequency of a drive [Hz].
     stroke : float
-        Largest range of the displacement that the model in use predicts [m].
+        Largest range of the displacement predicted by the model in use [m].
     heat : float
-        Largest mean of frequency times amplitude squared over an experiment [V^2 Hz]: losses in
-        the actuator and its amplifier grow with it.
+        Largest mean of frequency times amplitude squared over an experiment [V^2 Hz]; losses in
+        the actuator and its amplifier increase with it.
 
     Raises
     ------
     InvestigationError
-        If they leave nothing to do.
+        If the limits are invalid.
     """
 
     low: float
@@ -65,21 +65,23 @@ class ExperimentLimits:
 
     @property
     def middle(self) -> float:
-        """Voltage about which experiments swing [V]."""
+        """Center voltage of the experiments [V]."""
         return 0.5 * (self.low + self.high)
 
     @property
     def amplitude(self) -> float:
-        """Largest amplitude about the middle [V]."""
+        """Largest amplitude about the center voltage [V]."""
         return 0.5 * (self.high - self.low)
 
     def refusal(self, voltage: FloatArray, dt: float) -> str:
-        """Return which limit commands break, empty where they keep all but that of the stroke.
+        """Return the name of the violated limit, empty if there is none.
+
+        The stroke is not checked.
 
         Parameters
         ----------
         voltage : ndarray, shape (n,)
-            Commands, one per tick; before the first and after the last stands 0 V.
+            Commands, one per tick; the command is 0 V before the first and after the last one.
         dt : float
             Time between two ticks [s].
         """
@@ -91,34 +93,34 @@ class ExperimentLimits:
         return 'heat' if heat_of(voltage, dt) > self.heat else ''
 
     def to_dict(self) -> dict[str, float | None]:
-        """Return plain numbers for JSON; None where there is no limit."""
+        """Return plain numbers for JSON; None for an unlimited quantity."""
         return {k: v if isfinite(v) else None for k, v in asdict(self).items()}
 
     @classmethod
     def parse(cls, content: dict[str, float | None]) -> ExperimentLimits:
-        """Return limits from what `to_dict` made."""
+        """Return the limits from the output of `to_dict`."""
         return cls(**{k: inf if v is None else float(v) for k, v in content.items()})
 
 
 def granted_range(
     asked: tuple[float, float], taken: tuple[float, float], model: ModelFile
 ) -> tuple[float, float]:
-    """Return the limits of an investigation [V]: those that were asked for, kept as they are.
+    """Return the voltage limits of an investigation [V]; requested limits are kept or rejected.
 
     Parameters
     ----------
     asked : tuple of float
-        Of the goal; both 0, which are no range, where none are given: then those within which
-        the model was judged.
+        Limits of the goal; both 0 if none are given. The default is the range in which the model
+        was evaluated.
     taken : tuple of float
-        Which voltages the actuator takes; both 0 where it does not say.
+        Voltage range of the actuator; both 0 if unknown.
     model : ModelFile
-        In use.
+        Model in use.
 
     Raises
     ------
     InvestigationError
-        If they are no range, exceed what the actuator takes, or nobody gives any.
+        If the limits are not a range, exceed the range of the actuator, or are unknown.
     """
     if asked == (0.0, 0.0):
         asked = known_range(*taken, model) if taken[0] < taken[1] else taken
@@ -137,10 +139,10 @@ def granted_range(
 
 
 def known_range(low: float, high: float, model: ModelFile) -> tuple[float, float]:
-    """Return the part of a range of voltages [V] in which a model was judged.
+    """Return the part of a voltage range [V] in which the model was evaluated.
 
-    Beyond it nobody knows what the model misses. A range that reaches below 0 V is used on both
-    sides of it.
+    Outside it the discrepancy of the model is unknown. A range that extends below 0 V is used
+    symmetrically.
     """
     conditions = model.discrepancy.conditions if model.discrepancy is not None else ()
     known = max((each.amplitude for each in conditions), default=inf)
@@ -150,7 +152,7 @@ def known_range(low: float, high: float, model: ModelFile) -> tuple[float, float
 
 
 def fastest(voltage: FloatArray, dt: float) -> float:
-    """Return the largest change of commands [V/s], that from and to rest at 0 V included."""
+    """Return the largest slew rate of the commands [V/s], with the transitions from and to 0 V."""
     change = np.diff(voltage, prepend=0.0, append=0.0)
     return float(np.max(np.abs(change))) / dt
 

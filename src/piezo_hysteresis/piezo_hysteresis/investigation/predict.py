@@ -1,4 +1,4 @@
-"""What rivals and hidden effects would do in an experiment that has not been run."""
+"""Predicted responses of candidates and hidden effects in experiments that have not run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _EDGE = 4
 
 
 def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
-    """Return an experiment as a fit would see it, with nothing measured."""
+    """Return an experiment as a view for the fit functions, with zero measured displacement."""
     voltage = np.concatenate([np.zeros(_EDGE), experiment.voltage(rate)])
     first = _EDGE + round(experiment.prelude * rate)
     return Target(
@@ -48,22 +48,22 @@ def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
 
 @dataclass(frozen=True)
 class Outlook:
-    """An experiment, and what the model in use says of it.
+    """An experiment with the prediction of the model in use.
 
     Attributes
     ----------
     experiment : PlannedExperiment
-        Which.
+        The experiment.
     view : Target
-        As a fit would see it.
+        The experiment as a view of the fit functions.
     answer : ndarray, shape (n,)
-        Displacement that the model in use predicts, after the conditioning [m].
+        Displacement predicted by the model in use, after the conditioning [m].
     stroke : float
-        Its range, the conditioning included [m].
+        Range of the predicted displacement, including the conditioning [m].
     expected : Expectation
-        What may be left there without its being news.
+        Expected residual power from noise and known discrepancy.
     clock : float
-        By how much the clock of its record may be other than that of the model [s].
+        Largest difference of the sampling offset of the record from that of the model [s].
     """
 
     experiment: PlannedExperiment
@@ -75,18 +75,20 @@ class Outlook:
 
     @cached_property
     def slope(self) -> FloatArray:
-        """Derivative of the answer by a clock that runs late [m/s], its mean taken off."""
+        """Derivative of the response by a sampling delay [m/s], without its mean."""
         slope = np.gradient(self.answer, self.view.dt)
         return np.asarray(slope - slope.mean())
 
     def gap(
         self, one: FloatArray, other: FloatArray, rows: FloatArray | None = None
     ) -> FloatArray:
-        """Return by how much two answers differ beyond what nobody knows anyway [m].
+        """Return the difference of two responses beyond nuisance parameters and uncertainty [m].
 
-        The mean, since the zero of a record is its own; a clock that is off by what clocks move;
-        and what small changes, `rows` of shape (p, n), of the fitted values can do, each of them
-        one standard deviation.
+        Removed are the mean, because the zero offset of a record is free; a sampling offset within
+        its
+        bounds; and small changes of the fitted values, whose responses to one standard deviation
+        are
+        `rows` of shape (p, n).
         """
         gap = one - other
         gap = gap - gap.mean()
@@ -104,7 +106,7 @@ class Outlook:
         return np.asarray(gap - moved @ own)
 
     def nats(self, gap: FloatArray, size: float = 1.0) -> float:
-        """Return by how much a model that is wrong by `size` times `gap` loses [nats]."""
+        """Return the loss of log likelihood by an error of `size` times `gap` [nats]."""
         return self._cost(self.expected.powers(gap) * size**2)
 
     def _cost(self, powers: FloatArray) -> float:
@@ -114,7 +116,10 @@ class Outlook:
         return self.expected.cost(known + powers) - self.expected.cost(known)
 
     def smallest_seen(self, gap: FloatArray, sizes: FloatArray, sure: float) -> float:
-        """Return the smallest of `sizes`, rising, at which `gap` would be news and sure [1]."""
+        """Return the smallest of the ascending `sizes` at which `gap` is detected [1].
+
+        Detected means a new deviation with a loss of log likelihood of at least `sure` [nats].
+        """
         powers = self.expected.powers(gap)
         known = self.expected.expected
         for size in sizes:
@@ -125,14 +130,14 @@ class Outlook:
 
 
 def answer_of(spec: ModelSpec, view: Target) -> FloatArray:
-    """Return what a model answers in a view [m]; infinite where it diverges."""
+    """Return the response of a model in a view [m]; infinite after divergence."""
     return np.asarray(-errors_of(spec, (view,))[0])
 
 
 def outlook(
     experiment: PlannedExperiment, given: ModelFile, known: Discrepancy, rate: float
 ) -> Outlook:
-    """Return what the model in use, that of a file, says of an experiment."""
+    """Return an experiment with the prediction of the model of a file."""
     view = view_of(experiment, rate, known.noise)
     base = in_use(given)
     answer = answer_of(base, view)
@@ -145,12 +150,12 @@ def outlook(
 
 
 def in_use(given: ModelFile) -> ModelSpec:
-    """Return the model of a file with its own clock."""
+    """Return the model of a file with its sampling offset."""
     return ModelSpec(given.model, dict(given.values), sampling_offset=given.sampling_offset)
 
 
 def sensitivities_of(spec: ModelSpec, deviations: dict[str, float], view: Target) -> FloatArray:
-    """Return what a change of each value by its deviation does, shape (p, n) [m]."""
+    """Return the response to one standard deviation of each value, shape (p, n) [m]."""
     answer = answer_of(spec, view)
     rows = []
     for name, deviation in deviations.items():
@@ -173,5 +178,5 @@ def _moved(spec: ModelSpec, name: str, step: float, view: Target) -> FloatArray 
 
 
 def within(outlooks: Sequence[Outlook], stroke: float) -> list[Outlook]:
-    """Return those in which the model in use stays within a stroke [m]."""
+    """Return the experiments with a predicted stroke within a limit [m]."""
     return [each for each in outlooks if each.stroke <= stroke]

@@ -1,4 +1,4 @@
-"""The whole course: go on where it stood, choose, run, judge, write down, apply, look again."""
+"""Execution of an investigation: resume, select, run, evaluate, log, apply and verify."""
 
 from __future__ import annotations
 
@@ -32,32 +32,32 @@ FOUND, SUMMARY, AFTERWARDS = 'found', 'investigation.json', 'afterwards'
 
 
 class Actuator(Protocol):
-    """What can run an experiment and use a model."""
+    """Interface to an actuator that runs experiments and uses a model."""
 
     def run(self, experiment: PlannedExperiment, bag: Path) -> bool:
-        """Run an experiment and record it in a new bag; at rest at 0 V afterwards.
+        """Run an experiment and record it in a new bag; the actuator rests at 0 V afterwards.
 
-        Returns whether the actuator rested until then, since the experiment before.
+        Returns whether the actuator rested between the previous experiment and this one.
         """
 
     def apply(self, model: ModelFile) -> str:
-        """Use a model from now on; return in words who does."""
+        """Use a model from now on; return a description of the nodes that use it."""
 
 
 @dataclass(frozen=True)
 class InvestigationProgress:
-    """How an investigation stands.
+    """Progress of an investigation.
 
     Attributes
     ----------
     stage : str
         ``prepare``, ``run``, ``judge`` or ``apply``.
     number : int
-        Of the experiment, from 1.
+        Number of the experiment, from 1.
     experiment, why, answer : str
-        Which, why it was chosen, and what the last one answered.
+        Name of the experiment, reason of its selection, and result of the last one.
     chances : dict of str to float
-        What is believed.
+        Present probability by effect.
     spent, fraction : float
         Actuator time so far [s], and as a share of the budget.
     """
@@ -77,27 +77,27 @@ OnProgress = Callable[[InvestigationProgress], None]
 
 @dataclass(frozen=True)
 class Result:
-    """What an investigation ended with.
+    """Result of an investigation.
 
     Attributes
     ----------
     stop : Stop
-        Why it ended.
+        Reason of the end.
     verdict : str
         ``none``, ``named`` or ``unknown``.
     effects : dict of str to float
-        What was named, with its probability.
+        Named effects with their probabilities.
     experiments : int
-        How many were run.
+        Number of experiments.
     seconds : float
-        Actuator time of them [s].
+        Actuator time of the experiments [s].
     before_in_floors, after_in_floors : float
-        Gap without and with what was found on a record taken at the end, in multiples of the
-        noise; NaN where none was taken.
+        Gap without and with the named effects on a record taken at the end, in multiples of the
+        noise; NaN without such a record.
     applied : str
-        Who uses the model now; empty for nobody.
+        Nodes that use the new model; empty for none.
     words : str
-        All that in a sentence.
+        Summary in a sentence.
     """
 
     stop: Stop
@@ -120,27 +120,27 @@ def conduct(
     workers: int = 1,
     apply: bool = True,
 ) -> Result:
-    """Investigate an actuator, or go on where a folder says that it stood.
+    """Run an investigation, or continue the one of a folder.
 
     Parameters
     ----------
     folder : Path
-        Of the investigation: journal, bags, and in the end the verdict.
+        Folder of the investigation, with journal, bags and finally the verdict.
     setup : Setup
-        Its conditions.
+        Conditions of the investigation.
     actuator : Actuator
-        That runs experiments.
+        Actuator that runs the experiments.
     on_progress : callable
         Called with the progress.
     workers : int
-        Threads of a discovery.
+        Number of threads of a discovery.
     apply : bool
-        Let the actuator use what was found.
+        Whether the actuator uses the new model.
 
     Raises
     ------
     PiezoError
-        If an experiment cannot be run, or nothing can be said from the records.
+        If an experiment cannot run or the records cannot be evaluated.
     """
     journal = Journal.create_or_resume(folder, setup)
     on_progress(InvestigationProgress('prepare'))
@@ -151,7 +151,7 @@ def conduct(
 
 
 class _Course:
-    """An investigation on its way."""
+    """A running investigation."""
 
     def __init__(
         self,
@@ -164,7 +164,7 @@ class _Course:
         self._actuator, self._on_progress = actuator, on_progress
 
     def go_on(self) -> None:
-        """Take in what has been done already; what was believed on the way is in the journal."""
+        """Load the finished experiments; the intermediate beliefs are in the journal."""
         lines = self._journal.lines
         for line in lines:
             taken_in(self._now, self._journal, line)
@@ -174,7 +174,7 @@ class _Course:
             self._now.history.forget()
 
     def to_the_end(self) -> Stop:
-        """Run experiments until it is settled."""
+        """Run experiments until a stopping rule applies."""
         while True:
             choice = self._now.next()
             if isinstance(choice, Stop):
@@ -186,10 +186,10 @@ class _Course:
             self._tell('judge', number, name, choice.why)
             answer = self._now.take(choice.experiment, record)
             self._journal.add(choice, answer, follows)
-            self._tell('judge', number, name, choice.why)  # and what it answered
+            self._tell('judge', number, name, choice.why)  # now with the result
 
     def _run(self, experiment: PlannedExperiment, bag: Path) -> tuple[Record, bool]:
-        """Return the record of an experiment, and whether it follows the one before at rest."""
+        """Return the record of an experiment, and whether it follows the previous one at rest."""
         follows = self._actuator.run(experiment, bag) and self._now.history.known
         if not follows:
             self._now.history.forget()
@@ -202,7 +202,7 @@ class _Course:
         return record, follows
 
     def concluded(self, stop: Stop, apply: bool) -> Result:
-        """Write the verdict, use the model, and look how far it is away now."""
+        """Write the verdict, apply the model and measure the remaining gap."""
         now, folder = self._now, self._journal.folder
         found = now.found
         if found is None:
@@ -210,7 +210,7 @@ class _Course:
         data = [str(self._journal.bag(k + 1)) for k in range(len(now.answers))]
         write_discovery(folder / FOUND, found, data)
         applied, gaps = '', (float('nan'), float('nan'))
-        # what is not settled is not used, and no time is spent that nobody allowed
+        # an unconfirmed model is not applied, and the actuator time stays within the budget
         if now.belief.names and stop.reason != 'budget':
             better = found.model_file(data)
             last = len(now.answers)
@@ -229,7 +229,7 @@ class _Course:
         return result
 
     def _widest(self) -> PlannedExperiment:
-        """Return the experiment in which the model in use was furthest from the actuator."""
+        """Return the experiment with the largest gap of the model in use."""
         records = zip(self._now.answers, self._now.records, strict=True)
         gaps = [(gap_in_floors(self._now.model, r, 1.0), a.experiment) for a, r in records]
         return max(gaps, key=lambda pair: pair[0])[1]
@@ -269,7 +269,7 @@ class _Course:
 
 
 def taken_in(now: Investigation, journal: Journal, line: dict[str, Any]) -> None:
-    """Take in a record that the journal tells of, and what was believed after it."""
+    """Add a record of the journal and the belief after it."""
     if not line.get('follows', False):
         now.history.forget()
     experiment = now.experiment(line['experiment'])
@@ -277,7 +277,7 @@ def taken_in(now: Investigation, journal: Journal, line: dict[str, Any]) -> None
 
 
 def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
-    """Return the rms of what a model leaves of a record, in multiples of a noise floor [1]."""
+    """Return the rms residual of a model on a record, in multiples of a noise floor [1]."""
     late = model.sampling_offset
     (view,) = views_of(
         model.model, model.values, [record], late, Choices(start='step', zero='record')
@@ -289,16 +289,16 @@ def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
 
 @dataclass(frozen=True)
 class Repeated:
-    """An investigation repeated from its bags.
+    """An investigation evaluated again from its bags.
 
     Attributes
     ----------
     lines : tuple of dict
-        What each experiment led to, as in the journal.
+        Result of each experiment, as in the journal.
     stop : Stop or None
-        Why it ended; None where it was broken off.
+        Reason of the end; None if the investigation was interrupted.
     differences : tuple of str
-        Where it went otherwise than the journal says.
+        Deviations from the journal.
     """
 
     lines: tuple[dict[str, Any], ...]
@@ -309,12 +309,12 @@ class Repeated:
 def repeated(
     folder: Path, workers: int = 1, on_progress: OnProgress = lambda progress: None
 ) -> Repeated:
-    """Repeat an investigation from its bags; nothing is run and nothing written.
+    """Evaluate an investigation again from its bags; no experiment runs and no file is written.
 
     Raises
     ------
     PiezoError
-        If the folder holds none, or a bag is damaged.
+        If the folder contains no investigation or a bag is damaged.
     """
     journal = Journal.read(folder)
     on_progress(InvestigationProgress('prepare'))

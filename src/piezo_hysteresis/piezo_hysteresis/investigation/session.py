@@ -1,7 +1,7 @@
-"""An investigation: choose, look at what came, believe something else, until it is settled.
+"""State of an investigation: next experiment, belief and stopping rules.
 
-It runs nothing itself. The caller, who has an actuator, asks it for the next experiment, runs that
-and hands in the record; the same records in the same order lead to the same choices and verdict.
+It runs no experiment itself. The caller requests the next experiment, runs it on the actuator and
+passes the record back. Equal records in equal order lead to equal choices and verdicts.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from piezo_hysteresis.records import Record
 
 @dataclass(frozen=True)
 class Rules:
-    """When an investigation ends.
+    """Stopping rules of an investigation.
 
     Attributes
     ----------
     budget : float
-        Actuator time that may be spent [s].
+        Actuator time budget [s].
     sure : float
-        Probability from which a name is sure [1].
+        Probability from which a name is certain [1].
     confirmed : int
-        Further experiments that a sure name must have survived [1].
+        Number of further experiments that must confirm a certain name [1].
     quiet : float
-        Chance to show something new below which an experiment is not worth running for it [1].
+        Probability of a new effect below which an experiment is not worth running [1].
     least : float
-        By how much an experiment must lower the entropy of the rivals to be worth running for
-        that [nats].
+        Decrease of the entropy of the candidate names below which an experiment is not worth
+        running [nats].
     nameless : int
-        Experiments in a row after which what has no name is given up [1].
+        Consecutive experiments after which the search for an unknown effect ends [1].
     seed : int
-        Of every random choice.
+        Seed of all random choices.
     """
 
     budget: float = 200.0
@@ -63,14 +63,14 @@ class Rules:
 
 @dataclass(frozen=True)
 class Stop:
-    """Why an investigation is over.
+    """Reason of the end of an investigation.
 
     Attributes
     ----------
     reason : str
         ``sure``, ``nothing``, ``budget`` or ``exhausted``.
     words : str
-        In one sentence.
+        Reason in one sentence.
     """
 
     reason: str
@@ -79,16 +79,16 @@ class Stop:
 
 @dataclass(frozen=True)
 class ExperimentAnswer:
-    """What one experiment led to.
+    """Result of one experiment.
 
     Attributes
     ----------
     experiment : PlannedExperiment
-        That was run.
+        The experiment.
     before, after : Belief
-        What was believed before it and after it.
+        Belief before and after it.
     spent : float
-        Actuator time so far, this one included [s].
+        Actuator time so far, including this experiment [s].
     """
 
     experiment: PlannedExperiment
@@ -98,7 +98,7 @@ class ExperimentAnswer:
 
     @property
     def words(self) -> str:
-        """What it answered, in one sentence."""
+        """Result in one sentence."""
         after = self.after
         if after.verdict == 'none':
             return f'no new residual above the noise; no missing effect with {_chance(after)}'
@@ -115,38 +115,38 @@ def _chance(belief: Belief) -> str:
 
 @dataclass
 class Investigation:
-    """What a model misses, asked of the actuator itself.
+    """Search of the effects that a model lacks, with experiments on the actuator.
 
     Parameters
     ----------
     model : ModelFile
-        The model in use, with what it is known to miss.
+        The model in use, with its known discrepancy.
     limits : ExperimentLimits
-        What no experiment may exceed.
+        Limits of every experiment.
     rate : float
         Ticks per second [Hz].
     rules : Rules
-        When it ends.
+        Stopping rules.
     workers : int
-        Threads of a discovery.
+        Number of threads of a discovery.
 
     Raises
     ------
     InvestigationError
-        If the model does not say what it misses, or the limits allow nothing.
+        If the model has no discrepancy or the limits allow no experiment.
 
     Attributes
     ----------
     belief : Belief
-        What is believed now.
+        Present belief.
     records : list of Record
-        What was measured.
+        Measured records.
     answers : list of ExperimentAnswer
-        What each experiment led to.
+        Result of each experiment.
     found : Discovery or None
-        The newest one.
+        Latest discovery.
     history : History
-        What the actuator has gone through.
+        Voltage history of the actuator.
     """
 
     model: ModelFile
@@ -190,12 +190,12 @@ class Investigation:
         return self.answers[-1].spent if self.answers else 0.0
 
     def experiment(self, name: str) -> PlannedExperiment:
-        """Return the experiment of that name.
+        """Return the experiment with the given name.
 
         Raises
         ------
         InvestigationError
-            If the limits allow none of that name.
+            If the limits allow no experiment with this name.
         """
         for each in self.outlooks:
             if each.experiment.name == name:
@@ -203,12 +203,12 @@ class Investigation:
         raise InvestigationError(f'these limits allow no experiment {name!r}')
 
     def ranked(self) -> list[ExperimentChoice]:
-        """Return what may be done next, the most telling per second first."""
+        """Return the possible next experiments, highest expected information per second first."""
         left = self.rules.budget - self.spent
         return choices(self.outlooks, self.belief, self.hidden, self.done, left)
 
     def next(self) -> ExperimentChoice | Stop:
-        """Return the next experiment, or why there is none."""
+        """Return the next experiment, or the reason of the end."""
         settled = self._settled()
         if settled and not self.belief.left:
             return self._sure()
@@ -231,7 +231,7 @@ class Investigation:
         return unseen(self.outlooks, self.belief, self.hidden, self.done, left)
 
     def _nameless(self) -> bool:
-        """Return whether something is seen that has no name, and it is too early to give up."""
+        """Return whether the residual has no name and further experiments may follow it."""
         last = [answer.after.verdict for answer in self.answers[-self.rules.nameless :]]
         unknown = [verdict == 'unknown' for verdict in last]
         return (
@@ -241,7 +241,7 @@ class Investigation:
         )
 
     def _tells(self, choice: ExperimentChoice) -> bool:
-        """Return whether an experiment is expected to tell enough to be worth running."""
+        """Return whether the expected information of an experiment justifies its run."""
         return choice.news >= self.rules.quiet or choice.discrimination >= self.rules.least
 
     def _sure(self) -> Stop:
@@ -253,11 +253,11 @@ class Investigation:
         return bool(self.belief.names) and self.belief.surest[1] >= self.rules.sure
 
     def _confirming(self) -> bool:
-        """Return whether a sure name has yet to survive another experiment."""
+        """Return whether a certain name still needs confirmation by another experiment."""
         return self._is_sure() and not self._settled()
 
     def _settled(self) -> bool:
-        """Return whether the names are sure and were confirmed."""
+        """Return whether the names are certain and confirmed."""
         before = [answer.after.names for answer in self.answers[-1 - self.rules.confirmed :]]
         same = all(names == self.belief.names for names in before)
         return self._is_sure() and len(before) > self.rules.confirmed and same
@@ -268,12 +268,12 @@ class Investigation:
         measured: Record,
         progress: Callable[[float, str], None] = lambda fraction, words: None,
     ) -> ExperimentAnswer:
-        """Take in the record of an experiment, and believe accordingly.
+        """Add the record of an experiment and update the belief.
 
         Raises
         ------
         PiezoError
-            If nothing can be said from the records.
+            If the records cannot be evaluated.
         """
         self.keep(experiment, measured)
         return self.judge(progress)
@@ -281,7 +281,7 @@ class Investigation:
     def keep(
         self, experiment: PlannedExperiment, measured: Record, after: Belief | None = None
     ) -> None:
-        """Take in a record; what is believed changes with `judge`, unless it is known already."""
+        """Add a record; the belief stays until `judge` runs, unless `after` is given."""
         name = f'{len(self.records) + 1:02} {experiment.name}'
         self.records.append(self.history.following(experiment.record(name, measured)))
         spent, before = self.spent + experiment.seconds, self.belief
@@ -291,7 +291,7 @@ class Investigation:
     def judge(
         self, progress: Callable[[float, str], None] = lambda fraction, words: None
     ) -> ExperimentAnswer:
-        """Believe what all records together say."""
+        """Update the belief by a discovery on all records."""
         self.found = discover(
             self.records,
             self.model,
@@ -320,13 +320,14 @@ def investigate(
     Parameters
     ----------
     investigation : Investigation
-        Which; may be under way.
+        Investigation, new or in progress.
     run : callable
         Runs an experiment and returns its record.
     on_answer : callable
-        Called with each choice and its answer.
+        Called with each choice and its result.
     chooser : callable
-        Chooses the next experiment; by default what tells most per second.
+        Selects the next experiment; by default the one with the highest expected information per
+        second.
     """
     while True:
         choice = chooser(investigation)

@@ -1,4 +1,4 @@
-"""What may still be hidden: every effect that no record so far would have shown."""
+"""Effects that may be hidden, because no record so far would have shown them."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from piezo_hysteresis.investigation.criterion import (
 from piezo_hysteresis.investigation.predict import Outlook, answer_of
 from piezo_hysteresis.models import candidates
 
-# Sizes at which each effect is looked at, over its usual one.
+# Sizes at which each effect is tested, relative to its usual size.
 SIZES = np.geomspace(SMALLEST, LARGEST, 25)
-# Other starts of an effect that are looked at besides the first.
+# Number of starting values of an effect that are tested.
 STARTS = 3
-# Probability beforehand that nothing is hidden.
+# Prior probability that no effect is hidden.
 NOTHING = 0.5
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """Effects that a model may lack, and which experiment would show how much of each.
+    """Effects that a model may lack, and their smallest detectable size in each experiment.
 
     Attributes
     ----------
     names : tuple of str
-        Effect of each way in which one may enter.
+        Effect of each tested variant and starting value.
     weights : ndarray, shape (n,)
-        Probability of each beforehand; with `NOTHING` they add up to 1.
+        Prior probability of each; the sum with `NOTHING` is 1.
     smallest : dict of str to ndarray, shape (n,)
-        By experiment, the smallest size that it would show, over the usual one; infinite where
-        it would show none.
+        Smallest detectable size by experiment, relative to the usual size; infinite if no size is
+        detectable.
     """
 
     names: tuple[str, ...]
@@ -49,27 +49,27 @@ class Hidden:
     smallest: dict[str, FloatArray]
 
     def seen(self, done: Sequence[str]) -> FloatArray:
-        """Return the smallest size of each that experiments would have shown, shape (n,)."""
+        """Return the smallest detectable size of each effect so far, shape (n,)."""
         rows = [self.smallest[name] for name in done if name in self.smallest]
         return np.min(rows, axis=0) if rows else np.full(len(self.names), np.inf)
 
     def news(self, done: Sequence[str], name: str, known: Sequence[str] = ()) -> float:
-        """Return the probability that an experiment shows what no one before has shown.
+        """Return the probability that an experiment shows an effect for the first time.
 
         Parameters
         ----------
         done : sequence of str
-            Experiments so far.
+            Names of the experiments so far.
         name : str
-            The one that is judged.
+            Name of the evaluated experiment.
         known : sequence of str
-            Effects that are named already.
+            Effects that are already named.
         """
         weights = self.weights * [each not in known for each in self.names]
         return chance_of_news(weights, self.seen(done), self.smallest[name], NOTHING)
 
     def chances(self, done: Sequence[str]) -> dict[str, float]:
-        """Return how likely nothing is hidden, and each effect, where no news was seen."""
+        """Return the probability of no and of each hidden effect, given no visible residual."""
         left = self.weights * hidden_share(self.seen(done))
         total = NOTHING + float(left.sum())
         found = {'none': NOTHING / total}
@@ -79,14 +79,14 @@ class Hidden:
 
 
 def hidden_effects(base: ModelSpec, outlooks: Sequence[Outlook], amplitude: float) -> Hidden:
-    """Look at every effect in every experiment.
+    """Compute the smallest detectable size of every effect in every experiment.
 
     Parameters
     ----------
     base : ModelSpec
         The model in use.
     outlooks : sequence of Outlook
-        The experiments.
+        Experiments with their predictions.
     amplitude : float
         Largest command [V].
     """
@@ -107,7 +107,7 @@ def hidden_effects(base: ModelSpec, outlooks: Sequence[Outlook], amplitude: floa
 
 def _lacking(base: ModelSpec, amplitude: float, span: float) -> Iterator[tuple[str, ModelSpec]]:
     for each in candidates(base.model, amplitude, span):
-        if each.effect.refines:  # it shows wherever its plain way does
+        if each.effect.refines:  # detectable wherever the simpler variant is
             continue
         for start in each.starts[:STARTS]:
             yield (
