@@ -19,7 +19,7 @@ _HOMES = {'Verdict': 'verdict.verdict', 'Discovery': 'workflow', 'discover': 'wo
 
 
 def __getattr__(name: str) -> Any:
-    # Imported when asked for: the gap monitor needs none of it, and it takes SciPy along.
+    # Imported on first access: these modules import SciPy, which the gap monitor does not need.
     if name not in _HOMES:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     return getattr(importlib.import_module(f'{__name__}.{_HOMES[name]}'), name)

@@ -1,4 +1,4 @@
-"""The whole discovery: check, split, floor, baselines, locate, select, name, prove, advise."""
+"""Workflow of a discovery: check, split, baselines, search, validation and verdict."""
 
 from __future__ import annotations
 
@@ -36,30 +36,30 @@ from piezo_hysteresis.records.fingerprint import recognised
 
 @dataclass(frozen=True, repr=False)
 class Discovery(Reportable, Modelled):
-    """Everything that was found out.
+    """Result of a discovery.
 
     Attributes
     ----------
     verdict : Verdict
-        As in ``verdict.json``.
+        Verdict, as in ``verdict.json``.
     data : Dataset
-        The records, split.
+        Records, split into training and held-out views.
     floor : float
         Noise rms [m].
     baselines : Baselines
-        The model before.
+        Versions of the baseline.
     steps : tuple of Step
-        Accepted effects in the order in which they were found.
+        Accepted effects, in the order of their selection.
     final : CandidateFit
-        The model with all of them.
+        The model with all accepted effects.
     proof : Proof
-        Before and after on held-out records.
+        Gaps of both models on held-out records.
     check : Check
-        What the data can tell.
+        Quality and coverage of the records.
     given : ModelFile or None
-        The file that the baseline came from.
+        Model file of the baseline.
     last : SelectionRound or None
-        The round that named nothing more, where there was one.
+        The last round without an accepted effect, if there is one.
     """
 
     verdict: Verdict
@@ -81,7 +81,7 @@ class Discovery(Reportable, Modelled):
         return '\n'.join(lines)
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the effects by column, the first found first; gaps are in metres."""
+        """Return the effects by column, in the order of their selection; gaps are in metres."""
         effects = self.verdict.effects
         return {
             'effect': [each.name for each in effects],
@@ -95,7 +95,7 @@ class Discovery(Reportable, Modelled):
         }
 
     def model_file(self, data: Sequence[str] = ()) -> ModelFile:
-        """Return the baseline with the effects that were found.
+        """Return the baseline with the accepted effects as a model file.
 
         Parameters
         ----------
@@ -119,42 +119,45 @@ def discover(
     time_limit: float = inf,
     progress: Progress = lambda fraction, message: None,
 ) -> Discovery:
-    """Find what `baseline` misses in `records`.
+    """Search the effects that `baseline` lacks in `records`.
 
     Parameters
     ----------
     records : Record or sequence of Record
-        Of one actuator at one rate.
+        Records of one actuator at one rate.
     baseline : str, Path, Model, ModelFile or Identification
-        The model that lacks something. A name is fitted to `records`. The values of a model, of a
-        file or of a result are held: records that it was identified from can show nothing new and
-        are left out; where there are no others, the verdict is ``none`` and says so.
+        Model that is tested for missing effects. A name is fitted to `records`. The values of a
+        model, a file or a result stay fixed; records from which it was identified cannot show a
+        new effect and are excluded. If all records are excluded, the verdict is ``none`` and
+        states this.
     name : str
-        What to call the baseline.
+        Name of the baseline in the verdict.
     seed : int
-        Of every random choice: the same seed gives the same verdict.
+        Seed of all random choices: the same seed gives the same verdict.
     workers : int
-        Threads; the verdict does not depend on it.
+        Number of threads; the verdict does not depend on it.
     reference : Record or sequence of Record
-        Of the same actuator in its earlier state: what the baseline misses there is not reported.
+        Records of the same actuator in its earlier state; a residual of the baseline on them is
+        not reported.
     begins : str
-        How the records begin: ``auto``, ``rest``, ``step``, ``settled`` or ``estimate``.
+        Initial condition of the records: ``auto``, ``rest``, ``step``, ``settled`` or
+        ``estimate``.
     zero : str
         Zero of the displacement: ``record``, ``common`` or ``auto``.
     policy : mapping of str to float, optional
-        Numbers that decide, where they are not to be those of `SelectionPolicy`.
+        Thresholds that differ from those of `SelectionPolicy`.
     time_limit : float
-        Seconds after which nothing more is started: the best so far is the verdict, and says what
-        was not tried. It then depends on how fast the machine is.
+        Time after which no new step is started [s]. The verdict is the best result so far and
+        lists the skipped steps. It then depends on the speed of the machine.
     progress : callable
         Called with ``(fraction, message)``.
 
     Raises
     ------
     IdentificationError
-        If nothing can be said from the records; the message says what to record.
+        If the records cannot be evaluated; the message states what to record.
     ModelError
-        If there is no such model.
+        If the model is unknown.
     """
     records = listed(records)
     require_settings(seed=seed, workers=workers)
@@ -203,7 +206,7 @@ def discover(
 
 
 def _own_records(records: Sequence[Record], baseline: Model | ModelFile) -> tuple[str, ...]:
-    """Return the names of the records that the file of a baseline was made from."""
+    """Return the names of the records from which the model file was identified."""
     if not isinstance(baseline, ModelFile):
         return ()
     return tuple(recognised(records, baseline.provenance.records))

@@ -1,1 +1,1 @@
-"""Records as discovery sees them: checked, annotated, split, their tones on one clock."""
+"""Records for discovery: checked, annotated, split, with the phases of a fixed tone aligned."""

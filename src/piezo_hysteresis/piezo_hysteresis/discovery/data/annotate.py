@@ -1,4 +1,4 @@
-"""Fills in what a record does not say about its excitation, from the input itself."""
+"""Annotation of records with unknown excitation, from the input signal."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from piezo_hysteresis.numerics.harmonics import phase_of
 from piezo_hysteresis.numerics.linalg import solve_square
 from piezo_hysteresis.records import Record
 
-# Share of the power of the input that one sinusoid must explain to be called one.
+# Share of the input power that one sinusoid must explain to count as a pure sinusoid.
 PURE = 0.999
 
 
 def annotated(records: Sequence[Record]) -> list[Record]:
-    """Return the records with excitation and frequency filled in where they are not known.
+    """Return the records with missing excitation types and frequencies filled in.
 
-    Files without markers (CSV, bags of others) say nothing of the waveform; an input at rest and
-    a pure sinusoid are recognised, everything else stays unknown.
+    Files without markers (CSV, external bags) do not contain the waveform. An input at rest and a
+    pure
+    sinusoid are recognized; every other input stays unknown.
     """
     return [_annotated(record) for record in records]
 
@@ -40,14 +41,14 @@ def _annotated(record: Record) -> Record:
 
 
 def sine_frequency(voltage: FloatArray, dt: float) -> float:
-    """Return the frequency of a pure sinusoid [Hz], 0 where the input is something else."""
+    """Return the frequency of a pure sinusoid [Hz], 0 for any other input."""
     centred = voltage - voltage.mean()
     n = centred.size
     spectrum = np.abs(np.fft.rfft(centred * np.hanning(n)))
     place = int(np.argmax(spectrum))
     if not 1 < place < spectrum.size - 1:
         return 0.0
-    # Between the lines: where the fit of one sinusoid leaves least.
+    # Between the spectral lines: minimum of the residual of a fitted sinusoid.
     low, high = (place - 1) / (n * dt), (place + 1) / (n * dt)
     for _ in range(40):
         third = (high - low) / 3.0
@@ -64,7 +65,7 @@ def sine_frequency(voltage: FloatArray, dt: float) -> float:
 
 def _left(voltage: FloatArray, dt: float, frequency: float) -> float:
     angle = phase_of(frequency, dt, voltage.size)
-    # normal equations: this is asked some eighty times, and the columns are nearly orthogonal
+    # normal equations: about eighty calls, and the columns are nearly orthogonal
     basis = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
     error = voltage - basis @ solve_square(basis.T @ basis, basis.T @ voltage).values
     return float(error @ error)

@@ -1,4 +1,4 @@
-"""What these data can and cannot tell, said before anything is fitted."""
+"""Check of quality and coverage of the records before any fit."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ FEWEST_SAMPLES = 200
 
 @dataclass(frozen=True)
 class Check:
-    """What was found.
+    """Result of the check.
 
     Attributes
     ----------
     findings : tuple of str
-        What is wrong with the records, in words.
+        Defects of the records, in words.
     confounded : tuple of (tuple of str, str)
-        Effects that these records cannot tell apart, and what to record so that they can be.
+        Effects that these records cannot distinguish, and the records that distinguish them.
     """
 
     findings: tuple[str, ...]
     confounded: tuple[tuple[tuple[str, ...], str], ...]
 
     def experiments(self) -> list[str]:
-        """Return what to record, without doubles."""
+        """Return the recommended records without duplicates."""
         return list(dict.fromkeys(advice for _, advice in self.confounded))
 
     def sentences(self) -> list[str]:
-        """Return everything in sentences."""
+        """Return all findings as sentences."""
         rivals = [
             f'{", ".join(names)} cannot be distinguished: {a}' for names, a in self.confounded
         ]
@@ -45,12 +45,12 @@ class Check:
 
 
 def check(records: Sequence[Record]) -> Check:
-    """Look at rate, length, clipping, size and coverage of the records.
+    """Check rate, length, clipping, noise and coverage of the records.
 
     Raises
     ------
     IdentificationError
-        If nothing can be said from them; the message says why and what to record.
+        If the records cannot be evaluated; the message states the reason and what to record.
     """
     _refuse(records)
     findings = tuple(finding.sentence for finding in check_records(records))
@@ -67,7 +67,7 @@ def _refuse(records: Sequence[Record]) -> None:
 
 
 def _confounded(records: Sequence[Record]) -> list[tuple[tuple[str, ...], str]]:
-    """Return which effects need what the records do not hold, and how to record it."""
+    """Return the effects that the records cannot distinguish, with the records that are needed."""
     lacking = [need for need in Coverage if not _covers(need, records)]
     found = []
     for need in lacking:

@@ -1,7 +1,7 @@
-"""Training and held-out views of records: held-out data can veto, never propose.
+"""Training and held-out views of records; held-out data can reject an effect, never propose one.
 
-A view is an identification `Target`: what the model is driven with, and which measured samples it
-is compared with.
+A view is an identification `Target`: the input signal and the measured samples that are compared
+with the model.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from piezo_hysteresis.identification.periods import period_of
 from piezo_hysteresis.identification.targets import Target, led_in, whole, with_noise
 from piezo_hysteresis.records import Record
 
-# Share of the records, and of what is left of records that cannot be spared, that is held out.
+# Share of the records that is held out; with few records, share of each record.
 HELD_OUT = 0.25
 # Whole records are held out from this number of records on.
 FEWEST_TO_SPARE = 6
-# Share of the largest speed of an input that counts as fastest.
+# Share of the largest rate of change of an input that counts as the largest.
 ALMOST = 0.98
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """Records split in two.
+    """Records split into training and held-out views.
 
     Attributes
     ----------
     records : tuple of Record
-        As they came.
+        Original records.
     training, held_out : tuple of Target
-        Views that fits see, and views that only the proof sees.
+        Views for fits, and views for the validation only.
     periods : dict of str to int
         Samples per period of the drive by record, 0 where it is not periodic.
     noise : Noise
-        Of all records together; each view has its own.
+        Noise of all records together; each view has its own.
     """
 
     records: tuple[Record, ...]
@@ -59,11 +59,11 @@ class Dataset:
         return 0.5 * max(float(np.ptp(r.displacement)) for r in self.records)
 
     def period(self, name: str) -> int:
-        """Return the samples per period of the record called `name`."""
+        """Return the samples per period of the record named `name`."""
         return self.periods[name]
 
     def with_each(self, change: Callable[[Target], Target]) -> Dataset:
-        """Return the data with every view changed."""
+        """Return the data with a function applied to every view."""
         return replace(
             self,
             training=tuple(map(change, self.training)),
@@ -74,21 +74,23 @@ class Dataset:
 def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
     """Split records into training and held-out views.
 
-    Of many sines some are held out whole, never the extremes of frequency and amplitude. Beside
-    them the others train whole, and so do chirps, whose end is an extreme of frequency as well;
-    any other record gives its last part.
+    With many sines, some are held out completely, but never the extremes of frequency and
+    amplitude.
+    The other sines and the chirps then train completely, because the end of a chirp is an extreme
+    of
+    frequency as well. Of any other record the last part is held out.
 
     Parameters
     ----------
     records : sequence of Record
-        Of one actuator.
+        Records of one actuator.
     start : str
-        How records begin that do not say so themselves.
+        Initial condition of records that do not state it.
 
     Raises
     ------
     IdentificationError
-        If no record lets its noise be seen.
+        If the noise cannot be estimated from any record.
     """
     noises = noises_of(records)
     floor = floor_of(records)
@@ -121,12 +123,12 @@ def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
 
 def _period(record: Record) -> int:
     period = period_of(record)
-    # Two periods at the least, else the word says nothing.
+    # A period counts only if the record contains at least two.
     return period if 0 < 2 * period <= len(record) else 0
 
 
 def _spared(records: Sequence[Record]) -> set[str]:
-    """Names of records that may be held out whole: every fourth inner one of its amplitude."""
+    """Return the names of records to hold out: every fourth inner frequency of each amplitude."""
     if len(records) < FEWEST_TO_SPARE:
         return set()
     spared: set[str] = set()
@@ -137,20 +139,20 @@ def _spared(records: Sequence[Record]) -> set[str]:
     for place, amplitude in enumerate(sorted(groups)):
         group = sorted(groups[amplitude], key=lambda r: r.info.frequency)
         inner = group[1:-1]
-        # Neighbouring amplitudes spare different frequencies.
+        # Neighbouring amplitudes hold out different frequencies.
         first = (place + 1) % 2 if len(inner) < 3 else place % 2 + 1
         spared.update(r.name for r in inner[first :: round(1.0 / HELD_OUT)])
     return spared
 
 
 def cut(view: Target, share: float) -> tuple[Target, Target]:
-    """Return the first `share` of the compared samples and the rest, both led in alike."""
+    """Return the first `share` of the compared samples and the rest, with the same lead-in."""
     count = max(1, min(round(share * view.measured.size), view.measured.size - 1))
     return part_of(view, 0, count), part_of(view, count, view.measured.size)
 
 
 def part_of(view: Target, first: int, last: int) -> Target:
-    """Return the view with compared samples ``first`` to ``last - 1`` only."""
+    """Return the view with only the compared samples ``first`` to ``last - 1``."""
     return replace(
         view,
         voltage=view.voltage[: view.first + last],
@@ -161,9 +163,9 @@ def part_of(view: Target, first: int, last: int) -> Target:
 
 
 def beginning_like(data: Dataset, views: Sequence[Target]) -> Dataset:
-    """Return the data with starts, zeros and weights as they are in `views`, by name.
+    """Return the data with initial conditions, zero offsets and weights of `views`, by name.
 
-    The held-out part of a record begins as its training part does.
+    The held-out part of a record has the same initial condition as its training part.
     """
     known = {v.name: v for v in reversed(views)}
     records = {r.name: r for r in data.records}
@@ -179,11 +181,12 @@ def beginning_like(data: Dataset, views: Sequence[Target]) -> Dataset:
 
 
 def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> tuple[Target, ...]:
-    """Shorten views from behind until about `samples` are simulated in all.
+    """Shorten views from their end until about `samples` are simulated in total.
 
-    Every view keeps three periods or half a second, and its fastest motion: what is at the end of
-    a chirp shows nowhere else. The longest of the slowest keeps more, because slow effects show
-    only there.
+    Every view keeps three periods or half a second, and its fastest motion: the end of a chirp
+    contains frequencies that occur nowhere else. The longest of the slowest views keeps more,
+    because
+    slow effects are visible only there.
     """
     total = sum(v.voltage.size for v in views)
     if total <= samples:
@@ -205,6 +208,6 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
 
 
 def _fastest(view: Target) -> int:
-    """Return the number of samples until the input has once moved as fast as it ever does."""
+    """Return the number of samples until the input first reaches its largest rate of change."""
     speed = np.abs(np.diff(view.voltage, prepend=view.voltage[0]))
     return int(np.argmax(speed >= ALMOST * speed.max())) + 1

@@ -1,4 +1,4 @@
-"""Blocks of whole periods, by which improvements are judged."""
+"""Blocks of whole periods for the block bootstrap."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ def block_edges(
     seconds: float,
     fewest: int,
 ) -> list[list[int]]:
-    """Return the edges of blocks of whole periods, of some seconds or more, per view.
+    """Return the edges of blocks of whole periods, at least `seconds` long, per view.
 
-    Few slow periods make too few blocks to judge anything by; then parts of periods are taken.
+    A few slow periods give too few blocks for a statistical test; parts of periods are then used.
     """
     lengths = []
     for period, dt in zip(periods, dts, strict=True):

@@ -1,9 +1,9 @@
-"""Tones that do not come from the drive: found over all records, their phases put on one clock.
+"""Fixed tones that are independent of the drive, with phases aligned over all records.
 
 Records of one bag share a clock, but a tone need not keep its phase over the pauses between them,
-and files of others often all start at time zero. So the phase of a tone is a nuisance of every
-record: once a tone is seen, the start time of each record is set so that one sine describes it
-everywhere. Only blocks that depend on the clock notice.
+and records of other files often all start at time zero. The phase of a tone is therefore a
+nuisance parameter of every record. When a tone is found, the start time of each record is set such
+that one sine describes it in all records. Only time-dependent blocks use the start time.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, tone_amplitude
 from piezo_hysteresis.numerics.spectrum import BINS, beside_the_drive
 
-# A line stands out from this many times the local median of the spectrum.
+# Ratio to the local median of the spectrum from which a line is significant.
 PROMINENT = 30.0
-# A phase is trusted where the tone has at least this share of its usual amplitude.
+# Share of the usual amplitude of the tone from which its phase is reliable.
 TRUSTED = 0.5
 _FEWEST = 256
 _STEPS = np.linspace(-1.0, 1.0, 41)
@@ -34,9 +34,9 @@ class Tone:
     Attributes
     ----------
     frequency : float
-        In all records [Hz].
+        Frequency in all records [Hz].
     amplitude : float
-        Median over the records in which it stands clear of the drive [m].
+        Median over the records in which the tone is distinct from the drive [m].
     """
 
     frequency: float
@@ -44,18 +44,18 @@ class Tone:
 
 
 def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return frequencies [Hz] and power of what is in `error` beside harmonics of the drive."""
+    """Return frequencies [Hz] and power of `error` without the harmonics of the drive."""
     frequency, lines = beside_the_drive(error, view.dt, view.frequency, trend=True)
     return frequency, lines**2
 
 
 def phasor(view: Target, error: FloatArray, frequency: float) -> complex:
-    """Return the complex amplitude of a tone [m], its phase that at the first driven sample."""
+    """Return the complex amplitude of a tone [m], with the phase at the first driven sample."""
     return tone_amplitude(error, frequency, view.dt, view.first)
 
 
 def find_tone(views: Sequence[Target], errors: Sequence[FloatArray]) -> Tone | None:
-    """Return the tone that explains most over all views, None where nothing stands out."""
+    """Return the tone that explains the most power over all views, None if there is none."""
     long = [(v, e) for v, e in zip(views, errors, strict=True) if e.size > _FEWEST]
     seen = [(v, e, *spectrum(v, e)) for v, e in long]
     found = []
@@ -84,7 +84,7 @@ _Seen = tuple[Target, FloatArray, FloatArray, FloatArray]
 
 
 def _clear(seen: Sequence[_Seen], tone: float) -> list[_Seen]:
-    """Return the views of which `tone` is no harmonic, or one so high that it is hardly there."""
+    """Return the views of which `tone` is no harmonic, or only one of very high order."""
     kept = []
     for row in seen:
         view, error = row[0], row[1]
@@ -101,18 +101,18 @@ def on_one_clock(
     others: Sequence[Target],
     others_errors: Sequence[FloatArray],
 ) -> Dataset:
-    """Return `data` with start times by which the strongest tone has one phase everywhere.
+    """Return `data` with start times for which the strongest tone has the same phase everywhere.
 
-    Held-out records give their own phase, and nothing else: one number that no model can know.
+    Held-out records provide only their own phase, a number that no model can predict.
 
     Parameters
     ----------
     data : Dataset
         The records.
     errors : sequence of ndarray
-        Measured minus simulated of each training view [m].
+        Residual (measured minus simulated) of each training view [m].
     others, others_errors : sequence
-        Held-out views of other records, and the same of them.
+        Held-out views of other records, and their residuals.
     """
     tone = find_tone(data.training, errors)
     if tone is None:
