@@ -1,1 +1,1 @@
-"""A model that predicts, chosen without asking; `selection` finds effects that have a name."""
+"""Automatic selection of a model for prediction; `selection` searches effects with a name."""

@@ -1,10 +1,10 @@
-"""A good model without asking: effects are added one by one and kept where held-out data agree.
+"""Automatic model selection: effects are added one at a time and kept if held-out data agree.
 
-Why the search of discovery does not choose it: that one asks which effect can be named, and
-leaves out what it cannot be sure of; a model that shall predict keeps it. Given the first 70 % of
-the measured 150 V record, discovery names nothing and misses 0.53 % of the rest, this choice
-0.40 %; of growing amplitudes of a stack that was fitted at one, 0.44 and 0.20 µm
-(``studies/choice.py``). What they share are effects, starts, rules and the words of their numbers.
+The search of discovery has another purpose: it names effects and omits every effect that is not
+certain, whereas a model for prediction keeps it. Fitted to the first 70 % of the measured 150 V
+record, discovery names no effect and leaves 0.53 % of the rest, this selection 0.40 %. On
+increasing amplitudes of a stack that was fitted at one, they leave 0.44 and 0.20 µm
+(``studies/choice.py``). Both share the effects, starting values, rules and threshold descriptions.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class TriedModel:
-    """One model that was tried.
+    """One tested model.
 
     Attributes
     ----------
     memory : str
-        Name of the model that it began with.
+        Name of the initial model with its hysteresis.
     name : str
-        What was added; the name of the model for the first one.
+        Name of the added effect; name of the model for the first one.
     parameters : int
         Number of free parameters.
     trained_rms, held_out_rms : float
         Free-run error on the fitted and on the held-out part of the records [m].
     kept : bool
-        Whether the next model was built on it.
+        Whether the model was accepted.
     """
 
     memory: str
@@ -52,7 +52,7 @@ class TriedModel:
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen model, where a fit of it starts, and how it was found.
+    """Selected model, starting values of a fit, and the tested models.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class Choice:
     start : dict of str to float
         Values fitted to the first part of the records, and their ``sampling_offset``.
     steps : tuple of TriedModel
-        Every model that was tried, in order.
+        All tested models, in order.
     held_out : tuple of HeldOutScore
-        What the chosen model, fitted to the first part of the records, leaves of the rest.
+        Held-out error of the selected model on the rest of the records.
     """
 
     model: Model
@@ -77,32 +77,39 @@ def choose_model(
     progress: Progress = lambda fraction, words: None,
     choices: Choices | None = None,
 ) -> Choice:
-    """Choose a chain for records of which nothing is known.
+    """Select a model for records of an unknown actuator.
 
-    Two chains are built: one on an off-centre Bouc-Wen hysteresis, Fujii 2018 (1), one on a bank
-    of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record together
-    with all others. It stays where it lowers the free-run error there, or on the rest of the
-    records, by 2 %, does not raise the latter, and its parameters are determined by the records.
-    The plays are chosen unless the other chain is clearly better on the rest: their inner loops
-    close, as those of ceramics do.
+    Two models are built: one with an off-center Bouc-Wen hysteresis, Fujii 2018 (1), and one with
+    a
+    bank of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record
+    jointly
+    with all others. It is kept if it reduces the free-run error there or on the rest of the
+    records
+    by 2 %, does not increase the latter, and has parameters that the records determine. The plays
+    are
+    selected unless the other model is clearly better on the rest, because their inner loops close,
+    as
+    those of ceramics do.
 
-    Records of one amplitude show no inner loop, and one static curve only, not whether it lies
-    before or behind the hysteresis. There the plays are chosen whatever the errors say, and a
-    second curve is not tried.
+    Records of one amplitude contain no inner loop, and they determine only one static curve, but
+    not
+    whether it lies before or after the hysteresis. In this case the plays are selected regardless
+    of
+    the errors, and a second curve is not tried.
 
     Parameters
     ----------
     records : sequence of Record
-        What was measured.
+        Measured records.
     progress : callable
         Called with ``(fraction, words)``.
     choices : Choices, optional
-        What is known of starts and zeros.
+        Known initial conditions and zero offsets.
 
     Raises
     ------
     IdentificationError
-        If the records cannot identify anything.
+        If the records are unsuitable for identification.
     """
     require_usable(records)
     ladder = Ladder(records, choices or Choices())

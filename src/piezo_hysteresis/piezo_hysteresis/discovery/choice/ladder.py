@@ -1,4 +1,4 @@
-"""How models are fitted to the first part of records, one effect more at a time."""
+"""Fits of models to the first part of the records, extended by one effect at a time."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ from piezo_hysteresis.models import (
 )
 from piezo_hysteresis.records import Record
 
-# Evaluations of each start, and the share of them that goes on.
+# Evaluations per starting point, and the share of starting points that continue.
 _ROUNDS = ((FITS.trial_evaluations, 1 / 2), (FITS.first_evaluations, 1.0))
 
 
 @dataclass(frozen=True)
 class Rung:
-    """A fitted model, and its free-run errors before and behind the cuts [m].
+    """A fitted model with its free-run errors before and after the cuts [m].
 
-    `sure` says that its newest effect is none of no effect.
+    `sure` states that the parameters of its last effect differ significantly from no effect.
     """
 
     fit: FitResult
@@ -59,12 +59,12 @@ class Rung:
     sure: bool
 
     def improves(self, before: Rung) -> bool:
-        """Return whether the newest effect is sure and the model predicts better with it."""
+        """Return whether the last effect is significant and improves the prediction."""
         trained = (before.trained, self.trained)
         return self.sure and predicts_better(trained, (before.held_out, self.held_out))
 
     def values(self) -> dict[str, float]:
-        """Return what was fitted, as a start of another fit."""
+        """Return the fitted values as starting values of another fit."""
         free = {name: self.fit.values[name] for name in self.fit.model.free_names}
         return {**free, SAMPLING_OFFSET: self.fit.sampling_offset}
 
@@ -92,7 +92,7 @@ def _attempted(
 
 
 def _one_of_each(tried: Sequence[FitResult]) -> list[FitResult]:
-    """Return the best trial of every model, the best first."""
+    """Return the best trial of every model, lowest cost first."""
     best: dict[int, FitResult] = {}
     for each in sorted(tried, key=lambda each: each.cost):
         best.setdefault(id(each.model), each)
@@ -100,12 +100,15 @@ def _one_of_each(tried: Sequence[FitResult]) -> list[FitResult]:
 
 
 def _left(fit: FitResult) -> float:
-    """Return the median size of what a fit leaves [m]: its weights are its own."""
+    """Return the median absolute residual of a fit [m].
+
+    It allows comparisons, because each fit has its own weights.
+    """
     return float(np.median(np.abs(np.concatenate(list(fit.residuals.values())))))
 
 
 class Ladder:
-    """The records, cut in two, and how models are fitted to the first part."""
+    """The records, cut in two parts, and fits of models to the first part."""
 
     def __init__(self, records: Sequence[Record], choices: Choices) -> None:
         self._records = records
@@ -123,7 +126,7 @@ class Ladder:
         )
 
     def memory(self, name: str) -> Rung:
-        """Fit a named model from the data alone."""
+        """Fit a named model without starting values."""
         chain = suited(named(name), self._records)
         return self._judged(
             output_error(
@@ -137,7 +140,7 @@ class Ladder:
         )
 
     def larger(self, before: Rung, effect: str) -> Rung | None:
-        """Fit the model before with one effect more, in the best of its ways."""
+        """Fit the previous model with one more effect, in the best of its variants."""
         model = before.fit.model
         if effect not in EFFECT_NAMES:
             return self._with_block(before, effect)
@@ -150,14 +153,14 @@ class Ladder:
         )
 
     def _shows(self, model: Model, effect: Effect) -> bool:
-        """Return whether the records could tell the effect from the curves that the model has."""
+        """Return whether the records can distinguish the effect from the model's static curves."""
         if not (self.one_amplitude and _is_static(effect.block)):
             return True
         rivals = {d.block.name for name in effect.mistaken_for for d in described(name) if d.block}
         return not any(_is_static(each) and each.name in rivals for each in model.blocks)
 
     def _with_block(self, before: Rung, name: str) -> Rung:
-        """Fit the model before with a block whose place, as a frequency, is sought everywhere."""
+        """Fit the previous model with a block whose frequency is searched globally."""
         block = named_block(name)
         model = before.fit.model.with_block(block)
         known = before.values()
@@ -175,7 +178,7 @@ class Ladder:
         )
 
     def _fitted(self, before: Rung, candidates: Sequence[Candidate]) -> Rung:
-        """Fit from every start of every candidate for a little, and from the best to the end."""
+        """Fit briefly from every starting point of every candidate, and continue from the best."""
         seen, late = before.fit.targets, before.fit.sampling_offset
         starts = [
             (each.model, {**each.values(before.fit.values, start), SAMPLING_OFFSET: late})
@@ -201,9 +204,9 @@ class Ladder:
     def _polished(
         self, found: FitResult, seen: Sequence[Target], neutral: Mapping[str, float]
     ) -> Rung:
-        """Fit from a trial to the end."""
+        """Continue the fit of a trial until it converges."""
         again = {**found.values, **_late(found)}
-        # what was missing may have passed for a start: the plain ones get another chance
+        # initial conditions may have absorbed a missing effect: also try the original ones
         views = [seen] if _alike(seen, self._plain) else [seen, self._plain]
 
         def polished(targets: Sequence[Target]) -> FitResult:
@@ -221,9 +224,9 @@ class Ladder:
         return self._judged(min(ends, key=_left), neutral)
 
     def _judged(self, found: FitResult, neutral: Mapping[str, float] | None = None) -> Rung:
-        """Return a fit with its errors over the whole records, before and behind the cuts.
+        """Return a fit with its errors on the whole records, before and after the cuts.
 
-        `neutral` are the values with which the newest effect does nothing.
+        `neutral` are the parameter values for which the last effect is inactive.
         """
         packed, late = found.model.pack(found.values), found.sampling_offset
         views = views_of(found.model, found.values, self._records, late, self._choices)
@@ -241,7 +244,7 @@ class Ladder:
 
 
 def _is_sure(found: FitResult, neutral: Mapping[str, float]) -> bool:
-    """Return whether the fit's own deviations exclude the values of `neutral` together."""
+    """Return whether the covariance of the fit excludes the values of `neutral` jointly."""
     places = [found.free.index(name) for name in neutral if name in found.free]
     away = np.array([found.values[found.free[k]] - neutral[found.free[k]] for k in places])
     together = np.ix_(places, places)
@@ -255,7 +258,7 @@ def _is_static(block: Block | None) -> bool:
 
 
 def _turns(voltage: FloatArray) -> FloatArray:
-    """Return where the voltage turns back [V]."""
+    """Return the reversal levels of the voltage [V]."""
     moving = voltage[np.append(True, np.diff(voltage) != 0.0)]
     way = np.sign(np.diff(moving))
     return np.asarray(moving[1:-1][way[1:] != way[:-1]])

@@ -1,4 +1,4 @@
-"""What decides whether an effect makes a model predict better, as functions of plain numbers."""
+"""Decision rules for effects that improve the prediction, as functions of plain numbers."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from piezo_hysteresis.numerics.linalg import solve_square
 def predicts_better(
     trained: tuple[float, float], held_out: tuple[float, float], policy: ChoicePolicy = CHOICE
 ) -> bool:
-    """Return whether errors (before, after) with an effect are lower, and nowhere higher.
+    """Return whether an effect reduces one of two errors and does not increase the held-out one.
 
-    Held-out data veto as they do in discovery. Here they may propose as well: the model shall
-    predict, and nothing is given a name.
+    Each error is a pair (before, after). Held-out data can reject an effect as in discovery. Here
+    they
+    can also propose one, because the model must predict and no effect is named.
     """
     lower = any(after <= (1.0 - policy.min_gain) * before for before, after in (trained, held_out))
     return lower and is_no_worse(*held_out, FITS)
@@ -25,18 +26,18 @@ def predicts_better(
 def differs_from_none(
     away: FloatArray, std: FloatArray, correlation: FloatArray, policy: ChoicePolicy = CHOICE
 ) -> bool:
-    """Return whether parameters together are surely not those of no effect.
+    """Return whether parameters jointly differ significantly from those of no effect.
 
     Parameters
     ----------
     away : ndarray, shape (q,)
-        Parameters minus those with which the effect does nothing.
+        Parameters minus their neutral values.
     std : ndarray, shape (q,)
         Their standard deviations.
     correlation : ndarray, shape (q, q)
         Their correlation.
     policy : ChoicePolicy
-        What decides.
+        Decision thresholds.
     """
     if not away.size:
         return True
@@ -50,23 +51,23 @@ def differs_from_none(
 def plays_are_bearable(
     plays: float, bouc_wen: float, one_amplitude: bool, policy: ChoicePolicy = CHOICE
 ) -> bool:
-    """Return whether a bank of plays is taken, by the held-out errors of both chains."""
+    """Return whether the bank of plays is selected, given the held-out errors of both models."""
     return one_amplitude or plays <= policy.inner_loops * bouc_wen
 
 
 def has_one_amplitude(
     voltage: FloatArray, turns: FloatArray, policy: ChoicePolicy = CHOICE
 ) -> bool:
-    """Return whether a voltage turns back at one high and one low level.
+    """Return whether a voltage has one high and one low reversal level.
 
     Parameters
     ----------
     voltage : ndarray
-        Of all records [V].
+        Voltage of all records [V].
     turns : ndarray
-        Where it turns back [V].
+        Reversal levels [V].
     policy : ChoicePolicy
-        What decides.
+        Decision thresholds.
     """
     middle = 0.5 * (float(voltage.max()) + float(voltage.min()))
     levels = np.abs(turns - middle)

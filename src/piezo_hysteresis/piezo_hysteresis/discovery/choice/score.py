@@ -1,4 +1,4 @@
-"""What a chosen model leaves of what it has not seen."""
+"""Held-out error of a selected model."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class HeldOutScore:
-    """What the chosen model leaves of the rest of a record, which it was not fitted to.
+    """Error of the selected model on the held-out rest of a record.
 
     Attributes
     ----------
     record : str
-        Name.
+        Name of the record.
     free_run_rms : float
-        Free-run error behind the cut [m].
+        Free-run error after the cut [m].
     nrmse_percent : float
-        100 times that over the standard deviation of the displacement there.
+        Free-run error relative to the standard deviation of the displacement [%].
     """
 
     record: str
