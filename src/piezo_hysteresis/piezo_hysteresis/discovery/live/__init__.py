@@ -1,1 +1,1 @@
-"""Beside a running actuator: the gap as it grows, and what was found as its parameters."""
+"""Online monitoring of the gap of a running actuator, and parameter export of a result."""

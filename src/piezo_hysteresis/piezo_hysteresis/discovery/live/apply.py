@@ -1,7 +1,7 @@
-"""What was found, under the names of the simulator node, so that a running simulator gets it too.
+"""Parameters of the simulator node for a found model, so that a running simulator can use it.
 
-Each block says itself which numbers of the simulator mean the same as its own. What has no
-counterpart there is left out and named.
+Each block defines the equivalent parameters of the simulator. Blocks without an equivalent are
+omitted and listed.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ class SimulatorParameters:
     values : dict
         Parameter name to value.
     missing : tuple of str
-        Blocks of the model that the simulator has no counterpart of.
+        Blocks of the model without an equivalent in the simulator.
     """
 
     values: SimulatorValues
     missing: tuple[str, ...]
 
     def to_ros(self) -> dict[str, object]:
-        """Return what ``ros2 param load NODE FILE`` reads."""
+        """Return the content of a parameter file for ``ros2 param load NODE FILE``."""
         return {'/**': {'ros__parameters': dict(self.values)}}
 
 
 def simulator_parameters(found: ModelFile) -> SimulatorParameters:
-    """Return the model of `found` under the simulator's own parameter names."""
+    """Return the model of `found` with the parameter names of the simulator."""
     values: SimulatorValues = {}
     missing = []
     used: set[str] = set()
@@ -43,7 +43,7 @@ def simulator_parameters(found: ModelFile) -> SimulatorParameters:
         if block.counterpart is None or name in used:
             missing.append(name)
             continue
-        # A strain is counted against the gain of the actuator there.
+        # The simulator normalizes strain by the gain of the actuator.
         gain = {'A1': found.values['A1']} if 'A1' in found.values else {}
         try:
             values.update(block.counterpart({**gain, **model.block_values(found.values, name)}))

@@ -1,4 +1,4 @@
-"""The gap beside a running actuator: model and measurement compared window by window."""
+"""Online gap monitor: model and measurement of a running actuator, compared window by window."""
 
 from __future__ import annotations
 
@@ -17,49 +17,50 @@ from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record
 
-# Above the floor and what the model is known to miss by this factor in this many windows running,
-# the gap is real.
+# The gap is significant if it exceeds noise floor and known discrepancy by this factor in this
+# number of consecutive windows.
 GAP_RATIO = 1.3
 CONFIRMATIONS = 2
-# So are harmonics that exceed what is known of each, and their noise, by the first factor, where
-# together they exceed it by the second part of everything that is expected.
+# Harmonics are significant as well if each exceeds its known discrepancy, including noise, by the
+# first factor, and their sum exceeds the second share of the total expectation.
 PART_RATIO, PART = 1.5, 0.3
 NOISE_DEVIATIONS = 3.0
-# Share of the power that makes a family; of harmonics little is telling.
+# Share of the power that determines the family of causes; for harmonics a small share suffices.
 MOST = 0.5
 TELLING = 0.02
-# A mean beside an even harmonic of this share of its power comes of the same law: of a square law
-# 1/2, the higher the even law the more.
+# Power of even harmonics, relative to the mean, from which both have the same cause: 1/2 for a
+# square law, more for a higher even law.
 WITH_EVEN = 0.1
 OF_THE_MEAN = 'drift, creep, an offset or the memory of an earlier drive'
-# Ticks by which the comparison lags, so that the model can be read between its samples.
+# Delay of the comparison in ticks, for interpolation between the samples of the model.
 MARGIN = 5
 
 
 @dataclass(frozen=True)
 class GapReport:
-    """The gap over one window.
+    """Gap over one window.
 
     Attributes
     ----------
     rms : float
-        Rms of measured minus simulated [m].
+        Rms of measured minus simulated displacement [m].
     floors : float
-        The same in noise floors.
+        Rms in multiples of the noise floor.
     frequency : float
-        Fundamental of the drive in the window [Hz]; 0 where there is none.
+        Fundamental frequency of the drive in the window [Hz]; 0 at rest.
     orders : list of int
         Harmonic orders; 0 is the mean.
     sizes : list of float
         Rms at each order [m].
     beyond_floor : bool
-        Whether the gap has stayed above the floor and what the model is known to miss.
+        Whether the gap has exceeded noise floor and known discrepancy in consecutive windows.
     family : str
         Possible causes of the gap; empty if it is not significant.
     expected : float
-        What the model is known to miss there, noise included [m]; else the floor.
+        Expected gap from known discrepancy and noise [m]; the noise floor without a known
+        discrepancy.
     share : float
-        Of the largest range of displacement since the start of the comparison.
+        Rms relative to the largest range of displacement since the start of the comparison.
     """
 
     rms: float
@@ -74,7 +75,7 @@ class GapReport:
 
     @property
     def words(self) -> str:
-        """How large it is, also against the motion and against what is known."""
+        """Size of the gap, also relative to the motion and the known discrepancy."""
         parts = [f'{100.0 * self.share:.2g} % of the motion'] if isfinite(self.share) else []
         parts += [f'{self.floors:.3g} noise floors'] if isfinite(self.floors) else []
         text = f'model error {1e6 * self.rms:.3g} µm ({", ".join(parts)})'
@@ -84,7 +85,7 @@ class GapReport:
 
     @property
     def advice(self) -> str:
-        """What it comes from and what to do."""
+        """Possible causes and recommended action."""
         first = ''
         if self.family == OF_THE_MEAN:  # the comparison may start in motion
             first = 'call ~/reset with the actuator at rest; where the gap comes back, '
@@ -92,7 +93,7 @@ class GapReport:
 
 
 class GapMonitor:
-    """Runs a model beside the actuator; the same code as the offline fit, sample for sample.
+    """Runs a model in parallel with the actuator, with the same code as the offline fit.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ class GapMonitor:
     dt : float
         Sampling interval [s].
     floor : float
-        Noise rms [m]; that of the model file where it is not positive.
+        Noise rms [m]; if it is not positive, that of the model file.
     window : int
         Samples per report.
     """
@@ -120,15 +121,15 @@ class GapMonitor:
 
     @property
     def floor(self) -> float:
-        """Noise rms that the gap is compared with [m]; 0 where it is not known."""
+        """Noise rms to which the gap is compared [m]; 0 if unknown."""
         return self._floor
 
     def warm_up(self) -> None:
-        """Compile the kernels of the chain before the first tick; the memory stays at rest."""
+        """Compile the kernels of the chain before the first tick; the state stays at rest."""
         self._model.respond(np.zeros(4), self._packed, self._dt)
 
     def reset(self) -> None:
-        """Begin again, as the actuator is found."""
+        """Restart the comparison from the present state of the actuator."""
         self._voltage: list[float] = []
         self._measured: list[float] = []
         self._state = self._model.initial_state(self._dt)
@@ -139,7 +140,7 @@ class GapMonitor:
         self._stroke = 0.0
 
     def add(self, voltage: float, displacement: float) -> GapReport | None:
-        """Take one tick; return a report when a window is full."""
+        """Process one tick; return a report at the end of a window."""
         self._voltage.append(voltage)
         self._measured.append(displacement)
         if len(self._voltage) < self._window:
@@ -147,7 +148,7 @@ class GapMonitor:
         u, y = np.array(self._voltage), np.array(self._measured)
         unknown = 0
         if self._fresh:
-            # what was measured before this began, and what was held then
+            # samples that depend on the motion before the start are unknown
             self._fresh, unknown = False, MARGIN + max(ceil(-self._late), 0)
             self._begin(u, y)
         self._voltage.clear()
@@ -155,9 +156,10 @@ class GapMonitor:
         return self._report(u, y, self._error(u, y)[unknown:])
 
     def _begin(self, u: FloatArray, y: FloatArray) -> None:
-        """Bring the model to where the actuator is, if it was in motion when this began.
+        """Initialize the model state, if the actuator was in motion at the start.
 
-        At 0 V it may have been at rest for ever, or hold what the drive before has left.
+        At 0 V the actuator may have rested long enough, or keep the remanence of the previous
+        drive.
         """
         record = Record('begins', self._dt, u, y)
         if first_guess(record) == STEP and self._explains(record):
@@ -171,13 +173,13 @@ class GapMonitor:
         self._simulated_tail = known[-2 * MARGIN :]
 
     def _explains(self, record: Record) -> bool:
-        """Return whether the model from rest leaves nothing beyond the floor of a record."""
+        """Return whether the residual of the model started at rest is within the noise floor."""
         with np.errstate(over='ignore', invalid='ignore'):
             y = free_run(self._model, self._values, record, self._offset, begins=STEP)
         return float(np.sqrt(np.mean((record.displacement - y) ** 2))) <= GAP_RATIO * self._floor
 
     def _error(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return measured minus simulated, `MARGIN` ticks behind, where both are known."""
+        """Return the residual `MARGIN` ticks behind, where measured and simulated values exist."""
         answer = self._model.respond(
             u, self._packed, self._dt, state=self._state, frequency=fundamental(u, self._dt)
         )
@@ -212,7 +214,7 @@ class GapMonitor:
     def _stands_out(
         self, sizes: Mapping[int, float], known: Mapping[int, float], expected: float, count: int
     ) -> bool:
-        """Return whether harmonics [m] exceed what is known of each, in a window of `count`."""
+        """Return whether harmonics [m] exceed their known discrepancy in a window of `count`."""
         if not known:
             return False
         noise = 2.0 / count * (NOISE_DEVIATIONS * self._floor) ** 2
@@ -225,7 +227,7 @@ class GapMonitor:
     def _expected(
         self, frequency: float, amplitude: float, stroke: float
     ) -> tuple[float, dict[int, float]]:
-        """Return the gap that is known from identification [m], and its harmonics."""
+        """Return the expected gap from identification [m], and its harmonics."""
         if self._known is None:
             return self._floor, {}
         near = self._known.near(frequency, amplitude).harmonics
@@ -234,7 +236,7 @@ class GapMonitor:
 
 
 def fundamental(voltage: FloatArray, dt: float) -> float:
-    """Return the strongest frequency of a window of the drive [Hz]; 0 where it is at rest."""
+    """Return the strongest frequency of a window of the drive [Hz]; 0 at rest."""
     centred = voltage - voltage.mean()
     if float(np.max(np.abs(centred))) < 1e-9:
         return 0.0
@@ -255,10 +257,11 @@ def family_of(
     floor: float,
     known: Mapping[int, float] | None = None,
 ) -> str:
-    """Return the effects that a gap with these harmonics comes from, in words.
+    """Return the possible causes of a gap with these harmonics, in words.
 
-    What is known to be missed at each order is left out. Nearly every effect moves the
-    fundamental; the other orders say more, even when they are small.
+    The known discrepancy of each order is subtracted. Nearly every effect changes the fundamental;
+    the
+    other orders are more specific, even if they are small.
     """
     known = known or {}
     rest = max(rms**2 - floor**2 - sum(size**2 for size in sizes), 0.0)
