@@ -1,1 +1,1 @@
-"""Detection limits: how small an effect the records would have shown, and what it looks like."""
+"""Detection limits of effects, and effects that the records cannot distinguish."""

@@ -1,16 +1,16 @@
-"""How small an effect the records would have shown, and from which size on it has one name.
+"""Detection limit of each effect, and the size from which on its name is unique.
 
-An effect of size s changes the response by x(s). A fit of the baseline absorbs a part of it: what
-parameters that are fitted, the clock and the zero of each record can do. The rest p(s) is compared
-with the residual r of the final model in two ways:
+An effect of size s changes the response by x(s). A fit of the baseline absorbs a part of it, by
+the fitted parameters, the sampling offset and the zero offset of each record. The remaining
+change p(s) is compared with the residual r of the final model in two ways:
 
-    d(s) = |p(s)| in standard deviations of chance, from the spectrum of r;
-    the search is opened by r and p(s) together (the test that opens every search).
+    d(s) = |p(s)| in standard deviations of the random residual, from the spectrum of r;
+    r and p(s) together pass the test that starts every search.
 
-The detection limit is the smallest size that opens the search with d >= 4.9: the probability that
-chance hides such an effect is 5 %, that chance alone looks like it 1 in 2000. Two effects k and l
-can be distinguished from the size at which d_kl, the distance between x_k and the nearest
-multiple of x_l, reaches 7. Below that the names are one class.
+The detection limit is the smallest size that passes this test with d >= 4.9: the probability that
+a random residual hides such an effect is 5 %, that it resembles the effect 1 in 2000. Two effects
+k and l can be distinguished from the size at which d_kl, the distance between x_k and the nearest
+multiple of x_l, reaches 7. Below that size their names form one class.
 """
 
 from __future__ import annotations
@@ -37,49 +37,50 @@ from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.models import Candidate
 from piezo_hysteresis.models.effects import is_never_reached
 
-# Distance of an effect from chance that shows with a power of 95 %: 3.29 + 1.64 deviations.
+# Distance at which an effect is detected with a power of 95 %: 3.29 + 1.64 standard deviations.
 DETECTED = 4.93
-# Distance of an effect from every other that leaves one name: calibrated on hidden effects, where
-# theory (3.3) names too early.
+# Distance from every other effect that makes a name unique: calibrated on hidden effects, because
+# the theoretical value (3.3) is too low.
 APART = 7.0
-# Simulations of one effect at most.
+# Largest number of simulations of one effect.
 _SIMULATIONS = 12
-# How near its size must be to the limit, and two sizes between which a threshold lies.
+# Relative tolerance of the limit, and of two sizes that enclose a threshold.
 _NEAR, _CLOSE = 1.15, 1.05
-# A size this near to the end of its interval hardly narrows it.
+# Smallest factor between a new size and the ends of its interval.
 _APART_FROM_ENDS = 1.02
-# Sizes, in starts of the effect, between which a limit is looked for.
+# Search interval of a limit, relative to the starting value of the effect.
 _SMALLEST, _LARGEST = 1e-7, 1e4
-# Step towards the clock, as a share of a tick.
+# Finite-difference step of the sampling offset, relative to a tick.
 _TICK = 0.05
 
 
 @dataclass(frozen=True)
 class DetectionLimit:
-    """The smallest size of one effect that the records would have shown.
+    """Smallest size of one effect that the records would have shown.
 
     Attributes
     ----------
     effect, variant : str
-        Its name, and the way in which it enters.
+        Name of the effect and of its variant.
     size : dict of str to float
-        Values at the limit of the parameters that say how large it is, SI units.
+        Values at the limit of the parameters that define the size, SI units.
     neutral : dict of str to float
-        Values of the same parameters with which the effect changes nothing.
+        Values of the same parameters for which the effect is inactive.
     shape : dict of str to float
-        Its other parameters: the limit holds for these.
+        Other parameters of the effect; the limit is valid for these values.
     units : dict of str to str
-        Of both.
+        Units of size and shape parameters.
     displacement_rms_m : float
-        Rms by which it changes the response at the limit, before a fit absorbs some of it [m].
+        Rms change of the response at the limit, before a fit absorbs a part of it [m].
     shown : bool
-        Whether it would have shown at any size that its parameters can have.
+        Whether the effect is detectable at any size within the bounds of its parameters.
     apart_factor : float
-        Size, in units of the limit, from which on no other effect looks like it.
+        Size, in units of the limit, from which on the effect can be distinguished from every
+        other.
     nearest : str
-        The effect that looks most like it; empty where there is no other.
+        Most similar effect; empty if there is no other.
     experiment : str
-        What shows a smaller one.
+        Experiment that shows a smaller size.
     """
 
     effect: str
@@ -97,7 +98,7 @@ class DetectionLimit:
 
 @dataclass(frozen=True)
 class _Signature:
-    """What an effect of some size does to the response."""
+    """Change of the response by an effect of a given size."""
 
     candidate: Candidate
     values: Mapping[str, float]
@@ -110,27 +111,27 @@ class _Signature:
 def detection_limits(
     evaluator: Evaluator, final: CandidateFit, start: CandidateFit
 ) -> tuple[DetectionLimit, ...]:
-    """Return the limit of every effect beyond those of `final`, variants and shapes apart.
+    """Return the detection limit of every effect that `final` lacks, per variant and shape.
 
     Parameters
     ----------
     evaluator : Evaluator
-        By which the search was judged.
+        Evaluator of the search.
     final, start : CandidateFit
-        The model with all that was found, and the baseline.
+        The final model, and the baseline.
     """
     return Records(evaluator, final, start).limits()
 
 
 class Records:
-    """What thinned training records tell of effects that a model does not have.
+    """Detectability of effects in the thinned training records.
 
     Parameters
     ----------
     evaluator, final, start
-        As of `detection_limits`.
+        As in `detection_limits`.
     residual : CandidateFit, optional
-        The model whose residual is chance; `final` where not given.
+        Model whose residual is random; `final` by default.
     """
 
     def __init__(
@@ -149,7 +150,7 @@ class Records:
         if self._longer > 1.0:
             evaluator = evaluator.with_data(replace(data, training=views))
         self._evaluator, self._views = evaluator, views
-        # a fixed baseline comes judged on views that still hold what it is known to miss
+        # a fixed baseline was evaluated on views that still contain its known discrepancy
         self._final = judged_on(final, views)
         chance = self._final if residual is None else judged_on(residual, views)
         self._whitening = Whitening(chance.errors, chance.noises)
@@ -167,31 +168,31 @@ class Records:
 
     @property
     def all_samples(self) -> float:
-        """By how much a distance over all training samples is larger than over these [1]."""
+        """Ratio of a distance over all training samples to the distance over these samples [1]."""
         return float(np.sqrt(self._longer))
 
     def candidates(self) -> list[Candidate]:
-        """Return the model with every effect of which a size can be given."""
+        """Return the model extended by each effect that has a defined size."""
         every = self._evaluator.candidates(self._final)
         return [each for each in every if each.neutral and not each.effect.refits]
 
     def left(self, spec: ModelSpec) -> FloatArray | None:
-        """Return how another model differs beyond nuisances, whitened; None where it diverges."""
+        """Return the whitened change of another model beyond nuisances; None after divergence."""
         change = self._change(spec)
         return None if change is None else self._nuisances.remove(change)
 
     def signature(self, candidate: Candidate, start: Mapping[str, float]) -> FloatArray | None:
-        """Return what an effect does beyond nuisances, whitened; None where the model diverges."""
+        """Return the whitened change by an effect beyond nuisances; None after divergence."""
         for scale in (1.0, 0.1):
             found = self._signature(candidate, start, scale)
             if found is not None:
                 return found.whitened
         return None
 
-    # --- nuisances -------------------------------------------------------------------------
+    # --- nuisance parameters ---------------------------------------------------------------
 
     def _directions(self) -> NuisanceDirections:
-        """Return what a fit would adjust: free parameters, and the clock within its bounds."""
+        """Return the directions of a fit: free parameters, and the bounded sampling offset."""
         final, free = self._final, []
         for name in self._evaluator.free_of(final):
             change = self._change(replace(final, values=nudged(final, name)))
@@ -206,7 +207,7 @@ class Records:
         return NuisanceDirections(free, clock, (min(low - late, 0.0), max(high - late, 0.0)))
 
     def _change(self, spec: ModelSpec) -> FloatArray | None:
-        """Return by what a model differs from the final one, whitened; None where it diverges."""
+        """Return the whitened change relative to the final model; None after divergence."""
         changes = self._changes(spec)
         return None if changes is None else self._whitening(changes)
 
@@ -219,15 +220,15 @@ class Records:
             return None
         return [old - new for old, new in zip(self._final.errors, errors, strict=True)]
 
-    # --- the size at which an effect shows -------------------------------------------------
+    # --- detection limit of an effect --------------------------------------------------------
 
     def _at_limit(self, candidate: Candidate, start: Mapping[str, float]) -> _Signature | None:
-        """Return an effect at the size at which it shows, or as large as it can be."""
+        """Return an effect at its detection limit, or at its largest possible size."""
         scale, hidden, best = 1.0, 0.0, None
         last: Mapping[str, float] = {}
         for _ in range(_SIMULATIONS):
             found = self._signature(candidate, start, scale)
-            if found is not None and found.values == last:  # as large as its parameters can be
+            if found is not None and found.values == last:  # limited by the parameter bounds
                 break
             last = {} if found is None else found.values
             factor = np.inf if found is None else self._factor(found)
@@ -235,7 +236,7 @@ class Records:
                 best = found
                 if factor > 1.0 / _NEAR:
                     break
-            elif found is None and best is None:  # too large a start makes some models diverge
+            elif found is None and best is None:  # a large starting value can cause divergence
                 scale *= 0.1
                 continue
             else:
@@ -256,7 +257,7 @@ class Records:
 
     @staticmethod
     def _next(scale: float, factor: float, hidden: float, best: _Signature | None) -> float:
-        """Return the size to look at next: where a linear effect shows, within what is known."""
+        """Return the next size to test: the limit of a linear effect, within known bounds."""
         aim = scale * factor * _NEAR**0.5 if factor < np.inf else 10.0 * scale
         if best is None:
             return aim if aim > hidden else 3.0 * hidden
@@ -285,7 +286,7 @@ class Records:
         return _Signature(candidate, values, scale, rms, left, False)
 
     def _factor(self, found: _Signature) -> float:
-        """Return by how much an effect must be larger to show, if it is linear in its size."""
+        """Return the factor to the detection limit for an effect that is linear in its size."""
         away = self.all_samples * np.sqrt(inner(found.whitened, found.whitened))
         low, high = DETECTED / away if away > 0.0 else np.inf, _LARGEST
         if low > high:
@@ -303,7 +304,7 @@ class Records:
                 break
         return float(high)
 
-    # --- what looks like it ----------------------------------------------------------------
+    # --- similar effects ---------------------------------------------------------------------
 
     def _limit(self, found: _Signature, others: Sequence[_Signature]) -> DetectionLimit:
         candidate, effect = found.candidate, found.candidate.effect
@@ -335,7 +336,7 @@ class Records:
 
 
 def distance(x: FloatArray, other: FloatArray, positive: bool) -> float:
-    """Return how far a change is from the nearest multiple of another."""
+    """Return the distance of a change from the nearest multiple of another."""
     square = inner(other, other)
     share = inner(x, other) / square if square > 0.0 else 0.0
     left = x - (max(share, 0.0) if positive else share) * other
@@ -343,15 +344,15 @@ def distance(x: FloatArray, other: FloatArray, positive: bool) -> float:
 
 
 def one_sided(candidate: Candidate) -> bool:
-    """Return whether an effect can only go one way from where it changes nothing."""
+    """Return whether the neutral values of an effect are at their lower bounds."""
     lows = {q.name: q.low for q in candidate.model.parameters}
     return all(value <= lows[name] for name, value in candidate.neutral.items())
 
 
 def scaled(candidate: Candidate, values: Mapping[str, float], scale: float) -> dict[str, float]:
-    """Return values of a candidate with the size of its effect multiplied, within its bounds.
+    """Return the values of a candidate with its size scaled, within the parameter bounds.
 
-    Thresholds, which change nothing where they are infinite, are divided.
+    Thresholds whose neutral value is infinite are divided instead.
     """
     bounds = {q.name: (q.low, q.high) for q in candidate.model.parameters}
     found = dict(values)

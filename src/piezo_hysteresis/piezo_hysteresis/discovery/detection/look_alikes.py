@@ -1,12 +1,14 @@
-"""Which effects these records cannot tell from one that was found, at the size that it has.
+"""Effects that the records cannot distinguish from a found one, at its identified size.
 
-The effect changes the response by x. A rival l of any size, together with what a fit adjusts,
-comes within
+The effect changes the response by x. A candidate l of any size, together with the parameters of a
+fit, approximates this change up to
 
     d_l = min over b |(I - P_J)(x - b x_l)|
 
-standard deviations of chance of it. Below 7 (`limits.APART`) the two are one class: the records
-hold too little that is not common to both. The distance needs no fit of the rival.
+standard deviations of the random residual. Below 7 (`limits.APART`) the two effects form one
+class,
+because the records contain too little information that distinguishes them. The distance requires
+no fit of the candidate.
 """
 
 from __future__ import annotations
@@ -23,14 +25,14 @@ from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 
 @dataclass(frozen=True)
 class LookAlike:
-    """An effect that these records do not tell from another.
+    """An effect that these records cannot distinguish from another.
 
     Attributes
     ----------
     name : str
-        Its name.
+        Name of the effect.
     distance : float
-        How far apart the two are, in standard deviations of chance.
+        Distance of the two effects, in standard deviations of the random residual.
     """
 
     name: str
@@ -38,14 +40,14 @@ class LookAlike:
 
 
 def look_alikes(evaluator: Evaluator, step: Step, start: CandidateFit) -> tuple[LookAlike, ...]:
-    """Return the effects that look like the one found in a step, the nearest first.
+    """Return the effects that cannot be distinguished from that of a step, nearest first.
 
     Parameters
     ----------
     evaluator : Evaluator
-        By which the search was judged.
+        Evaluator of the search.
     step : Step
-        In which the effect was found, the others being known.
+        Step that found the effect, with the others in the model.
     start : CandidateFit
         The baseline.
     """

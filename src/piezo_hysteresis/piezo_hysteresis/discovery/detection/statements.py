@@ -11,33 +11,33 @@ from piezo_hysteresis.models.effects import is_never_reached
 
 # Prefixes of SI units, and the power of ten of each.
 _PREFIXES = (('n', -9), ('µ', -6), ('m', -3), ('', 0), ('k', 3), ('M', 6))
-# Units that take no prefix as they stand.
+# Units without SI prefixes.
 _BARE = ('1', '1/s', '1/V')
-# A threshold from this on is none.
+# Value from which a threshold counts as infinite.
 _INFINITE = 1e5
-# Sizes that differ by less are the same.
+# Relative difference below which two sizes count as equal.
 _ALIKE = 0.15
 
 
 @dataclass(frozen=True)
 class Statement:
-    """What the records would have shown of one effect.
+    """Detection limit of one effect in words.
 
     Attributes
     ----------
     effect : str
-        Its name.
+        Name of the effect.
     brief : str
-        Range of the smallest sizes that would have shown.
+        Range of the smallest detectable sizes.
     sizes : str
-        These sizes with what they hold for.
+        These sizes with the shape parameters for which they are valid.
     displacement_m : (float, float)
-        Least and largest rms change of the response at these limits [m]; NaN where none shows.
+        Smallest and largest rms change of the response at these limits [m]; NaN without a limit.
     apart : str
-        What looks most like it and from which size on it does not; empty where it has one name
-        as soon as it shows.
+        Most similar effect and the size from which on it can be distinguished; empty if the name
+        is unique from the limit on.
     hidden : str
-        Shapes that the records do not show at any size; empty where there are none.
+        Shapes that the records do not show at any size; empty if there are none.
     """
 
     effect: str
@@ -49,7 +49,7 @@ class Statement:
 
 
 def statements(limits: Sequence[DetectionLimit]) -> tuple[Statement, ...]:
-    """Return one statement per effect, of the variant that comes first."""
+    """Return one statement per effect, for its first variant."""
     found: dict[str, list[DetectionLimit]] = {}
     for each in limits:
         found.setdefault(each.effect, []).append(each)
@@ -74,7 +74,7 @@ def _statement(name: str, group: Sequence[DetectionLimit]) -> Statement:
 
 
 def _distinct(limits: Sequence[DetectionLimit]) -> list[DetectionLimit]:
-    """Return limits by size, without those that differ in sign only."""
+    """Return the limits sorted by size, without those that differ only in sign."""
     found: list[DetectionLimit] = []
     for each in sorted(limits, key=lambda each: _numbers(each)[0][1] if _numbers(each) else 0.0):
         one = _numbers(each)
@@ -90,7 +90,10 @@ def _alike(one: list[tuple[str, float]], other: list[tuple[str, float]]) -> bool
 
 
 def _numbers(limit: DetectionLimit) -> list[tuple[str, float]]:
-    """Return how far each size is from changing nothing, thresholds as they are."""
+    """Return the distance of each size from its neutral value.
+
+    Thresholds are returned unchanged.
+    """
     found = []
     for name, value in limit.size.items():
         neutral = limit.neutral[name]
@@ -101,7 +104,7 @@ def _numbers(limit: DetectionLimit) -> list[tuple[str, float]]:
 
 
 def _brief(limits: Sequence[DetectionLimit]) -> str:
-    """Return the range of sizes of limits that are in order of size."""
+    """Return the range of sizes of sorted limits."""
     ends = [_numbers(each)[0] for each in (*limits[:1], *limits[-1:]) if _numbers(each)]
     if not ends:
         return 'no size'
@@ -129,7 +132,7 @@ def _shape(limit: DetectionLimit) -> str:
 
 
 def in_prefixes(value: float, unit: str) -> str:
-    """Return a number with a prefix of its unit and two digits: ``0.19 ms``, ``17 nm/s``."""
+    """Return a number with an SI prefix and up to three digits: ``0.19 ms``, ``17 nm/s``."""
     if unit in _BARE or unit.startswith('1/') or value == 0.0 or not isfinite(value):
         return f'{value:.2g}' + ('' if unit == '1' else f' {unit}')
     prefix, power = next(
@@ -139,7 +142,7 @@ def in_prefixes(value: float, unit: str) -> str:
 
 
 def sentence(found: Sequence[Statement]) -> str:
-    """Return the range of all limits in the response in one sentence, empty without any."""
+    """Return the range of all limits in the response as a sentence, empty without a limit."""
     seen = sorted(
         (each for each in found if isfinite(each.displacement_m[1])),
         key=lambda each: each.displacement_m[1],

@@ -1,4 +1,4 @@
-"""Changes of a response in units of what chance leaves, with nuisance directions projected out."""
+"""Whitened response changes, with the directions of nuisance parameters projected out."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from piezo_hysteresis.identification.qr import inner, orthonormal, projected_out
 
 # Bins of the periodogram over which the spectrum of a residual is averaged.
 _SMOOTHED = 15
-# Share of a direction that others leave of it, below which it is theirs.
+# Relative norm of a projected direction below which it is linearly dependent on the others.
 _DEPENDENT = 1e-7
 
 
 class Whitening:
-    """Divides by the spectrum of a residual, view by view, so that chance has unit variance.
+    """Divides each view by the spectrum of its residual, so that the residual has unit variance.
 
-    The spectrum is nowhere less than that of the noise: a fit may have taken from a line what
-    chance had put there.
+    The noise spectrum is a lower bound, because a fit may have removed random components from a
+    line.
 
     Parameters
     ----------
@@ -37,12 +37,12 @@ class Whitening:
         ]
 
     def __call__(self, changes: Sequence[FloatArray]) -> FloatArray:
-        """Return changes of all views [m] one after another, in standard deviations."""
+        """Return the concatenated changes of all views [m], in standard deviations."""
         pairs = zip(changes, self._roots, strict=True)
         return np.concatenate([np.fft.irfft(np.fft.rfft(c) / root, c.size) for c, root in pairs])
 
     def inverse(self, whitened: FloatArray) -> list[FloatArray]:
-        """Return the changes of each view [m] that were whitened."""
+        """Return the changes of each view [m] from whitened ones."""
         parts = np.split(whitened, np.cumsum(self.sizes)[:-1])
         pairs = zip(parts, self._roots, strict=True)
         return [np.fft.irfft(np.fft.rfft(part) * root, part.size) for part, root in pairs]
@@ -56,14 +56,14 @@ def _smooth(power: FloatArray) -> FloatArray:
 
 
 class NuisanceDirections:
-    """Directions that a fit would adjust, whitened.
+    """Whitened response directions of the parameters that a fit adjusts.
 
     Parameters
     ----------
     free : sequence of ndarray, shape (n,)
-        Directions whose coefficients are free: parameters of the baseline that are fitted.
+        Directions with free coefficients: fitted parameters of the baseline.
     bounded : ndarray, shape (n,)
-        One that lies within bounds: the response a second later, for the clock.
+        Direction with a bounded coefficient: derivative of the response by the sampling offset.
     bounds : (float, float)
         Smallest and largest coefficient of `bounded` [s].
     """
@@ -79,7 +79,7 @@ class NuisanceDirections:
         self._bounds = bounds
 
     def remove(self, change: FloatArray) -> FloatArray:
-        """Return what of a change no nuisance explains, shape (n,)."""
+        """Return the part of a change that no nuisance parameter explains, shape (n,)."""
         left = projected_out(change, self._basis)[1]
         if self._square > 0.0:
             share = inner(self._bounded, left) / self._square
