@@ -1,1 +1,1 @@
-"""The verdict: effects, numbers and sentences."""
+"""Verdict of a discovery: effects, numbers and sentences."""

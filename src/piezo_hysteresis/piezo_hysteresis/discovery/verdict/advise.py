@@ -1,4 +1,4 @@
-"""Recommended experiments: those that separate the remaining alternatives."""
+"""Recommended experiments that discriminate the remaining alternatives."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RIVAL_PROBABILITY = 0.02
 
 
 def instead(model: Model) -> tuple[str, ...]:
-    """Return the advice for a model that was given the records of its own identification."""
+    """Return the advice for a model that was tested on the records of its own identification."""
     name = name_of(model)
     by_name = f'To find what the model lacks, give its name: `discover DATA --baseline {name}`.'
     changed = 'To find what has changed since, record new data and pass them with the model file.'
@@ -23,7 +23,7 @@ def instead(model: Model) -> tuple[str, ...]:
 
 
 def advise(check: Check, steps: Sequence[Step], left: bool, description: str) -> list[str]:
-    """Return experiments, the most informative first."""
+    """Return the recommended experiments, most informative first."""
     sentences: list[str] = []
     for step in steps:
         chances = step.round.probabilities()

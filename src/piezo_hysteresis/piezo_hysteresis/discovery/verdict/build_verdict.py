@@ -1,4 +1,4 @@
-"""The end of a search as a verdict."""
+"""Builds the verdict from the result of a search."""
 
 from __future__ import annotations
 
@@ -42,23 +42,23 @@ def tell(
     Parameters
     ----------
     coverage : Check
-        What the records can tell.
+        Quality and coverage of the records.
     base : Baselines
-        The versions of the model before.
+        Versions of the baseline.
     outcome : Outcome
-        What the search came to.
+        Evaluated result of the search.
     proof : Proof
-        Before and after on held-out records.
+        Gaps of both models on held-out records.
     name : str
-        What the baseline is called.
+        Name of the baseline.
     seed : int
-        Of the search.
+        Seed of the search.
     own : sequence of str
-        Records that were given and that the file of the baseline was made from.
+        Given records from which the model file was identified.
     limits : sequence of DetectionLimit
-        The smallest effects that the records would have shown.
+        Detection limits of effects.
     alike : mapping of str to tuple of LookAlike
-        By the name of an effect that was found, those that look like it.
+        Effects that cannot be distinguished, by the name of the found effect.
     """
     found, left = outcome.found, outcome.remainder
     final = found.final
@@ -129,7 +129,7 @@ def tell(
 
 
 def _circumstances(view: Target) -> dict[str, Any]:
-    """Return what is true of one record only."""
+    """Return the nuisance parameters and the noise of one record."""
     return {
         'start': str(view.begins),
         'own_zero': view.own_zero,

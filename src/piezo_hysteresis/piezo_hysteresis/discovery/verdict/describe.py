@@ -13,13 +13,13 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.numerics.spectrum import beside_the_drive
 
-# A line is spoken of from this many times the median of the spectrum: twice what `tones` asks for,
-# where several records must agree besides.
+# Ratio to the median of the spectrum from which a line is reported: twice that of `tones`, which
+# also requires several records to agree.
 LINE = 60.0
 
-# A power of less than this is none.
+# Exponent of a power law below which the dependence is negligible.
 _LEVEL = 0.15
-# Sizes that lie further from a law than this, a fifth, do not follow it. Chosen.
+# Standard deviation of the log residual about a power law above which it is rejected. Chosen.
 _SCATTER = 0.2
 
 
@@ -35,12 +35,11 @@ def describe(
     Parameters
     ----------
     data, views, errors : Dataset, sequence of Target, sequence of ndarray
-        The records, the views in which something is left, and what is left there [m].
+        Records, views with a significant residual, and the residuals of these views [m].
     floor : float
         Noise rms [m].
     held_out : tuple of float
-        What is left on held-out records [m], and the same in noise rms: the one size that is
-        reported.
+        Rms residual on held-out records [m], and in noise rms: the reported size.
     """
     sizes = np.array([float(np.sqrt(np.mean(e**2))) for e in errors])
     size, floors = held_out
@@ -139,16 +138,16 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
 
 
 def growth(name: str, power: float, scatter: float = 0.0) -> str:
-    """Return how the residual changes with the frequency or the amplitude.
+    """Return a sentence on the change of the residual with the frequency or the amplitude.
 
     Parameters
     ----------
     name : str
-        Of what changes.
+        Name of the independent variable.
     power : float
-        With which it grows.
+        Exponent of the power law.
     scatter : float
-        Standard deviation of the logarithm of its sizes beside that law.
+        Standard deviation of the logarithm of the residuals about that law.
     """
     if scatter > _SCATTER:
         return f'Its change with the {name} follows no power law.'

@@ -1,4 +1,4 @@
-"""The model that a discovery ends with: values, deviations, provenance, discrepancy."""
+"""Model file of a discovery: values, standard deviations, provenance and discrepancy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def final_model(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
-    """Return the final model with its values, deviations and where they come from."""
+    """Return the final model with values, standard deviations and provenance."""
     final = found.final
     own = {name: final.values[name] for name in final.model.parameter_names}
     deviations, together = _uncertainty(found, own)
@@ -49,7 +49,10 @@ def final_model(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
 
 
 def _clock_known(found: Discovery) -> dict[str, float]:
-    """Return the note on how well the clock is known: by the fit, or by the file it came from."""
+    """Return the note on the standard deviation of the sampling offset.
+
+    It comes from the fit, or from the file of a baseline with the same offset.
+    """
     fitted, given = found.final.fitted, found.given
     std = fitted.std.get(SAMPLING_OFFSET, inf) if fitted is not None else inf
     if given is not None and given.sampling_offset == found.final.sampling_offset:
@@ -58,7 +61,7 @@ def _clock_known(found: Discovery) -> dict[str, float]:
 
 
 def _seen(found: Discovery) -> tuple[Fingerprint, ...]:
-    """Return the records that made the model: those before, where its values were held, too."""
+    """Return the records used for the model, including those of a fixed baseline."""
     before = found.given.provenance.records if found.given is not None else ()
     return tuple(dict.fromkeys((*before, *fingerprints(found.data.records))))
 
@@ -66,9 +69,9 @@ def _seen(found: Discovery) -> tuple[Fingerprint, ...]:
 def _uncertainty(
     found: Discovery, own: Mapping[str, float]
 ) -> tuple[dict[str, float], Correlation | None]:
-    """Return deviations and correlation: of what was fitted, and of values that were held.
+    """Return standard deviations and correlation of fitted and of fixed values.
 
-    Values that stayed as the baseline had them keep what its file says of them.
+    Values that equal those of the baseline file keep their standard deviations from the file.
     """
     final = found.final
     std = final.fitted.std if final.fitted is not None else {}

@@ -1,4 +1,4 @@
-"""Where simulation and measurement disagree: by record, frequency and harmonic."""
+"""Decomposition of the residual by record, frequency and harmonic."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from piezo_hysteresis.numerics.harmonics import harmonics
 
 @dataclass(frozen=True)
 class Place:
-    """How large the gap is at one place.
+    """Rms residual of one harmonic in one record.
 
     Attributes
     ----------
     record : str
         Name of the record.
     frequency : float
-        Of the drive [Hz]; 0 where there is none.
+        Drive frequency [Hz]; 0 without a periodic drive.
     harmonic : int
-        Order; 0 is the mean, -1 everything that is no harmonic.
+        Harmonic order; 0 is the mean, -1 the remaining residual.
     rms : float
-        Rms of the difference there [m].
+        Rms residual of this harmonic [m].
     """
 
     record: str
@@ -36,7 +36,7 @@ class Place:
 
 
 def places(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray]) -> list[Place]:
-    """Return the gap by record and harmonic, largest first."""
+    """Return the rms residual by record and harmonic, largest first."""
     found = []
     for view, error in zip(views, errors, strict=True):
         found += _of_view(view, error, data.periods[view.name])

@@ -1,4 +1,4 @@
-"""Names, probabilities and evidence for what was accepted."""
+"""Names, probabilities and evidence of the accepted effects."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from piezo_hysteresis.records import Record
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery.selection.elimination import Step
 
-# Alternatives with less probability than this are not mentioned.
+# Probability below which an alternative is omitted.
 WORTH_SAYING = 0.005
-# From this probability on an alternative is said in the same sentence.
+# Probability from which an alternative is stated in the summary.
 MENTIONED = POLICY.alternative
-# A value has changed by more than this many of its standard deviations.
+# Change in standard deviations from which a parameter counts as changed.
 CHANGED = POLICY.noise_doubts
-# Drives whose harmonic comes this close to a mode are named with it. Within 4 % a mode of little
-# damping amplifies at least twelve times, 1 / (1 - (1 - 0.04)^2), and every harmonic of a percent
-# shows as an eighth of the drive; chosen, and nothing but this sentence hangs on it.
+# Relative distance of a drive harmonic from a mode up to which the drive is listed. Within 4 % a
+# lightly damped mode amplifies at least twelve times, 1 / (1 - (1 - 0.04)^2), and a harmonic of
+# one per cent reaches an eighth of the drive. Chosen; it affects only this sentence.
 NEAR_MODE = 0.04
 
 
@@ -40,22 +40,22 @@ def named_effects(
     certainty: float = 1.0,
     alike: Mapping[str, tuple[LookAlike, ...]] = MappingProxyType({}),
 ) -> tuple[NamedEffect, ...]:
-    """Return the effects that `final` has beyond `start`, with everything known about them.
+    """Return the effects that `final` has in addition to `start`, with parameters and evidence.
 
     Parameters
     ----------
     steps : sequence of Step
-        In which they were found.
+        Steps that found them.
     start, final : CandidateFit
         The baseline, and the model with all of them.
     records : sequence of Record
-        What was measured.
+        Measured records.
     floor : float
         Noise rms [m].
     certainty : float
-        Probability that what is missing is among the effects that competed [1].
+        Probability that the missing effect is among the candidates [1].
     alike : mapping of str to tuple of LookAlike
-        By the name of an effect, those that these records do not tell from it.
+        Effects that these records cannot distinguish, by the name of the found effect.
     """
     found: dict[str, NamedEffect] = {}
     for step in steps:
@@ -67,7 +67,7 @@ def named_effects(
 
 
 def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
-    """Return one effect that took several elements to model."""
+    """Return one named effect from several elements of the same effect."""
     return replace(
         first,
         gap_after_rms_m=more.gap_after_rms_m,
@@ -86,7 +86,7 @@ def _named(
         for name, chance in chances.items()
         if name != winner and chance > WORTH_SAYING
     )
-    # The round may have been won by another variant of the effect than the model has.
+    # The winner of the round may be another variant of the effect than that in the final model.
     elements = [added for added in final.added if added.effect == winner]
     variants = tuple(dict.fromkeys(added.variant for added in elements))
     numbers = _numbers(elements, start, final)
@@ -107,7 +107,7 @@ def _named(
 
 
 def _with_drives(named: NamedEffect, records: Sequence[Record]) -> NamedEffect:
-    """Add which drives have a harmonic on a mode, where the effect is one."""
+    """Return the effect with the drives that have a harmonic near its modes."""
     for frequency in _modes(named):
         drives = _drives_on(frequency, records)
         more = (*named.evidence, *_mode_evidence(drives, frequency))
@@ -118,7 +118,7 @@ def _with_drives(named: NamedEffect, records: Sequence[Record]) -> NamedEffect:
 def _numbers(
     elements: Sequence[Added], start: CandidateFit, final: CandidateFit
 ) -> dict[str, Number]:
-    """Return what `elements` have that is free in `final` and was not in `start`, or shifted."""
+    """Return the fitted parameters of `elements` that are new in `final` or shifted."""
     free = set(final.model.free_names) - set(start.model.free_names).difference(final.shifted)
     units = {q.name: q.unit for q in final.model.parameters}
     std = final.fitted.std if final.fitted is not None else {}
@@ -131,7 +131,7 @@ def _numbers(
 
 
 def _changes(numbers: Mapping[str, Number], start: CandidateFit) -> str:
-    """Return which values have changed, the surest first."""
+    """Return a sentence with the changed parameters, most significant first."""
     sure: dict[str, float] = {}
     for name, number in numbers.items():
         change = number.value - start.values[name]
@@ -145,9 +145,10 @@ def _changes(numbers: Mapping[str, Number], start: CandidateFit) -> str:
 
 
 def _owner(name: str, final: CandidateFit) -> Added:
-    """Return which element a parameter belongs to.
+    """Return the element to which a parameter belongs.
 
-    A block that came for one effect may hold parameters that another, smaller one set free.
+    A block that was added for one effect may hold parameters that another, smaller effect makes
+    free.
     """
     holders = [added for added in final.added if name in added.names.values()]
     return min(holders, key=lambda added: len(added.names))
@@ -172,7 +173,7 @@ def _evidence(step: Step, variant: str, floor: float) -> list[str]:
 
 
 def _drives_on(frequency: float, records: Sequence[Record]) -> list[dict[str, float]]:
-    """Return which odd harmonics of which drives land on a mode, the largest measured first."""
+    """Return the drives with an odd harmonic near a mode, largest measured amplitude first."""
     found: dict[float, dict[str, float]] = {}
     for record in records:
         drive = record.info.frequency
@@ -192,7 +193,7 @@ def _drives_on(frequency: float, records: Sequence[Record]) -> list[dict[str, fl
 
 
 def _mode_evidence(drives: Sequence[dict[str, float]], frequency: float) -> list[str]:
-    """Return which harmonics of which drives excite the identified mode."""
+    """Return a sentence on the drive harmonics that excite the identified mode."""
     hits = [
         f'{each["frequency_hz"]:g} Hz (order {each["order"]}, '
         f'{each["order"] * each["frequency_hz"]:g} Hz, {1e6 * each["amplitude_m"]:.3g} µm)'
@@ -221,7 +222,7 @@ def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Altern
 
 
 def summary_of(verdict: Verdict) -> str:
-    """Return the verdict in one sentence, and what the time limit left untried."""
+    """Return the verdict in one sentence, and the steps that the time limit skipped."""
     summary = _summary(verdict)
     if verdict.identified_from and not _only_own(verdict):
         summary += (
@@ -291,6 +292,6 @@ def _with_chance(effect: NamedEffect) -> str:
 
 
 def _where(effect: NamedEffect) -> str:
-    """Return of what an effect is, where its variants are of different things."""
+    """Return the physical quantity of a variant, if the variants of the effect differ in it."""
     found = (each for each in described(effect.name) if each.variant == effect.variant)
     return next((each.where for each in found), '')

@@ -1,4 +1,4 @@
-"""The proof: before and after on records that decided nothing, and on all over frequency."""
+"""Validation: gaps of baseline and final model on held-out records, and over frequency."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from piezo_hysteresis.identification.targets import Target
 
 @dataclass(frozen=True)
 class ProofRow:
-    """One view.
+    """Gaps of one view.
 
     Attributes
     ----------
     record : str
         Name of the record.
     frequency, amplitude : float
-        Of the drive [Hz], [V].
+        Drive frequency [Hz] and amplitude [V].
     before, after : float
-        Rms of the gap without and with what was found [m].
+        Rms residual without and with the found effects [m].
     held_out : bool
-        Whether it decided nothing.
+        Whether the view is held out from every fit and decision.
     """
 
     record: str
@@ -38,18 +38,18 @@ class ProofRow:
 
 @dataclass(frozen=True)
 class Proof:
-    """Before and after.
+    """Gaps without and with the found effects.
 
     Attributes
     ----------
     rows : tuple of ProofRow
-        By held-out view, sorted by frequency.
+        Gaps of the held-out views, sorted by frequency.
     before, after : float
-        Rms over all of them [m].
+        Rms residual over all held-out views [m].
     before_in_floors, after_in_floors : float
-        The same, each error in multiples of the noise of its record.
+        The same, each residual in multiples of the noise of its record.
     stable : bool
-        Whether the free run stays within a few strokes on every held-out drive.
+        Whether the free run stays within a few strokes for every held-out drive.
     """
 
     rows: tuple[ProofRow, ...]
@@ -61,7 +61,7 @@ class Proof:
 
 
 def prove(data: Dataset, before: CandidateFit, after: CandidateFit) -> Proof:
-    """Return the comparison of two models on the held-out views."""
+    """Return the gaps of two models on the held-out views."""
     old, new = before.errors, after.errors
     rows = [_row(v, a, b) for v, a, b in zip(data.held_out, old, new, strict=True)]
     limit = 10.0 * data.span
@@ -80,7 +80,7 @@ def prove(data: Dataset, before: CandidateFit, after: CandidateFit) -> Proof:
 def over_frequency(
     data: Dataset, before: CandidateFit, after: CandidateFit, proof: Proof
 ) -> list[ProofRow]:
-    """Return the gaps of all records with a frequency, held-out ones among them, in its order.
+    """Return the gaps of all records with a drive frequency, sorted by frequency.
 
     This is Figure 10 of Fujii 2018 for any model and any effect.
     """

@@ -1,4 +1,4 @@
-"""The verdict as data: what `verdict.json` holds."""
+"""Verdict as data, with the content of `verdict.json`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 
 @dataclass(frozen=True)
 class Number:
-    """A fitted parameter of an effect."""
+    """Fitted parameter of an effect."""
 
     value: float
     std: float | None
@@ -29,30 +29,30 @@ class Alternative:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """One effect that the model missed.
+    """One effect that the baseline lacks.
 
     Attributes
     ----------
     name, variant : str
-        Its word, and the way in which it enters.
+        Name of the effect and of its variant.
     probability : float
-        That it is this effect, given that something is missing: the share of resamples of the
-        training data in which it explains them best.
+        Probability of this effect, given that an effect is missing: the share of resamples of the
+        training data that it explains best.
     p_value : float
-        Probability of such an improvement by chance, for all candidates that were tried.
+        Probability of such an improvement by chance, corrected for the number of candidates.
     gap_before_rms_m, gap_after_rms_m : float
         Gap on the training records without and with it [m].
     parameters : dict of str to Number
-        Its parameters.
+        Fitted parameters of the effect.
     alternatives : tuple of Alternative
-        What else it may be.
+        Other effects that the data do not exclude.
     evidence : tuple of str
-        Sentences.
+        Evidence in sentences.
     drives : tuple of dict
-        For a mode, the drives that have an odd harmonic on it: ``frequency_hz``, ``order`` and
-        ``amplitude_m``, what was measured of that harmonic.
+        For a mode, the drives with an odd harmonic near it: ``frequency_hz``, ``order`` and
+        ``amplitude_m``, the measured amplitude of that harmonic.
     look_alikes : tuple of LookAlike
-        Effects that these records do not tell from it at its size.
+        Effects that these records cannot distinguish from it at its size.
     """
 
     name: str
@@ -70,7 +70,7 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Gap on held-out records before and after."""
+    """Gap on held-out records without and with the found effects."""
 
     gap_before_rms_m: float
     gap_after_rms_m: float
@@ -80,7 +80,7 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """The residual that no effect explains."""
+    """Residual that no effect explains."""
 
     significant: bool
     description: str
@@ -88,7 +88,7 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Everything that `verdict.json` holds; the names are its fields."""
+    """Content of `verdict.json`; the keys are the names of the fields."""
 
     baseline: str
     seed: int
@@ -116,13 +116,13 @@ class Verdict:
     detection_limits: tuple[DetectionLimit, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain types, ready for JSON; numbers that are not finite become None."""
+        """Return plain types for JSON; numbers that are not finite become None."""
         plain: dict[str, Any] = _finite(asdict(self))
         return plain
 
 
 def _finite(value: Any) -> Any:
-    """Return `value` with None for numbers that JSON cannot represent."""
+    """Return `value` with None instead of numbers that JSON cannot represent."""
     if isinstance(value, dict):
         return {key: _finite(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
