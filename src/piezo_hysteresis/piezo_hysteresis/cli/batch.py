@@ -1,9 +1,9 @@
-"""Identify or discover over many bags and CSV files, each on its own.
+"""Identify or discover over many bags and CSV files, each separately.
 
-Every data set gets a folder in DIR with all that the verb leaves; results.csv, results.parquet and
-index.html hold them together. Run it again after an interruption or with more data: what is
-finished is kept as long as data and settings are the same. Data that cannot be used are rows that
-say why. A folder that is no bag stands for all bags and CSV files in it.
+Each data set gets a folder in DIR with all results of the verb; results.csv, results.parquet and
+index.html combine them. The same command continues after an interruption or with more data:
+finished results are kept if data and settings are unchanged. Unusable data are rows that state
+the reason. A folder that is not a bag includes all bags and CSV files in it.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ HELP = 'identify or discover over many bags, resumed after a kill'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of this verb: those of the repeated verb, and the executor."""
+    """Add the arguments of this verb: those of the repeated verb and of the executor."""
     verbs = parser.add_subparsers(
         title='what to do with each', dest='each', metavar='VERB', required=True
     )
     for name, module in (('identify', identify), ('discover', discover)):
-        # --workers means processes here: the words of the verb come first and give way
+        # --workers means processes here: it replaces the option of the repeated verb
         each = verbs.add_parser(name, help=module.HELP, conflict_handler='resolve')
         module.configure(each)
         add = each.add_argument
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     # one thread in each process
     workers, arguments.workers = number_of_workers(arguments.workers), 1
     module: Any = {'identify': identify, 'discover': discover}[arguments.each]
-    for name in ('model', 'baseline'):  # workers elsewhere start in other folders
+    for name in ('model', 'baseline'):  # remote workers have other working directories
         value = getattr(arguments, name, '')
         if value.endswith(('.yaml', '.yml')):
             setattr(arguments, name, str(Path(value).resolve()))
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _cluster(address: str | None) -> Iterator[Executor | None]:
-    """Offer the executor of a Dask cluster, None without an address."""
+    """Provide the executor of a Dask cluster, None without an address."""
     if address is None:
         yield None
         return

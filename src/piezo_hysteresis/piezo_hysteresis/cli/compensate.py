@@ -1,8 +1,8 @@
-"""Study in closed loop, without hardware, how well a model compensates a plant.
+"""Simulate how well a model compensates a plant in closed loop, without hardware.
 
-The plant is a model too, usually another one or one with other numbers, or a simulated actuator:
-preset:NAME. On a controller (--on) the actuator itself is driven. The reference is a waveform,
-KIND:setting=value,... (amplitude in m), e.g.
+The plant is a model as well, usually another one or one with other parameters, or a simulated
+actuator: preset:NAME. With a controller (--on) the actuator itself is driven. The reference is a
+waveform, KIND:setting=value,... (amplitude in m), e.g.
 sine:frequency=23,amplitude=120e-6.
 """
 
@@ -28,7 +28,7 @@ from piezo_hysteresis.waveforms import Sine
 
 HELP = 'compensation by a model: offline on a plant, or on a controller'
 
-# Words that both ways take, and those that only a controller takes.
+# Options of both modes, and options that only a controller takes.
 _COMMON = {'model', 'reference', 'out', 'overwrite', 'low', 'high', 'slew', 'plant', 'on'}
 _OF_CONTROLLER = {'axis', 'rounds'}
 
@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _require_used(arguments: argparse.Namespace) -> None:
-    """Refuse study options with a controller, and controller options in a study."""
+    """Reject study options with a controller, and controller options in a study."""
     parser = argparse.ArgumentParser()
     configure(parser)
     needed = ['--model', '', '--on', '', '--reference', '', '--out', '']
@@ -116,7 +116,7 @@ def _require_used(arguments: argparse.Namespace) -> None:
 
 
 def _usual(study: Study) -> str:
-    """Return one line about the range and the reference that the preset stands behind."""
+    """Return one line about the usual range and reference of the preset."""
     about, limits, wave = study.about, study.limits, study.waveform
     line = f'{about["preset"]}: {limits.low:g} to {limits.high:g} V, at most {limits.slew:g} V/s'
     if about['offset_m']:
@@ -127,7 +127,7 @@ def _usual(study: Study) -> str:
 
 
 def _plant(arguments: argparse.Namespace) -> ModelFile | str:
-    """Return the model in the place of the actuator, or the name of a preset."""
+    """Return the model used as the plant, or the name of a preset."""
     if arguments.plant.startswith(PRESET):
         if arguments.noise:
             raise CompensationError(
@@ -149,12 +149,12 @@ def _table(runs: list[Run]) -> list[str]:
     return lines
 
 
-#: The wave that tracked best, with displacement and reference.
+#: File of the wave with the smallest tracking error, with displacement and reference.
 WAVE = 'wave.csv'
 
 
 def run_on(arguments: argparse.Namespace) -> int:
-    """Learn on the controller, and write the results as of a study."""
+    """Run iterative learning on the controller, and write results as those of a study."""
     from piezo_hysteresis.reporting.compensation_folder import write_compensation
 
     started = time.perf_counter()
@@ -182,7 +182,7 @@ def run_on(arguments: argparse.Namespace) -> int:
 
 
 def _write_wave(path: Path, best: Run) -> None:
-    """Write the wave of a run, with what was measured, to be loaded again."""
+    """Write the wave of a run with the measured displacement, so that it can be loaded again."""
     path.unlink(missing_ok=True)
     found = best.result
     record = Record(
@@ -192,7 +192,7 @@ def _write_wave(path: Path, best: Run) -> None:
 
 
 def _reported(learnt: LearntRun) -> Run:
-    """Print a line about a run, and return it as one of a study."""
+    """Print a line about a run, and return the run in the form of a study."""
     floors = f', {learnt.rms / learnt.noise:.3g} noise floors' if learnt.noise > 0.0 else ''
     print(f'{learnt.name:<18}{1e6 * learnt.rms:10.4f} µm rms{floors}', flush=True)
     return Run(learnt.name, learnt.result, learnt.metrics)

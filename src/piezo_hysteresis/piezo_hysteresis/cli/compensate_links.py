@@ -1,4 +1,4 @@
-"""The arguments that select controllers, as settings of the chain."""
+"""Arguments that select controllers, converted to settings of the voltage chain."""
 
 from __future__ import annotations
 
@@ -106,12 +106,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def controllers_of(
     arguments: argparse.Namespace, model: ModelFile, dt: float, limits: Limits | None = None
 ) -> Controllers:
-    """Return the settings of the chain that the arguments describe.
+    """Return the settings of the voltage chain from the arguments.
 
     Raises
     ------
     CompensationError
-        If one is unknown, missing, superfluous or impossible.
+        If a controller or setting is unknown, missing, superfluous or invalid.
     """
     slow, steering = (
         None if path is None else ModelFile.load(path)
@@ -125,12 +125,12 @@ def controllers_of(
 
 
 def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | Repetition | None:
-    """Return the settings of the attenuation, None where there shall be none.
+    """Return the settings of the attenuation, None for no attenuation.
 
     Raises
     ------
     CompensationError
-        If one is unknown or impossible.
+        If a setting is unknown or invalid.
     """
     if not (math.isfinite(arguments.resonance) and arguments.resonance >= 0):
         raise CompensationError(f'--resonance must be 0 or more, got {arguments.resonance:g} Hz')
@@ -162,12 +162,12 @@ def _repetition(arguments: argparse.Namespace) -> Repetition:
 
 
 def feedback_of(arguments: argparse.Namespace) -> Feedback | None:
-    """Return the feedback, None where there shall be none.
+    """Return the feedback controller, None for no feedback.
 
     Raises
     ------
     CompensationError
-        If something is missing, superfluous or impossible.
+        If a setting is missing, superfluous or invalid.
     """
     kind = arguments.feedback or ('none' if arguments.pid is None else 'pid')
     belongs = {

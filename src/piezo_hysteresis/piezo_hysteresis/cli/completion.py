@@ -1,4 +1,4 @@
-"""Print what a shell needs to complete verbs and options: source <(piezo completion bash)."""
+"""Print a script for shell completion of verbs and options: source <(piezo completion bash)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 
 HELP = 'completion of verbs and options for bash, zsh or tcsh'
 
-# What bin/ and pip call `python -m piezo_hysteresis`.
+# Name of the command in bin/ and in pip installations of `python -m piezo_hysteresis`.
 COMMAND = 'piezo'
 
 
@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def whole_parser() -> argparse.ArgumentParser:
-    """Return one parser of all verbs, whose files and folders are completed as such."""
+    """Return one parser of all verbs that completes file and folder names."""
     import shtab
 
     from piezo_hysteresis.cli import verbosity

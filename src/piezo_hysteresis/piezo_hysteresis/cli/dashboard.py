@@ -1,7 +1,6 @@
 """Serve the live page of running nodes: plots, sliders, sweeps and discoveries in a browser.
 
-Open the address that it prints. Only browsers on this machine can, unless --address says
-otherwise.
+Open the printed address. Without --address only browsers on this machine can connect.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ HELP = 'live page of running nodes, in a browser'
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Hand over to the dashboard node."""
+    """Execute the dashboard node."""
     known = {name: getattr(arguments, name) for name in ('namespace', 'folder', 'port', 'address')}
     given = {name: value for name, value in known.items() if value is not None}
     with ros_needed():

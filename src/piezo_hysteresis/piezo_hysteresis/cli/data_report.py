@@ -13,7 +13,7 @@ from piezo_hysteresis.records.bag_content import DROPPED_KEY, BagContent
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return columns aligned under their heads; numbers to the right."""
+    """Return columns aligned under their headers; numbers are right-aligned."""
     width = [max(len(line[k]) for line in [head, *rows]) for k in range(len(head))]
     number = [all(_is_number(row[k]) for row in rows) for k in range(len(head))]
     lines = []
@@ -28,7 +28,7 @@ def _is_number(cell: str) -> bool:
 
 
 def records_table(records: Sequence[Record]) -> str:
-    """Return one line per record: size, rate, ranges and what is known of it."""
+    """Return one line per record: size, rate, ranges and annotations."""
     head = ['record', 'samples', 'rate Hz', 'start s', 'duration s', 'input', 'stroke µm',
             'excitation', 'reference', 'actuator']  # fmt: skip
     rows = [

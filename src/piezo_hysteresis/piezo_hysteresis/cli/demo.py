@@ -1,9 +1,9 @@
-"""Show the whole suite at work, or identify a record of your own.
+"""Demonstrate the complete workflow, or identify a record of the user.
 
 Without data: a simulated bimorph actuator is swept over live ROS 2 nodes into a bag, identified,
-and made to track a reference with and without compensation. With --data only the identification is
-run, on your records, and the model is chosen by itself. Leaves report.html, summary.json,
-model.yaml and params.yaml in the output folder.
+and tracks a reference with and without compensation. With --data only the identification runs, on
+the given records, with automatic model selection. Writes report.html, summary.json, model.yaml and
+params.yaml to the output folder.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo."""
-    # The children end in the same way whether the demo is interrupted or terminated.
+    # Child processes stop in the same way after an interrupt and after termination.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     out = Path(arguments.out)
@@ -54,7 +54,7 @@ def _interrupt(*_: object) -> None:
 
 
 def show(out: Path) -> None:
-    """Run the experiment on live nodes, print the table, write the results."""
+    """Run the experiment on live nodes, print the table and write the results."""
     from piezo_hysteresis.cli.demo_live import Plan, run_demo
     from piezo_hysteresis.cli.demo_results import demo_summary, write_model, write_summary
     from piezo_hysteresis.reporting.demo_report import write_demo_report
@@ -75,7 +75,7 @@ def show(out: Path) -> None:
 
 
 def identify_own(data: Sequence[str], out: Path) -> None:
-    """Choose a model for the user's records, identify it, write the results."""
+    """Select a model for the records of the user, identify it and write the results."""
     from piezo_hysteresis.cli.demo_results import write_model, write_summary
     from piezo_hysteresis.discovery.choice.choose import choose_model
     from piezo_hysteresis.identification.identify import identify
@@ -124,7 +124,7 @@ def _print_runs(demo: Any) -> None:
         m = run.metrics
         numbers = (m.rms, m.rms_without_mean, *m.harmonics.values())
         table.add_row(run.name, *(f'{1e6 * number:.3f}' for number in numbers))
-    # a pipe has no width of its own: never cut a number there
+    # a pipe has no width: use a width at which no number is truncated
     Console(width=None if sys.stdout.isatty() else 100).print(table)
 
 

@@ -1,4 +1,4 @@
-"""The experiment of the demo: sweep, identify, track a reference three times over live nodes."""
+"""Experiment of the demo: sweep, identification and three tracking runs over live nodes."""
 
 from __future__ import annotations
 
@@ -31,23 +31,25 @@ REPORTED = (1, 2, 3, 5)
 
 @dataclass(frozen=True)
 class Plan:
-    """What the demo runs.
+    """Settings of the demo.
 
     Attributes
     ----------
     frequencies : sequence of float
-        Of the sweep [Hz]; around a third of the resonance they lie close, for there the third
-        harmonic tells where it is.
+        Frequencies of the sweep [Hz]; they are dense around a third of the resonance, where the
+        third
+        harmonic shows its position.
     amplitudes : sequence of float
-        Of the sweep [V]: one alone does not tell the parameters of the loop apart. The reference
-        takes the last.
+        Amplitudes of the sweep [V]; a single one does not determine the parameters of the loop
+        separately. The reference uses the last.
     seconds, warm_up : float
-        Length of each record of the sweep and the part that errors leave out [s].
+        Duration of each record of the sweep, and its first part that is not evaluated [s].
     tracked : float
-        Frequency of the reference [Hz]; its third harmonic falls on the resonance.
+        Frequency of the reference [Hz]; its third harmonic coincides with the resonance.
     tracking_seconds, learning_seconds, judged_seconds : float
-        Length of each tracking run, what attenuation gets on top to learn the harmonics, and the
-        part at the end of each run that is judged [s].
+        Duration of each tracking run, additional time in which attenuation learns the harmonics,
+        and
+        evaluated part at the end of each run [s].
     """
 
     frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)
@@ -67,11 +69,11 @@ class LiveRun:
     Attributes
     ----------
     name : str
-        What acted.
+        Active controllers.
     record : Record
-        With its reference.
+        Record with its reference.
     metrics : TrackingMetrics
-        Of its judged part.
+        Errors of the evaluated part.
     """
 
     name: str
@@ -81,16 +83,16 @@ class LiveRun:
 
 @dataclass(frozen=True)
 class Demo:
-    """Everything that the demo measured.
+    """All results of the demo.
 
     Attributes
     ----------
     plan : Plan
-        What was run.
+        Settings of the demo.
     sweep : tuple of Record
         Open-loop records.
     found : Identification
-        Model identified from them.
+        Model identified from the sweep.
     runs : tuple of LiveRun
         No compensation, feedforward, feedforward and attenuation.
     seconds : dict of str to float
@@ -105,12 +107,12 @@ class Demo:
 
 
 def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
-    """Run everything; leave ``model.yaml`` and the bags in `folder`.
+    """Run the complete demo; write ``model.yaml`` and the bags to `folder`.
 
     Raises
     ------
     PiezoError
-        If ROS 2 is not there, a node dies or the sweep identifies nothing.
+        If ROS 2 is missing, a node terminates or the sweep does not identify the model.
     """
     with ros_needed():
         from piezo_hysteresis.nodes import live
@@ -169,14 +171,14 @@ class _Clock:
 
 
 def _gain(sweep: Sequence[Record], plan: Plan) -> float:
-    """Displacement per volt at the tracked frequency [m/V], as in Fujii 2018."""
+    """Return the displacement per volt at the tracked frequency [m/V], as in Fujii 2018."""
     record = min(sweep, key=lambda r: (abs(r.info.frequency - plan.tracked), -r.info.amplitude))
     u, y = (x[record.warm_up_samples :] for x in (record.voltage, record.displacement))
     return float((y - np.mean(y)) @ u / (u @ u))
 
 
 def _settings(gain: float, folder: Path) -> dict[str, dict[str, Any]]:
-    """Parameters of feedforward and attenuation for each run."""
+    """Return the parameters of feedforward and attenuation for each run."""
     inverse = {'model_file': str(folder / 'model.yaml')}
     off = {'enabled': False}
     return {

@@ -1,4 +1,4 @@
-"""What the demo leaves in its folder."""
+"""Result files of the demo."""
 
 from __future__ import annotations
 

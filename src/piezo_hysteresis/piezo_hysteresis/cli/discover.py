@@ -1,7 +1,8 @@
 """Find the effects that a model lacks in recorded data.
 
-Leaves verdict.json, model.yaml (the baseline with what was found), params.yaml (for the nodes
-feedforward and gap_monitor), simulator.yaml (under the simulator's own names) and report.html.
+Writes verdict.json, model.yaml (the baseline with the found effects), params.yaml (for the nodes
+feedforward and gap_monitor), simulator.yaml (with the parameter names of the simulator) and
+report.html.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def task_of(arguments: argparse.Namespace) -> Discover:
-    """Return the task of the arguments."""
+    """Return the discovery task from the arguments."""
     from piezo_hysteresis.batch.tasks import Discover
     from piezo_hysteresis.identification.settings import pairs
 
@@ -96,7 +97,7 @@ def task_of(arguments: argparse.Namespace) -> Discover:
 
 
 def _tell(verdict: Any, out: str) -> None:
-    """Print the verdict, what is sure about it and what to do next."""
+    """Print the verdict, its certainty and the recommended experiments."""
     from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.discovery_report import chance_words, effect_values
     from piezo_hysteresis.reporting.folding import folded

@@ -1,4 +1,4 @@
-"""The verbs as executables of their own: ``ros2 run piezo_hysteresis identify ...``."""
+"""Executables of the verbs: ``ros2 run piezo_hysteresis identify ...``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from piezo_hysteresis.common.interrupts import run_command_line
 
 
 def __getattr__(name: str) -> Callable[[], None]:
-    """Return the entry point of a verb, ``identify_``; setup.py lists them."""
+    """Return the entry point of a verb, such as ``identify_``; setup.py lists them."""
     if name.startswith('_') or not name.endswith('_'):
         raise AttributeError(name)
     verb = name.removesuffix('_')

@@ -1,6 +1,6 @@
-"""Write every record of the data as a file, with what is known of it in records.yaml.
+"""Write every record of the data as a file, with its annotations in records.yaml.
 
-A MODEL.yaml becomes a C library instead: compensator and plant with the same bits.
+A MODEL.yaml becomes a C library instead: compensator and plant with bit-identical results.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from piezo_hysteresis.records.formats.writing import WRITTEN, write_table
 from piezo_hysteresis.records.tabular import INFO_FILE
 from piezo_hysteresis.reporting.folder import replacing
 
-# What is a model and no data.
+# File name extensions of models.
 MODELS = ('.yaml', '.yml')
 
 HELP = 'records back to files of columns; a model as a C library'
@@ -52,7 +52,7 @@ def _configure_records(parser: argparse.ArgumentParser) -> None:
 
 
 def _refuse_stray(arguments: argparse.Namespace, of_model: bool) -> None:
-    """Refuse what belongs to the other kind of export."""
+    """Reject the options of the other kind of export."""
     parsers = argparse.ArgumentParser(), argparse.ArgumentParser()
     _configure_records(parsers[0])
     export_library.configure(parsers[1])
@@ -65,7 +65,7 @@ def _refuse_stray(arguments: argparse.Namespace, of_model: bool) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the files, all or none."""
+    """Write all files; none after an error."""
     of_model = any(Path(each).suffix in MODELS for each in arguments.data)
     _refuse_stray(arguments, of_model)
     if of_model:

@@ -16,7 +16,7 @@ from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder, write_folder
 
 TARGETS = ('x86_64-linux', 'aarch64-linux')
-# Share of what the model reaches that the sine of example and vectors takes.
+# Amplitude of the sine of example and test vectors, relative to the range of the model.
 _SHARE = 0.8
 _WORD = re.compile(r'[A-Za-z_]\w*')
 
@@ -50,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the library, whole or not at all."""
+    """Write the complete library; no file after an error."""
     from piezo_hysteresis.export.library import Request, files_of
     from piezo_hysteresis.export.native import known_target
     from piezo_hysteresis.export.programs import Drive
@@ -84,8 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _energy(arguments: argparse.Namespace, limits: Limits, dt: float) -> EnergyLimits:
-    """Return the limit of the mean power; its supply is the range of the voltage, as in nodes."""
-    # without a limit its window is only to be long enough for one
+    """Return the limit of the mean power; the supply is the voltage range, as in the nodes."""
+    # without a limit only the length of the window matters
     power, capacitance, window = arguments.energy or (0.0, 1e-6, max(1.0, 20.0 * dt))
     return EnergyLimits(power, capacitance, window, limits.high - limits.low)
 

@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def task_of(arguments: argparse.Namespace) -> Identify:
-    """Return the task of the arguments."""
+    """Return the identification task from the arguments."""
     from piezo_hysteresis.batch.tasks import Identify
     from piezo_hysteresis.identification.settings import pairs
 
@@ -131,7 +131,7 @@ def task_of(arguments: argparse.Namespace) -> Identify:
 
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Options that the method takes; one that belongs to another method is refused."""
+    """Return the options of the selected method; options of other methods are rejected."""
     from piezo_hysteresis.identification.options import options_of
     from piezo_hysteresis.identification.settings import pairs
 
@@ -165,7 +165,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _tell(found: Any, data: Sequence[str], out: str) -> None:
-    """Print parameters with the digits they have, errors and warnings."""
+    """Print parameters with their significant digits, errors and warnings."""
     from piezo_hysteresis.identification.discrepancy import discrepancy_words
     from piezo_hysteresis.identification.uncertainty import digits
     from piezo_hysteresis.reporting.display_units import shown

@@ -1,8 +1,8 @@
-"""Turn CSV files (or other bags) into one bag, one record per file.
+"""Convert CSV files (or other bags) to one bag, one record per file.
 
-A bag of other message types is taken in by naming the fields that mean something:
+A bag with other message types is imported by the names of its fields:
 --voltage /amplifier/command.data --displacement /laser/position.point.x:um, or
---displacement /joint_states.position[stage]. Columns of a CSV file are named likewise:
+--displacement /joint_states.position[stage]. Columns of a CSV file are named in the same way:
 --time "Time (s)" --voltage CH1:V --displacement CH2:um, or by their number from 1.
 """
 

@@ -1,6 +1,6 @@
-"""List the records, topics and defects of bags and files of columns.
+"""List the records, topics and defects of bags and column files.
 
-The exit code is 2 where something is damaged: other verbs then need --salvage.
+The exit code is 2 if data are damaged: other verbs then need --salvage.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what each of the data holds."""
+    """Print the content of each data set."""
     findings = 0
     for path in map(Path, arguments.data):
         print(f'{path}:')
@@ -54,7 +54,7 @@ def _print_survey(found: Survey) -> int:
 
 
 def _print_topics(path: Path) -> None:
-    """Print the topics of a bag that holds no record, where there are any."""
+    """Print the topics of a bag without records, if there are any."""
     if not path.is_dir() and path.suffix not in ('.mcap', '.db3'):
         return
     try:

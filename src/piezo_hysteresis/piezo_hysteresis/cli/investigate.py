@@ -62,7 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Investigate, or repeat an investigation."""
+    """Run or repeat an investigation."""
     if arguments.replay:
         return _replay(Path(arguments.replay), arguments.workers)
     if reason := range_refusal(arguments.low, arguments.high):
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     goal = goal_of(
         model_yaml=text,
         out=arguments.out,
-        low=arguments.low or 0.0,  # both 0 for neither
+        low=arguments.low or 0.0,  # both 0: no limits given
         high=arguments.high or 0.0,
         slew=arguments.slew,
         frequency=arguments.max_frequency,
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         workers=arguments.workers,
         apply=not arguments.no_apply,
     )
-    # A user who ends this verb wants the actuator at rest, by whatever signal.
+    # The actuator returns to rest after an interrupt and after termination.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     teller = _Teller()
     with Asking(arguments.namespace) as running:
@@ -106,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _require_used(arguments: argparse.Namespace) -> None:
-    """Refuse words of nodes on a controller, and of a controller with nodes."""
+    """Reject node options with a controller, and controller options with nodes."""
     nodes = {'--namespace': bool(arguments.namespace), '--no-apply': arguments.no_apply}
     driver = {'--axis': arguments.axis != '1', '--rate': arguments.rate is not None}
     unused, way = (driver, 'without --on') if arguments.on is None else (nodes, 'with --on')
@@ -127,14 +127,14 @@ def _run_on(arguments: argparse.Namespace) -> int:
 
 
 class _Teller:
-    """Prints each experiment once, with what it answered."""
+    """Prints each experiment with its result once."""
 
     def __init__(self) -> None:
         self._asked, self._answer = ('', 0), ''
         self._printed = ''
 
     def feedback(self, progress: Investigate.Feedback) -> None:
-        """Tell how it stands, as a node says."""
+        """Print the progress from the feedback of a node."""
         self._tell(progress, dict(zip(progress.names, progress.chances, strict=True)))
 
     def progress(self, progress: InvestigationProgress) -> None:

@@ -1,4 +1,4 @@
-"""``investigate --on``: an investigation whose experiments run in a controller."""
+"""``investigate --on``: an investigation with experiments in a motion controller."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from piezo_hysteresis.investigation.experiments import PlannedExperiment
     from piezo_hysteresis.investigation.runner import InvestigationProgress
 
-#: Ticks per second of an experiment, where none are given [Hz].
+#: Default sampling rate of an experiment [Hz].
 RATE = 1000.0
 
 
 class ControllerActuator:
-    """A controller as an investigation asks for it: each experiment is one wave.
+    """A controller as the actuator of an investigation: each experiment is one wave.
 
     Parameters
     ----------
@@ -55,19 +55,19 @@ class ControllerActuator:
         return True
 
     def apply(self, model: ModelFile) -> str:
-        """Return that nobody uses a model: there are no nodes."""
+        """Return an empty text, because no node uses the model."""
         return ''
 
 
 def run_on(
     arguments: argparse.Namespace, report: Callable[[InvestigationProgress], None]
 ) -> tuple[str, Path]:
-    """Investigate the actuator of a controller; return what was found and its report.
+    """Investigate the actuator of a controller; return the result and its report.
 
     Raises
     ------
     PiezoError
-        If it cannot be done within the limits, or the controller fails.
+        If the limits allow no investigation, or the controller fails.
     """
     from piezo_hysteresis.investigation.journal import Setup
     from piezo_hysteresis.investigation.limits import ExperimentLimits, granted_range

@@ -1,7 +1,7 @@
-"""Fit a transfer function to records of small moves, for the H-infinity design.
+"""Fit a transfer function to records of small displacements, for the H-infinity design.
 
-Leaves one YAML file with numerator and denominator in s, from volt to metre; compensate takes it
-by --transfer-function, the feedback node as plant.numerator and plant.denominator.
+Writes one YAML file with numerator and denominator in s, from volt to metre; compensate reads it
+with --transfer-function, the feedback node as plant.numerator and plant.denominator.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.cli import verbosity
 
-_POOR = 10.0  # percent of what moves that a linear model may miss
+_POOR = 10.0  # largest residual of a linear model, in percent of the motion
 
 HELP = 'transfer function from records, for H-infinity'
 

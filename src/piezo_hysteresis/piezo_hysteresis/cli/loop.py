@@ -1,6 +1,6 @@
 """Run the loop in one terminal: simulated actuator, voltage chain, monitors, live page.
 
-Every node is a process of its own, as if each had been started in a terminal. Ctrl-C ends all.
+Every node is a separate process, as if started in its own terminal. Ctrl-C stops all.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Start every node and wait for the end."""
+    """Start every node and wait for their end."""
     model = _checked(arguments.model)
     with ros_needed():
         from piezo_hysteresis.ros import processes
@@ -72,9 +72,9 @@ def _checked(model: str | None) -> str:
 
 
 def nodes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, object]]:
-    """Return the parameters of every node, by its name."""
-    readers = 4 if model else 3  # of the state; in lock-step the first tick waits for them
-    known: dict[str, object] = {'model_file': model} if model else {}  # ROS takes no empty text
+    """Return the parameters of every node by its name."""
+    readers = 4 if model else 3  # subscribers of the state; in lock-step tick 0 waits for them
+    known: dict[str, object] = {'model_file': model} if model else {}  # ROS: no empty string
     return {
         'simulator': {
             'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers

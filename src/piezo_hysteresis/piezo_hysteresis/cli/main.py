@@ -1,4 +1,4 @@
-"""``python -m piezo_hysteresis VERB``: runs the file of the verb; an error is one line."""
+"""``python -m piezo_hysteresis VERB``: runs the module of the verb; an error is one line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.common.wording import OneLineParser, near
 from piezo_hysteresis.errors import DataNote, PiezoError
 
-# Each file offers HELP (one line), configure(parser) and run(arguments) -> exit code.
+# Each module provides HELP (one line), configure(parser) and run(arguments) -> exit code.
 VERBS = {
     'import': 'import_data',
     'export': 'export',
@@ -39,12 +39,12 @@ VERBS = {
     'paper': 'paper',
     'completion': 'completion',
 }
-# What stands behind the name of a node is the node's own.
+# Verbs whose arguments after the name belong to a node or another verb.
 PLAIN = ('node', 'batch')
 
 
 def load_verb(verb: str) -> ModuleType:
-    """Import the file of `verb`; the others stay unloaded, so that start-up is fast."""
+    """Import the module of `verb`; the others stay unloaded for a fast start."""
     return importlib.import_module(f'piezo_hysteresis.cli.{VERBS[verb]}')
 
 
@@ -54,14 +54,14 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
     Parameters
     ----------
     arguments : sequence of str, optional
-        Words behind the program's name; those of the process where not given.
+        Arguments after the name of the program; by default those of the process.
     verb : str, optional
-        Verb that is already known (``ros2 run piezo_hysteresis identify``).
+        Verb, if already known (``ros2 run piezo_hysteresis identify``).
 
     Returns
     -------
     int
-        Exit code: 0 done, 2 for anything the user can mend.
+        Exit code: 0 for success, 2 for an error that the user can correct.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if verb is not None:
@@ -85,9 +85,9 @@ def _say(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """Print a warning as one line, without the place in the code that gave it."""
+    """Print a warning as one line, without its source location."""
     kind = 'note' if issubclass(category, DataNote) else 'warning'
-    if category.__name__ == 'DamageWarning':  # of a room that is not loaded for every verb
+    if category.__name__ == 'DamageWarning':  # by name: not every verb imports its module
         kind = 'salvaged'
     verbosity.warn(str(message), kind)
 
@@ -117,7 +117,10 @@ def _run(given: list[str]) -> int:
 
 
 def _prepared(arguments: argparse.Namespace, verb: str) -> str:
-    """Return whose results the named folder holds; with ``--overwrite`` it is made `verb`'s."""
+    """Return a description of earlier results in the folder.
+
+    ``--overwrite`` assigns it to `verb`.
+    """
     if not hasattr(arguments, 'overwrite'):
         return ''
     from piezo_hysteresis.reporting.folder import marker_of, overwrite
@@ -144,4 +147,4 @@ def _overview(given: list[str]) -> int:
             if not (error.name or '').startswith('piezo_hysteresis.cli'):
                 raise
     parser.parse_args(given)
-    return 2  # pragma: no cover - argparse has answered or refused
+    return 2  # pragma: no cover - argparse has exited

@@ -1,7 +1,7 @@
 """Run one node: node feedforward -p model_file:=out/model/model.yaml.
 
-The same as ros2 run, with or without an installation of ROS 2. Behind the name stand
--p NAME:=VALUE, -r OLD:=NEW, --params-file FILE; `node NAME --help` lists its parameters.
+The same as ros2 run, with or without an installation of ROS 2. Options after the name:
+-p NAME:=VALUE, -r OLD:=NEW, --params-file FILE; `node NAME --help` lists the parameters.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Become the node."""
+    """Replace the process by the node."""
     path = executable(arguments.node)
     sys.stdout.flush()
     options = ros_words(arguments.words)
@@ -45,7 +45,7 @@ def executable(node: str) -> Path:
     Raises
     ------
     PiezoError
-        If there is none, the workspace is not sourced or its package is not built.
+        If the node is unknown, the workspace is not sourced or its package is not built.
     """
     if node not in NODES:
         known = ', '.join(NODES)
@@ -58,6 +58,6 @@ def executable(node: str) -> Path:
 
 
 def ros_words(options: list[str]) -> list[str]:
-    """Return the arguments of the process; those of ROS follow ``--ros-args``."""
+    """Return the process arguments, with those of ROS after ``--ros-args``."""
     plain = {'-h', '--help', '--ros-args'}
     return options if not options or not plain.isdisjoint(options) else ['--ros-args', *options]

@@ -1,4 +1,4 @@
-"""Look at the parameters of running nodes and set them, as ros2 param does.
+"""Get and set the parameters of running nodes, as ros2 param does.
 
 param list; param list /attenuation; param get /excitation frequency; param set /attenuation
 enabled false; param load /feedforward out/model/params.yaml
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Ask, and print the answers."""
+    """Call the parameter services and print the results."""
     needed = {'list': 0, 'get': 2, 'set': 3, 'load': 2}[arguments.what]
     texts = [arguments.node, arguments.name, arguments.value]
     given = [each for each in texts if each is not None]

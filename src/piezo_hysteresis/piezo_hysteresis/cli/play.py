@@ -1,4 +1,4 @@
-"""Play a bag back to topics, at any rate or in lock-step with the nodes that listen."""
+"""Publish a bag on its topics, at any rate or in lock-step with the subscribed nodes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Hand over to the player node."""
+    """Execute the player node."""
     options = [arguments.bag, *arguments.topics, '--rate', repr(arguments.rate)]
     switches = {
         '--loop': arguments.loop,

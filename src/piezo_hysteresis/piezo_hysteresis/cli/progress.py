@@ -1,4 +1,4 @@
-"""Progress of long work and the time left: a bar on a terminal, lines now and then in a pipe."""
+"""Progress and remaining time of long tasks: a bar on a terminal, occasional lines in a pipe."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from piezo_hysteresis.reporting.display_units import clock, time_left
 
 Tell = Callable[[float, str], None]
 
-# Between two lines in a pipe [s]; work that is done sooner says nothing.
+# Time between two lines in a pipe [s]; a shorter task prints none.
 SELDOM, OFTEN = 30.0, 2.0
-# Part of the work that tells its pace.
+# Fraction of the task from which the remaining time is estimated.
 ENOUGH = 0.03
 
 
@@ -36,7 +36,7 @@ class ProgressLines:
     Parameters
     ----------
     title : str
-        Of the work.
+        Title of the task.
     every : float
         Time between two lines [s].
     now : callable, optional

@@ -1,6 +1,6 @@
-"""Record topics of a running ROS 2 system into a bag that survives whatever happens.
+"""Record topics of a running ROS 2 system into a crash-safe bag.
 
-Everything flushed is readable after a crash, a kill or a full disk; Ctrl-C ends the recording.
+All flushed data are readable after a crash, a kill or a full disk; Ctrl-C stops the recording.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Hand over to the recorder node."""
+    """Execute the recorder node."""
     options = [*arguments.topics, '--out', arguments.out, '--namespace', arguments.namespace]
     with ros_needed():
         from piezo_hysteresis.nodes.recording import recorder_node

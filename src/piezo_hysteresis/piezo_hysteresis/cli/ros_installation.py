@@ -1,4 +1,4 @@
-"""Reports a missing ROS 2 installation; only verbs that run nodes import it."""
+"""Error message for a missing ROS 2 installation; only verbs that run nodes import this module."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ ROS_PACKAGES = (
 
 @contextmanager
 def ros_needed() -> Iterator[None]:
-    """Let imports of `nodes`, and of what else needs ROS 2, end in a sentence without it.
+    """Convert import errors of `nodes` and other ROS 2 modules to one error message.
 
     Raises
     ------
     PiezoError
-        If ROS 2 or the built workspace is not there.
+        If ROS 2 or the built workspace is missing.
     """
     try:
         yield
@@ -46,7 +46,7 @@ def ros_needed() -> Iterator[None]:
 
 
 def installed(package: str) -> Path:
-    """Return the folder that a package of the workspace is installed in.
+    """Return the installation folder of a package of the workspace.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Options that several verbs share: start and zero of records, folder of results."""
+"""Options of several verbs: initial condition and zero offset of records, output folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ZERO_HELP = (
 
 
 def add_out(parser: argparse.ArgumentParser, default: str | None = None) -> None:
-    """Add ``--out DIR`` and ``--overwrite``; without a default the folder must be named."""
+    """Add ``--out DIR`` and ``--overwrite``; without a default the folder is required."""
     note = '' if default is None else f' ({default})'
     parser.add_argument(
         '--out', required=default is None, default=default, metavar='DIR',

@@ -1,4 +1,4 @@
-"""Measure a sweep on a controller: it runs there, at its own rate, and becomes a bag."""
+"""Measure a sweep on a motion controller at its own sampling rate, and write a bag."""
 
 from __future__ import annotations
 

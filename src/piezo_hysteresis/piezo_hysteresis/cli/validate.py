@@ -1,8 +1,7 @@
 """Compare a saved model with records, and its error with the known discrepancy.
 
-Writes report.html, summary.json, figures and model.yaml: the model with what it misses on these
-records as its discrepancy. Records that were not used to identify the model are the ones that
-count.
+Writes report.html, summary.json, figures and model.yaml: the model with its residual on these
+records as its discrepancy. Only records that were not used to identify the model validate it.
 """
 
 from __future__ import annotations

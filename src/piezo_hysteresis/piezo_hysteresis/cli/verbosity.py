@@ -1,4 +1,4 @@
-"""Verbosity of the command line: results always, other output by -q and -v."""
+"""Verbosity of the command line: results always, other output according to -q and -v."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def add_words(parser: argparse.ArgumentParser) -> None:
 
 
 def early_words(given: list[str]) -> tuple[list[str], list[str]]:
-    """Part -q and -v before the verb from the rest."""
+    """Separate -q and -v before the verb from the other arguments."""
     known = ('-q', '--quiet', '-v', '--verbose')
     count = next((k for k, each in enumerate(given) if each not in known), len(given))
     return given[:count], given[count:]
 
 
 def parsed(given: list[str]) -> argparse.Namespace:
-    """Return the wish of -q and -v alone."""
+    """Return the verbosity from -q and -v alone."""
     parser = OneLineParser(prog='piezo_hysteresis')
     add_words(parser)
     found: argparse.Namespace = parser.parse_args(given)
