@@ -1,1 +1,1 @@
-"""Figures and the HTML report."""
+"""Figures and HTML reports."""

@@ -1,4 +1,4 @@
-"""The folder that a study of compensation leaves: report, errors and a figure; whole or not."""
+"""Output folder of a compensation study: report, errors and a figure, complete or unchanged."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def write_compensation(
     Parameters
     ----------
     out : str or Path
-        Folder; made where it is not there.
+        Folder; created if missing.
     study : Study
         All settings.
     runs : sequence of Run
-        The first one without compensation.
+        Runs, the first one without compensation.
     reference : str
-        The reference in words.
+        Description of the reference.
     seconds : float
         Computing time [s].
 
@@ -91,7 +91,7 @@ def _figure(runs: Sequence[Run]) -> bytes:
         label = f'{each.name}: rms {each.metrics.rms * 1e6:.3g} µm'
         colour = colour_of(each)
         whole.plot(result.time, result.error * 1e6, lw=0.7, label=label, color=colour)
-        if each is not runs[0]:  # beside it the others are one line
+        if each is not runs[0]:  # at its scale the other errors are indistinguishable
             error = result.error[part] * 1e6
             last.plot(result.time[part], error, lw=1.2, color=colour)
     whole.set(title='Tracking error', ylabel='error [µm]')

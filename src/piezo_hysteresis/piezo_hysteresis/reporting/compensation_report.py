@@ -1,4 +1,4 @@
-"""The report of ``compensate``: tracking errors and displacements of all runs."""
+"""Report of ``compensate``: tracking errors and displacements of all runs."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, ta
 from piezo_hysteresis.reporting.plot_parts import ROLES
 from piezo_hysteresis.reporting.plots import Curve, band_figure, trace_figure
 
-_DRAWN = 400  # samples of the end that are drawn at least
+_DRAWN = 400  # smallest number of drawn samples, from the end
 _ROLES = {
     'no compensation': 'uncompensated',
     'feedforward': 'feedforward',
     'with attenuation': 'attenuated',
     'with both': 'everything',
 }
-_OTHER = 'fed_back'  # a law on the error, whatever its name
+_OTHER = 'fed_back'  # any feedback law
 
 
 def compensation_page(
@@ -32,11 +32,11 @@ def compensation_page(
     Parameters
     ----------
     runs : sequence of Run
-        The first one without compensation.
+        Runs, the first one without compensation.
     model, plant, reference : str
-        What was inverted, what was driven, and what it was asked for.
+        Inverted model, driven plant, and reference.
     from_seconds : float
-        Where the judged part begins [s].
+        Start of the evaluated part.
     """
     sections = [_errors(runs, from_seconds), _left(runs), _voltages(runs)]
     if plant == model:
@@ -78,7 +78,7 @@ def _errors(runs: Sequence[Run], from_seconds: float) -> PageSection:
 
 
 def _left(runs: Sequence[Run]) -> PageSection:
-    # the largest first, so that none hides another
+    # the largest error first, so that no curve hides another
     compensated = sorted(runs[1:], key=lambda run: -run.metrics.rms)
     figures: list[Plot] = [
         band_figure(
@@ -96,7 +96,7 @@ def _left(runs: Sequence[Run]) -> PageSection:
 
 
 def _dominant(run: Run) -> float:
-    """Return the frequency of the largest line of the reference [Hz], 0 without one."""
+    """Return the frequency of the largest spectral line of the reference [Hz], 0 without one."""
     time, reference = run.result.time, run.result.reference
     lines = np.abs(np.fft.rfft(reference - reference.mean()))
     peak = int(np.argmax(lines)) if lines.any() else 0
@@ -140,5 +140,5 @@ def _role(run: Run) -> str:
 
 
 def colour_of(run: Run) -> str:
-    """Return the colour that a run has in every plot."""
+    """Return the colour of a run in every plot."""
     return ROLES[_role(run)]

@@ -1,4 +1,4 @@
-"""The report of the demo: tracking before and after first, then the model behind it."""
+"""Report of the demo: tracking before and after compensation, then the identified model."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ _RUNS = ('uncompensated', 'feedforward', 'attenuated')  # roles of the runs, in 
 
 
 class TrackingRun(Protocol):
-    """A tracking run as the report needs it."""
+    """Interface of a tracking run for the report."""
 
     @property
     def name(self) -> str:
-        """What acted."""
+        """Active controllers."""
 
     @property
     def record(self) -> Record:
-        """What was recorded, with its reference."""
+        """Record with its reference."""
 
     @property
     def metrics(self) -> TrackingMetrics:
-        """Of the judged part."""
+        """Errors of the evaluated part."""
 
 
 class TrackingPlan(Protocol):
-    """The part of the plan that the report shows."""
+    """Interface of the plan for the report."""
 
     @property
     def tracked(self) -> float:
@@ -59,7 +59,7 @@ class TrackingPlan(Protocol):
 
     @property
     def judged_seconds(self) -> float:
-        """Part at the end that is judged [s]."""
+        """Evaluated part at the end of each run [s]."""
 
 
 def write_demo_report(
@@ -77,15 +77,15 @@ def write_demo_report(
     path : Path
         HTML file to write.
     sweep : sequence of Record
-        What the model was identified from.
+        Records from which the model was identified.
     found : Identification
         The model.
     runs : sequence of TrackingRun
-        The first one without compensation, the last one with everything.
+        Tracking runs, the first one without compensation, the last one with all controllers.
     plan : TrackingPlan
-        What was run.
+        Settings of the demo.
     results : Path
-        Folder that its commands name, which `path` may be in only later.
+        Folder named in the printed commands; `path` may be moved into it later.
 
     Raises
     ------
@@ -113,9 +113,9 @@ def write_data_report(
     data: Sequence[str],
     results: Path,
 ) -> None:
-    """Write the report of an identification whose model was chosen automatically.
+    """Write the report of an identification with automatic model selection.
 
-    The commands in it name the folder `results`, which `path` may be in only later.
+    Its commands name the folder `results`; `path` may be moved into it later.
 
     Raises
     ------

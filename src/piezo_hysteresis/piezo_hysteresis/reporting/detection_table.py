@@ -1,4 +1,4 @@
-"""Detection limits as a table of the report and as lines of the terminal."""
+"""Detection limits as a table of the report and as a line of the terminal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _APART = (
 
 
 def detection_section(limits: Sequence[DetectionLimit]) -> PageSection | None:
-    """Return the section of the report, None where no limits were calculated."""
+    """Return the section of the report, None without detection limits."""
     if not limits:
         return None
     header = (
@@ -48,7 +48,7 @@ def detection_section(limits: Sequence[DetectionLimit]) -> PageSection | None:
 
 
 def limits_line(limits: Sequence[DetectionLimit]) -> str:
-    """Return one line for the terminal: each effect with the sizes from which on it shows."""
+    """Return one line for the terminal: each effect with its smallest detectable sizes."""
     return '; '.join(f'{each.effect} {each.brief}' for each in statements(limits))
 
 

@@ -1,4 +1,4 @@
-"""The folder that a discovery leaves: verdict, model, parameters, report; whole or not at all."""
+"""Output folder of a discovery: verdict, model, parameters and report, complete or unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a discovery."""
+"""Report of a discovery."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PERIODS = 3
 
 
 def discovery_page(found: Discovery) -> str:
-    """Return the report as HTML: the answer on two screens, the details folded."""
+    """Return the report as HTML: the verdict on two screens, the details folded."""
     verdict = found.verdict
     sections = [
         _gaps(found),
@@ -58,7 +58,7 @@ def discovery_page(found: Discovery) -> str:
 
 
 def _gaps(found: Discovery) -> PageSection:
-    """Return both gaps, on held-out and on fitted records, as a table."""
+    """Return the gaps on held-out and on fitted records as a table."""
     verdict, held = found.verdict, found.verdict.held_out
     before, after = found.baselines.joint.rms, found.final.rms
     rows = [
@@ -128,7 +128,7 @@ def _records(found: Discovery) -> PageSection:
 
 
 def _over_frequency(found: Discovery) -> tuple[Plot, ...]:
-    """Draw the gap of all records of the largest amplitude over the frequency of the drive."""
+    """Draw the gap of all records with the largest amplitude over the drive frequency."""
     rows = over_frequency(found.data, found.baselines.joint, found.final, found.proof)
     largest = max((row.amplitude for row in rows), default=0.0)
     rows = [row for row in rows if row.amplitude > 0.99 * largest]
@@ -244,7 +244,7 @@ def _order(harmonic: int) -> str:
 
 
 def _effects(verdict: Verdict) -> PageSection | None:
-    """Return the effects with their probabilities, or the residual that has no name."""
+    """Return the effects with their probabilities, or the residual without a name."""
     if not verdict.effects:
         if verdict.verdict == 'none':
             return None
@@ -283,7 +283,7 @@ def _parameters(verdict: Verdict) -> PageSection | None:
 
 
 def effect_values(effect: NamedEffect) -> list[Value]:
-    """Return the parameters of an effect as they are reported."""
+    """Return the reported parameters of an effect."""
     return [
         Value(name, number.value, number.std, number.unit)
         for name, number in effect.parameters.items()
@@ -294,7 +294,7 @@ _SMALLEST_P = 1e-9
 
 
 def chance_words(p_value: float) -> str:
-    """Return a p-value, with a lower bound of its display."""
+    """Return a p-value as text, with a lower display limit."""
     return f'{p_value:.1e}' if p_value > _SMALLEST_P else f'below {_SMALLEST_P:.0e}'
 
 
@@ -307,7 +307,7 @@ def _next(verdict: Verdict, check: Check) -> PageSection:
 
 
 def limits_of_records(check: Check, experiments: Sequence[str]) -> list[str]:
-    """Return what the records cannot show, without what the experiments state already."""
+    """Return the limitations of the records, without those that the experiments already state."""
     limits = list(check.findings)
     for names, advice in check.confounded:
         listed = ', '.join(names)
@@ -322,7 +322,7 @@ def _model(found: Discovery) -> PageSection:
     std = final.fitted.std if final.fitted is not None else {}
     units = {q.name: q.unit for q in final.model.parameters}
     held = set(final.model.held)
-    # what is held has no deviation
+    # a fixed parameter has no standard deviation
     shown = {name: value for name, value in std.items() if name not in held}
     numbers = {name: final.values[name] for name in final.model.parameter_names}
     rows = folded(values_of(numbers, shown, units))

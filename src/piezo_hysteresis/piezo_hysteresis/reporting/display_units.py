@@ -1,4 +1,4 @@
-"""Numbers as people read them: micrometres instead of metres, digits that are known."""
+"""Numbers for display: micrometres instead of metres, significant digits only."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _SHOWN = {
 
 
 def shown(unit: str) -> tuple[str, float]:
-    """Return the unit that people read for an SI unit, and the factor to it."""
+    """Return the display unit of an SI unit, and the conversion factor."""
     return _SHOWN.get(unit, (unit, 1.0))
 
 
 def clock(seconds: float) -> str:
-    """Return a time [s] for people: ``40 s``, ``3 min 05 s``, ``2 h 10 min``."""
+    """Return a duration [s] as text: ``40 s``, ``3 min 05 s``, ``2 h 10 min``."""
     whole = round(seconds)
     if whole < 60:
         return f'{whole} s'
@@ -34,7 +34,7 @@ def clock(seconds: float) -> str:
 
 
 def time_left(fraction: float, spent: float) -> str:
-    """Return how long the rest takes at the pace so far, as ``, about 40 s left``."""
+    """Return the remaining time at the present rate, as ``, about 40 s left``."""
     return f', about {clock(spent * (1.0 - fraction) / fraction)} left'
 
 
@@ -46,14 +46,14 @@ def micrometres(metres: float | None) -> str:
 
 
 def with_deviation(value: float, std: float | None) -> tuple[str, str]:
-    """Return a number with the digits that its standard deviation leaves, and the deviation.
+    """Return a number with the digits that its standard deviation permits, and the deviation.
 
     Parameters
     ----------
     value : float
-        In the unit that is shown.
+        Value in the display unit.
     std : float or None
-        In the same unit; None or infinite where the data do not tell.
+        Standard deviation in the same unit; None or infinite if unknown.
     """
     if std is None or math.isnan(std):
         return f'{value:.5g}', 'held'

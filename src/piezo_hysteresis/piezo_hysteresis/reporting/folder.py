@@ -1,4 +1,4 @@
-"""Folders of results: every file whole, or none; only a verb's own results are replaced."""
+"""Output folders: all files or none are written, and a verb replaces only its own results."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from typing import Any
 from piezo_hysteresis import __version__
 from piezo_hysteresis.errors import PiezoError
 
-# Says which verb filled a folder, and with which files.
+# File with the verb that wrote a folder, and the names of its files.
 MARKER = '.results.json'
 
 
 @dataclass(frozen=True)
 class FolderMarker:
-    """Whose results a folder holds.
+    """Owner of the results in a folder.
 
     Attributes
     ----------
     verb : str
-        That left them.
+        Verb that wrote the results.
     files : tuple of str
-        Names of the files and folders that it left.
+        Names of the written files and folders.
     """
 
     verb: str
@@ -41,13 +41,13 @@ class FolderMarker:
 
 
 def marker_of(folder: str | Path) -> FolderMarker | None:
-    """Return the verb whose results a folder holds, or None."""
+    """Return the marker of a folder, or None."""
     content = _read(Path(folder) / MARKER)
     if not isinstance(content.get('verb'), str):
         return None
     files = content.get('files')
     names = files if isinstance(files, list) else []
-    # Plain names only: what a file says must not lead out of its folder.
+    # Plain names only: an entry of the file must not point outside the folder.
     return FolderMarker(
         content['verb'], tuple(n for n in names if isinstance(n, str) and _plain(n))
     )
@@ -66,7 +66,7 @@ def _plain(name: str) -> bool:
 
 
 def check_folder(folder: str | Path, verb: str) -> None:
-    """Refuse a folder that holds anything but results of `verb`; ask before long work.
+    """Reject a folder that contains anything but results of `verb`; call it before a long task.
 
     Raises
     ------
@@ -90,14 +90,14 @@ def check_folder(folder: str | Path, verb: str) -> None:
 
 
 def overwrite(folder: str | Path, verb: str) -> None:
-    """Let `verb` write into a folder whatever it holds; results of another verb are replaced."""
+    """Let `verb` write into a folder with any content; results of another verb are replaced."""
     if Path(folder).is_dir():
         found = marker_of(folder)
         _mark(folder, FolderMarker(verb, found.files if found is not None else ()))
 
 
 def claim(folder: str | Path, verb: str) -> None:
-    """Mark a folder before long work whose results come one by one; what is in it stays.
+    """Mark a folder before a task that writes its results one by one; its content stays.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def claim(folder: str | Path, verb: str) -> None:
 
 
 def clear(folder: str | Path, verb: str) -> None:
-    """Take the results of an earlier run of `verb` away, other files stay; mark the folder.
+    """Remove the results of an earlier run of `verb`, keep other files, and mark the folder.
 
     Raises
     ------
@@ -128,23 +128,22 @@ def _mark(folder: str | Path, marker: FolderMarker) -> None:
 
 
 def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str = '') -> None:
-    """Write files into a folder: all under temporary names first, then renamed.
+    """Write files into a folder: first all under temporary names, then renamed.
 
     Parameters
     ----------
     folder : str or Path
-        Made where it is not there; other files in it stay.
+        Folder; created if missing. Other files in it stay.
     files : mapping of str to bytes or str
         Content by file name.
     verb : str
-        Whose results they are: the folder is marked with it, and what an earlier run of the verb
-        left and this one did not is taken away. '' for files that are no results.
+        Owner of the results: the folder is marked with it, and files of an earlier run that this
+        run does not write are removed. '' for files that are not results.
 
     Raises
     ------
     PiezoError
-        If the folder holds something else or cannot be written; then none of the files is
-        changed.
+        If the folder has other content or cannot be written; no file is then changed.
     """
     target = Path(folder)
     stale: set[str] = set()
@@ -157,7 +156,7 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str
         target.mkdir(parents=True, exist_ok=True)
         try:
             for name, content in files.items():
-                # opened as any file is, so that the umask decides who may read it
+                # opened as a usual file, so that the umask sets its permissions
                 temporary = target / f'.{name}.{os.getpid()}.tmp'
                 waiting.append((temporary, target / name))
                 temporary.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -175,7 +174,7 @@ def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str
 
 
 def _stale(folder: Path, names: Iterable[str]) -> set[str]:
-    """Return the files of the results in a folder that are not among `names`."""
+    """Return the result files of a folder that are not among `names`."""
     found = marker_of(folder)
     left = set(found.files) - set(names) if found is not None else set()
     return {name for name in left if (folder / name).is_file()}
@@ -183,14 +182,14 @@ def _stale(folder: Path, names: Iterable[str]) -> set[str]:
 
 @contextmanager
 def replacing(folder: Path, verb: str) -> Iterator[Path]:
-    """Offer an empty folder whose content goes into `folder` only when everything went well.
+    """Provide an empty folder whose content moves into `folder` only after success.
 
-    What an earlier run of `verb` left is taken away, other files stay.
+    Results of an earlier run of `verb` are removed, other files stay.
 
     Raises
     ------
     PiezoError
-        If `folder` holds something else, or cannot be written.
+        If `folder` has other content or cannot be written.
     """
     check_folder(folder, verb)
     try:

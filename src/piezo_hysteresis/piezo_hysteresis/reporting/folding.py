@@ -1,4 +1,4 @@
-"""Parameters of many equal elements on one line: ``fine_memory1 .. 39``, and as a picture."""
+"""Parameters of many equal elements on one line, ``fine_memory1 .. 39``, and as a figure."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from piezo_hysteresis.reporting.display_units import shown, with_deviation
 from piezo_hysteresis.reporting.page import Plot
 from piezo_hysteresis.reporting.plot_parts import PALETTE, new_axes
 
-# Fewer elements are listed one by one.
+# Number of elements from which they are combined.
 FEWEST = 6
-# So many values that are zero within their deviations are reported together.
+# Number of values equal to zero within their standard deviations from which they are combined.
 _FEWEST_ZEROS = 2
 _NUMBERED = re.compile(r'^(.*?)(\d+)$')
 
 
 @dataclass(frozen=True)
 class Value:
-    """One parameter as it is reported.
+    """One reported parameter.
 
     Attributes
     ----------
     name : str
-        Of the parameter.
+        Name of the parameter.
     value : float
         In SI units.
     std : float or None
-        Standard deviation; None where it was held or is not known.
+        Standard deviation; None if the parameter is fixed or the value unknown.
     unit : str
         SI unit.
     """
@@ -42,7 +42,7 @@ class Value:
 
 
 def groups_of(values: Iterable[Value]) -> list[list[Value]]:
-    """Return the values with the elements of one kind together, all others alone."""
+    """Return the values grouped by the kind of element; all others are separate."""
     found: list[list[Value]] = []
     for value in values:
         same = bool(found and _stem(value)) and (
@@ -60,7 +60,7 @@ def groups_of(values: Iterable[Value]) -> list[list[Value]]:
 
 
 def folded(values: Iterable[Value]) -> list[tuple[str, str, str]]:
-    """Return name, value with deviation, and unit of each parameter, elements on one line."""
+    """Return name, value with deviation and unit of each parameter, equal elements combined."""
     groups = groups_of(values)
     nothing = [g[0].name for g in groups if len(g) == 1 and _is_nothing(g[0])]
     if len(nothing) < _FEWEST_ZEROS:
@@ -94,7 +94,7 @@ def _line(group: Sequence[Value]) -> tuple[str, str, str]:
 
 
 def weights_figures(values: Iterable[Value]) -> tuple[Plot, ...]:
-    """Draw the elements of each kind over their number, with their standard deviations."""
+    """Draw the values of each kind of element over their number, with standard deviations."""
     return tuple(_weights(group) for group in groups_of(values) if len(group) > 1)
 
 
@@ -121,7 +121,7 @@ def _weights(group: Sequence[Value]) -> Plot:
 def values_of(
     numbers: Mapping[str, float], std: Mapping[str, float], units: Mapping[str, str]
 ) -> list[Value]:
-    """Return parameters as they are reported, in their order."""
+    """Return the reported parameters, in their order."""
     return [Value(name, value, std.get(name), units[name]) for name, value in numbers.items()]
 
 

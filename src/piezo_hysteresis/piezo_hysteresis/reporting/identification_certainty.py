@@ -1,4 +1,4 @@
-"""Parameters with their uncertainty and correlations."""
+"""Parameters with their standard deviations and correlations."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from piezo_hysteresis.reporting.display_units import shown, with_deviation
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, table
 from piezo_hysteresis.reporting.plot_parts import new_axes
 
-_PAIRS = 5  # most strongly linked pairs that are listed
-_WRITTEN = 9  # up to so many parameters, numbers fit into the cells
+_PAIRS = 5  # listed pairs with the strongest correlations
+_WRITTEN = 9  # largest number of parameters with numbers in the cells
 
 
 def parameter_section(found: Identification) -> PageSection:

@@ -16,7 +16,7 @@ from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 
 _PANELS = 6
-_DRAWN = 4000  # points of a loop; more only make the file larger
+_DRAWN = 4000  # points of a loop; more increase only the file size
 _MODEL, _ERROR, _FLOOR = ROLES['model'], ROLES['error'], '#000000'
 
 
@@ -32,13 +32,13 @@ def figures(
     Parameters
     ----------
     records : sequence of Record
-        What was measured.
+        Measured records.
     simulated : mapping of str to ndarray
         Free run by record name [m], shapes (n,).
     errors : sequence of RecordErrors
-        Of the same records.
+        Errors of the same records.
     noise_floor : float
-        Rms [m]; NaN where it is not known.
+        Noise rms [m]; NaN if unknown.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def _panels(count: int) -> tuple[Figure, list[Any]]:
 
 
 def _tail(record: Record) -> slice:
-    """Return the last two periods, or the end of the record, where there is no period."""
+    """Return the last two periods, or the end of a record without a period."""
     frequency = record.info.frequency
     count = round(2 / (frequency * record.dt)) if frequency > 0 else 5 * _DRAWN
     return slice(max(len(record) - count, record.warm_up_samples), None)
@@ -112,7 +112,7 @@ def _spectra(
             frequency, amplitude = _amplitudes(signal, record.dt)
             axis.loglog(frequency[1:], 1e6 * amplitude[1:], color=colour, label=label, lw=0.8)
         if floor > 0:
-            # white noise of this rms, as the amplitude of one line
+            # amplitude of one spectral line of white noise with this rms
             line = 2e6 * floor / np.sqrt(len(record) - record.warm_up_samples)
             axis.axhline(line, color=_FLOOR, ls=':', label='noise floor')
         axis.set_title(record.name, fontsize='medium')

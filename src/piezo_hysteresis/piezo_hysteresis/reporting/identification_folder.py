@@ -1,4 +1,7 @@
-"""The folder that an identification leaves: model, parameters, figures, report; whole or not."""
+"""Output folder of an identification: model, parameters, figures and report.
+
+Complete or unchanged.
+"""
 
 from __future__ import annotations
 
@@ -22,19 +25,19 @@ def write_identification(
     Parameters
     ----------
     out : str
-        Folder; made where it is not there.
+        Folder; created if missing.
     found : Identification
-        What was found.
+        Result of the identification.
     records : sequence of Record
-        In what it was found.
+        Records of the identification.
     data : sequence of str
-        Where these came from.
+        Paths of the records.
 
     Raises
     ------
     PiezoError
         If the folder cannot be written or holds the results of another verb, or the parameters
-        make no model.
+        are not a valid model.
     """
     saved = found.model_file(data, records[0].rate)
     drawn = figures(

@@ -1,4 +1,4 @@
-"""The report on an identification: how well the model follows, where not, how sure, what next."""
+"""Report of an identification: errors, their location, parameter uncertainty and next steps."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import Curve, loop_figure, trace_figure
 from piezo_hysteresis.reporting.signals import last_periods
 
-_LOOPS = 4  # records whose loops are drawn
-_MANY_FLOORS = 3.0  # beyond this the model lacks something, not the record
+_LOOPS = 4  # number of drawn loops
+_MANY_FLOORS = 3.0  # error in noise floors from which an effect is missing in the model
 
 
 def identification_page(
@@ -42,15 +42,15 @@ def identification_page(
     Parameters
     ----------
     records : sequence of Record
-        What was measured.
+        Measured records.
     found : Identification
-        What was identified from it.
+        Result of the identification.
     steps : sequence of TriedModel
-        How the model was chosen, where that was not said beforehand.
+        Tested models, if the model was selected automatically.
     data : sequence of str
-        Paths, for the commands that come next; ``DATA`` where not given.
+        Paths for the recommended commands; ``DATA`` if not given.
     folder : str
-        That of the results, as the user wrote it.
+        Output folder as given by the user.
     """
     seen = annotated(records)
     simulated = free_runs(records, found)
@@ -68,7 +68,7 @@ def identification_page(
 
 
 def free_runs(records: Sequence[Record], found: Identification) -> dict[str, FloatArray]:
-    """Return the free run of the model on every record [m], by record name."""
+    """Return the free run of the model for every record [m], by record name."""
     with np.errstate(over='ignore', invalid='ignore'):
         return {
             each.name: free_run_of(
@@ -79,7 +79,7 @@ def free_runs(records: Sequence[Record], found: Identification) -> dict[str, Flo
 
 
 def sentence_of(found: Identification) -> str:
-    """Return the verdict on an identification."""
+    """Return the summary of an identification in one sentence."""
     worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
     many = len(found.records) > 1
     where = f' in the worst of {len(found.records)} records' if many else ''
@@ -108,9 +108,9 @@ def fit_section(
     Parameters
     ----------
     records : sequence of Record
-        What was measured.
+        Measured records.
     found : Identification
-        What was identified from it.
+        Result of the identification.
     simulated : mapping of str to ndarray
         Free run by record name [m].
     """
@@ -129,7 +129,7 @@ def fit_section(
 def fit_figures(
     records: Sequence[Record], simulated: Mapping[str, FloatArray]
 ) -> tuple[Plot, ...]:
-    """Return loops of some records with their free runs [m]; of a few records one over time."""
+    """Return loops of some records with their free runs [m]; for few records one over time."""
     drawn = [each for each in records if float(np.ptp(each.voltage)) > 0] or list(records)
     figures = [_loop(each, simulated[each.name]) for each in _spread(drawn)]
     if len(records) < _LOOPS:
@@ -144,7 +144,7 @@ def fit_figures(
 
 
 def choice_section(steps: Sequence[TriedModel]) -> PageSection:
-    """Return how the model was chosen."""
+    """Return the tested models and the selected one."""
     rows = [
         (
             LADDER.get(step.name, step.name),
@@ -166,7 +166,7 @@ def choice_section(steps: Sequence[TriedModel]) -> PageSection:
 
 
 def next_section(found: Identification, data: Sequence[str] = (), folder: str = '') -> PageSection:
-    """Return what to do with this model, the most urgent thing first."""
+    """Return the recommended next steps, most urgent first."""
     model, parameters = (str(Path(folder) / name) for name in ('model.yaml', 'params.yaml'))
     lines = []
     if not found.converged:
@@ -200,9 +200,10 @@ def lacks_something(found: Identification) -> bool:
 
 
 def discover_command(model: Model, data: Sequence[str] = ()) -> str:
-    """Return the command that names what a model lacks on the data that it was identified from.
+    """Return the command that searches missing effects in the data of the identification.
 
-    The chain goes by its name: given its own file `discover` can find nothing new in these data.
+    The model is given by its name: with its own file `discover` cannot find a new effect in these
+    data.
     """
     inputs = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     baseline = name_of(model) or 'NAME'

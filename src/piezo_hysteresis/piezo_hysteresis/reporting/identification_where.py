@@ -1,4 +1,4 @@
-"""Where a model is wrong: by record and frequency, by harmonic of the drive, over time."""
+"""Location of the model error: by record and frequency, by harmonic of the drive, over time."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from piezo_hysteresis.reporting.page import PageSection, Plot, Table, table
 from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
 from piezo_hysteresis.reporting.signals import last_periods, stands_out
 
-_ORDERS = 9  # highest harmonic that is looked at
+_ORDERS = 9  # highest evaluated harmonic
 
 
 def where_section(
     records: Sequence[Record], found: Identification, simulated: Mapping[str, FloatArray]
 ) -> PageSection:
-    """Return the error by frequency, and its spectrum and course in the worst record.
+    """Return the error by frequency, and its spectrum and time course in the worst record.
 
     Parameters
     ----------
     records : sequence of Record
-        What was measured.
+        Measured records.
     found : Identification
-        What was identified from it.
+        Result of the identification.
     simulated : mapping of str to ndarray
         Free run by record name [m].
     """
@@ -77,21 +77,21 @@ def over_frequency(records: Sequence[Record], found: Identification) -> Plot:
 
 
 def harmonics(error: FloatArray, frequency: float, dt: float) -> dict[int, float]:
-    """Return the amplitudes of an error at the multiples of a drive; 0 is the mean.
+    """Return the amplitudes of an error at the harmonics of a drive; order 0 is the mean.
 
     Parameters
     ----------
     error : ndarray, shape (n,)
-        In any unit; its last whole periods are looked at.
+        Error in any unit; its last whole periods are evaluated.
     frequency : float
-        Of the drive [Hz].
+        Drive frequency [Hz].
     dt : float
         Sampling interval [s].
 
     Returns
     -------
     dict of int to float
-        Empty where the error is shorter than a period.
+        Amplitude by order; empty if the error is shorter than a period.
     """
     period = 1.0 / (frequency * dt)
     length = round(int(error.size / period) * period)
@@ -130,7 +130,7 @@ def _in_worst(record: Record, error: FloatArray, resonance: float | None) -> lis
 
 
 def _highest(record: Record) -> float:
-    """Return where the spectrum has become noise [Hz]: at most the 30th multiple of its peak."""
+    """Return the frequency [Hz] above which the spectrum is noise, at most 30 times its peak."""
     power = np.abs(np.fft.rfft(record.displacement - record.displacement.mean()))
     peak = max(int(np.argmax(power)), 1) / record.duration
     return min(30 * peak, 0.5 * record.rate)

@@ -1,7 +1,7 @@
-"""One self-contained HTML report: the verdict first, then sections of prose, plots and tables.
+"""Self-contained HTML report: the verdict first, then sections of prose, plots and tables.
 
-The page asks the network for nothing: scripts and styles are inside, and a content security policy
-makes the browser hold it to that. It reads on a phone and prints on white paper.
+The page loads nothing from the network: scripts and styles are embedded, and a content security
+policy enforces this. The layout is suitable for phones and for print.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from piezo_hysteresis.reporting.page_style import PAGE, STYLE
 
 @dataclass(frozen=True)
 class Plot:
-    """A zoomable plot and what it shows.
+    """A zoomable plot with a caption.
 
     Attributes
     ----------
     figure : bokeh.plotting.figure
-        Made by `piezo_hysteresis.reporting.plots`.
+        Figure from `piezo_hysteresis.reporting.plots`.
     caption : str
-        What to see in it, in one or two sentences; read aloud where the plot cannot be seen.
+        Description in one or two sentences; screen readers read it instead of the plot.
     """
 
     figure: Any
@@ -49,14 +49,14 @@ class Table:
     headers : tuple of str
         One per column, with the unit.
     rows : tuple of tuple of str
-        As many cells each as there are headers.
+        Rows with one cell per header.
     caption : str
-        What it shows; may be empty.
+        Description; may be empty.
 
     Raises
     ------
     ValueError
-        If a row has another number of cells than there are headers.
+        If the number of cells of a row differs from that of the headers.
     """
 
     headers: tuple[str, ...]
@@ -76,17 +76,16 @@ class PageSection:
     Attributes
     ----------
     title : str
-        Subject of the part.
+        Title of the section.
     text : str
         Plain text: an empty line starts a paragraph, ``- `` an item of a list, ```` `...` ````
-        marks what is typed,
-        ``[words](page.html)`` leads to a page beside this one.
+        marks input, ``[words](page.html)`` links to a page in the same folder.
     figures : tuple of Plot
-        Side by side where the screen is wide enough.
+        Figures, side by side on a wide screen.
     tables : tuple of Table
         Below each other, after the figures.
     folded : bool
-        Whether only the title shows until a reader opens the section; printed in full.
+        Whether only the title is visible until a reader opens the section; printed in full.
     """
 
     title: str
@@ -97,22 +96,22 @@ class PageSection:
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[object]], caption: str = '') -> Table:
-    """Return a table; numbers get four significant digits, what is not known a dash."""
+    """Return a table; numbers get four significant digits, missing values a dash."""
     cells = tuple(tuple(_cell(value) for value in row) for row in rows)
     return Table(tuple(headers), cells, caption)
 
 
 def render(title: str, verdict: str, sections: Sequence[PageSection]) -> str:
-    """Return the whole page as HTML.
+    """Return the complete page as HTML.
 
     Parameters
     ----------
     title : str
         Heading of the page.
     verdict : str
-        What came out, in one sentence.
+        Result in one sentence.
     sections : sequence of PageSection
-        In the order in which they are read.
+        Sections in reading order.
     """
     figures = [plot.figure for section in sections for plot in section.figures]
     script, places = components(figures) if figures else ('', ())
@@ -135,7 +134,7 @@ def render(title: str, verdict: str, sections: Sequence[PageSection]) -> str:
 def write_report(
     path: str | Path, title: str, verdict: str, sections: Sequence[PageSection]
 ) -> None:
-    """Write the page that `render` makes, whole or not at all.
+    """Write the page of `render`; the file is complete or unchanged.
 
     Raises
     ------
@@ -178,7 +177,7 @@ def _prose(text: str) -> str:
 
 def _inline(text: str) -> str:
     marked = re.sub(r'`([^`]+)`', r'<code>\1</code>', html.escape(text))
-    # to pages beside this one only: an address with a scheme stays as it is typed
+    # links to pages in the same folder only: an address with a scheme stays plain text
     return re.sub(r'\[([^\[\]]+)\]\(([^():\s]+)\)', r'<a href="\2">\1</a>', marked)
 
 

@@ -1,4 +1,4 @@
-"""Buttons of a page that export each plot as it is seen: CSV of the visible range, and PNG."""
+"""Export buttons of each plot: CSV of the visible range, and PNG."""
 
 EXPORT_STYLE = """
 .export { display: flex; gap: .4rem; justify-content: flex-end; margin: .1rem 0; }
@@ -7,7 +7,7 @@ EXPORT_STYLE = """
 @media print { .export { display: none; } }
 """
 
-# Plain functions: a report forbids scripts that are made of texts.
+# Plain functions: the content security policy of a report forbids scripts made from strings.
 EXPORT_SCRIPT = """
 const DRAWN_TEXT = new Set(['Text', 'VSpan', 'HSpan']);
 function seriesOf(plot) {

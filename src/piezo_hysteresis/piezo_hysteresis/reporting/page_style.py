@@ -1,6 +1,6 @@
-"""The frame of the report: HTML and CSS for screen, phone and paper."""
+"""Template of the report: HTML and CSS for screen, phone and print."""
 
-# Bokeh needs no more than inline scripts and styles and images made on the spot.
+# Bokeh needs only inline scripts and styles, and generated images.
 PAGE = """<!DOCTYPE html>
 <html lang="en">
 <head>

@@ -1,4 +1,4 @@
-"""What every plot is put together from: axes, lines, legends, marks in one look."""
+"""Parts of all plots with a uniform style: axes, lines, legends and marks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from piezo_hysteresis.reporting.signals import envelope, thinned
 #: Okabe and Ito: distinct with any colour vision, and by lightness in print.
 PALETTE = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
 GREY = '#8c959f'
-#: What a line is has one colour wherever it stands, in reports and pictures.
+#: The role of a line has the same colour in all reports and figures.
 ROLES = {
     'uncompensated': PALETTE[1],
     'feedforward': PALETTE[0],
@@ -37,13 +37,13 @@ ROLES = {
     'model': PALETTE[0],
     'error': PALETTE[1],
 }
-#: Roles that lie on others: their lines are broken, so that both are seen.
+#: Roles that overlap others: their lines are dashed, so that both stay visible.
 _ON_TOP = {'attenuated', 'after', 'model'}
 _FEW_DECADES = 300.0
-#: Of marks on axes: dark enough to read on white.
+#: Colour of marks on axes, readable on white.
 MARK = '#7a2a58'
 _HEIGHT = 250
-_WIDE_LEGEND = 44  # characters that fit beside each other above a plot on a phone
+_WIDE_LEGEND = 44  # characters of a legend line above a plot on a phone
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class Curve:
     Attributes
     ----------
     label : str
-        Its name in the legend.
+        Name in the legend.
     x, y : ndarray, shape (n,)
-        In SI units.
+        Coordinates in SI units.
     role : str
         One of `ROLES`, which fixes its colour; '' takes the next colour.
     """
@@ -67,7 +67,7 @@ class Curve:
 
 
 def new_axes(title: str, x_label: str, y_label: str, **options: Any) -> Any:
-    """Return an empty plot in the look of all."""
+    """Return an empty plot with the uniform style."""
     plot = figure(
         title=title, x_axis_label=x_label, y_axis_label=y_label, frame_height=_HEIGHT,
         sizing_mode='stretch_width', tools='pan,box_zoom,wheel_zoom,reset,save',
@@ -96,10 +96,11 @@ def draw_lines(
     overlaid: bool = False,
     more: Sequence[tuple[str, Any]] = (),
 ) -> None:
-    """Draw lines; `more` are further entries of the legend.
+    """Draw lines; `more` are additional entries of the legend.
 
-    A `ground` is broad and grey, so that what lies on it leaves it visible; of curves that are
-    `overlaid` those that lie on others are broken.
+    A `ground` is wide and grey, so that it stays visible below other curves; with `overlaid`,
+    curves
+    that overlap others are dashed.
     """
     ground = ground and len(curves) > 1 and not curves[0].role
     colours = (GREY, *PALETTE) if ground else PALETTE
@@ -143,12 +144,12 @@ def draw_bands(plot: Any, curves: Sequence[Curve], y_factor: float, count: int) 
 
 
 def add_legend(plot: Any, items: Sequence[tuple[str, Any]]) -> None:
-    """Put the legend above the plot, where it covers nothing, wrapped for a phone."""
+    """Place the legend above the plot, where it covers nothing, wrapped for a phone."""
     rows = [
         LegendItem(label=label, renderers=drawn if isinstance(drawn, list) else [drawn])
         for label, drawn in items
     ]
-    longest = max(len(label) for label, _ in items) + 6  # the page refines it by its width
+    longest = max(len(label) for label, _ in items) + 6  # the page adapts it to its width
     plot.add_layout(
         Legend(
             items=rows, ncols=max(1, min(len(rows), _WIDE_LEGEND // longest)),
@@ -161,12 +162,12 @@ def add_legend(plot: Any, items: Sequence[tuple[str, Any]]) -> None:
 
 
 def draw_floor(plot: Any, floor: float | None) -> list[tuple[str, Any]]:
-    """Draw the noise floor [m] across, where it is known, and return its entry of the legend."""
+    """Draw the noise floor [m] as a horizontal line, if known, and return its legend entry."""
     if floor is None or not floor > 0:
         return []
     look = {'line_dash': 'dotted', 'line_color': '#000000', 'line_width': 1.5}
     plot.add_layout(Span(location=MICRO * floor, dimension='width', level='underlay', **look))
-    # a label in the plot would cover bars or lines; a line that is not drawn stands in the legend
+    # a label in the plot would cover bars or lines; an invisible line provides the legend entry
     nowhere = plot.line([0.0, 0.0], [np.nan, np.nan], **look)
     return [(f'noise floor, {MICRO * floor:.3g} µm', nowhere)]
 
@@ -177,14 +178,14 @@ def draw_mark(plot: Any, place: float, words: str, colour: str = GREY, low: bool
     plot.add_layout(Span(location=place, dimension='height', **look))
     height = 4 if low else _HEIGHT - 16
     text = {'text': words, 'text_font_size': '11px', 'text_color': colour, 'x_offset': 2}
-    # the words of a low mark stand left of its line, beside those of a multiple at the same place
+    # a low label is left of its line, so that it does not cover that of a harmonic there
     if low:
         text |= {'x_offset': -3, 'text_align': 'right'}
     plot.add_layout(Label(x=place, y=height, y_units='screen', **text))
 
 
 def readable_decades(axis: Any, values: Iterable[float]) -> None:
-    """Label a logarithmic axis by plain numbers, more than one per decade where it has few."""
+    """Label a logarithmic axis by plain numbers, several per decade on a short axis."""
     known = [value for value in values if np.isfinite(value) and value > 0]
     few = bool(known) and max(known) / min(known) < _FEW_DECADES
     if few:
@@ -196,5 +197,5 @@ def readable_decades(axis: Any, values: Iterable[float]) -> None:
         axis.ticker = FixedTicker(ticks=ticks)
     else:
         axis.ticker = LogTicker(mantissas=[1], desired_num_ticks=7)
-    # no formatter of our own: the page forbids scripts that are made of texts
+    # no custom formatter: the content security policy forbids scripts made from strings
     axis.formatter = BasicTickFormatter(power_limit_low=-4, power_limit_high=4)

@@ -1,4 +1,4 @@
-"""Zoomable plots of one look: loops, traces, spectra, before and after. Metres in, µm drawn."""
+"""Zoomable plots with a uniform style: loops, traces, spectra, bars. Input in m, display in µm."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def loop_figure(curves: Sequence[Curve], title: str, caption: str, input_unit: s
     Parameters
     ----------
     curves : sequence of Curve
-        Whole loops, the measured one first.
+        Complete loops, the measured one first.
     title, caption : str
-        Above and below the plot.
+        Text above and below the plot.
     input_unit : str
         ``V``, ``N`` or ``m`` (a reference).
     """
@@ -76,18 +76,18 @@ def trace_figure(
     Parameters
     ----------
     curves : sequence of Curve
-        What is measured or desired first.
+        Curves, the measured or desired one first.
     title, caption, y_label : str
-        Words around the plot.
+        Title, caption and label of the plot.
     ground : bool
-        Whether the first curve is a broad grey ground for the others.
+        Whether the first curve is a wide grey background of the others.
     """
     plot = new_axes(title, 'time [s]', f'{y_label} [µm]')
     draw_lines(plot, curves, 1.0, MICRO, ground=ground, overlaid=ground)
     return Plot(plot, caption)
 
 
-#: A trace of more periods is a solid block on a screen, so that it is drawn as a band.
+#: Number of periods from which a trace merges into a block and is drawn as a band.
 _PERIODS_AS_LINES = 8
 _BANDS = 240
 
@@ -100,12 +100,12 @@ def band_figure(
     Parameters
     ----------
     curves : sequence of Curve
-        Over the same times; later ones lie on earlier ones.
+        Curves over the same times; later ones are drawn above earlier ones.
     title, caption, y_label : str
-        Words around the plot.
+        Title, caption and label of the plot.
     frequency : float
-        Of the drive [Hz], or 0: a band goes from the smallest to the largest value of each
-        period, or of as many periods as the plot can show apart.
+        Drive frequency [Hz], or 0. A band spans the smallest to the largest value of each period,
+        or of as many periods as the plot can resolve.
     """
     spans = [float(np.ptp(curve.x)) for curve in curves if len(curve.x)]
     periods = max(spans, default=0.0) * frequency
@@ -132,20 +132,20 @@ def xy_figure(
     markers: bool = True,
     floor: float | None = None,
 ) -> Plot:
-    """Draw displacements [m] over anything; the labels hold the units, that of y is µm.
+    """Draw displacements [m] over any quantity; the labels contain the units, that of y is µm.
 
     Parameters
     ----------
     curves : sequence of Curve
-        x as it is labelled, y in metres.
+        Curves with x in the unit of its label, y in metres.
     title, caption, x_label, y_label : str
-        Words around the plot.
+        Title, caption and labels of the plot.
     log_x, log_y : bool
         Logarithmic axes.
     markers : bool
-        Whether the points are shown.
+        Whether the points are marked.
     floor : float, optional
-        Noise floor [m], drawn across.
+        Noise floor [m], drawn as a horizontal line.
     """
     kinds = {'x_axis_type': 'log' if log_x else 'auto', 'y_axis_type': 'log' if log_y else 'auto'}
     plot = new_axes(title, x_label, y_label, **kinds)
@@ -155,7 +155,7 @@ def xy_figure(
         drawn = [MICRO * v for c in curves for v in np.asarray(c.y, float)]
         readable_decades(plot.yaxis[0], [*drawn, MICRO * (floor or 0.0)])
     if floor and log_y:
-        # an axis never grows to hold an annotation
+        # the axis range does not adapt to annotations
         values = [MICRO * v for c in curves for v in np.asarray(c.y)[np.asarray(c.y) > 0]]
         plot.y_range = Range1d(
             min([MICRO * floor, *values]) / 2, max([MICRO * floor, *values]) * 2
@@ -184,17 +184,17 @@ def spectrum_figure(
     dt : float
         Sampling interval [s].
     title, caption : str
-        Above and below the plot.
+        Text above and below the plot.
     roles : sequence of str
-        What each signal is, as `Curve.role`.
+        Role of each signal, as `Curve.role`.
     fundamental : float
-        Frequency of the drive [Hz]; 0 for none.
+        Drive frequency [Hz]; 0 for none.
     orders : sequence of int
-        Harmonics that are marked.
+        Marked harmonics.
     marks : mapping of str to float, optional
-        Further frequencies to mark [Hz], such as a resonance.
+        Additional marked frequencies [Hz], such as a resonance.
     highest : float, optional
-        Where the axis ends [Hz]; at 12 times the fundamental where not given.
+        End of the axis [Hz]; by default 12 times the fundamental.
     """
     end = min(0.5 / dt, highest or (12 * fundamental if fundamental > 0 else np.inf))
     plot = new_axes(title, 'frequency [Hz]', 'amplitude [µm]', y_axis_type='log', x_range=(0, end))
@@ -214,7 +214,7 @@ def spectrum_figure(
     return Plot(plot, caption)
 
 
-#: So many pairs of bars have room for their values.
+#: Largest number of pairs of bars with labelled values.
 _LABELLED = 6
 
 
@@ -251,15 +251,15 @@ def bars_before_after(
     Parameters
     ----------
     frequencies : sequence of float or str
-        Of the records [Hz], or their names; one pair of bars each, none twice.
+        Frequencies of the records [Hz], or their names; one pair of bars each, without duplicates.
     before, after : sequence of float
         Rms errors [m].
     floor : float or None
-        Noise floor [m]; where bars reach it nothing is left to explain.
+        Noise floor [m]; a bar at this level leaves no residual to explain.
     title, caption : str
-        Above and below the plot.
+        Text above and below the plot.
     labels : tuple of str
-        What the two bars are.
+        Labels of the two bars.
     """
     names = [f if isinstance(f, str) else f'{f:g} Hz' for f in frequencies]
     values = [MICRO * v for v in (*before, *after) if np.isfinite(v) and v > 0]

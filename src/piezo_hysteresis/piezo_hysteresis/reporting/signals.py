@@ -1,4 +1,4 @@
-"""Signals made fit for drawing: fewer points with every extreme kept, and amplitude spectra."""
+"""Signals for plots: fewer points with all extremes kept, and amplitude spectra."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 
-# A screen shows no more than a few points per pixel.
+# Number of drawn points: a few per pixel of a screen.
 DRAWN = 3000
-# Beyond so many times the largest value that is drawn, one that is not is missed.
+# Ratio to the largest drawn value from which an omitted value is noted.
 _SPIKE = 2.0
 
 
 def thinned(x: FloatArray, y: FloatArray, points: int = DRAWN) -> tuple[FloatArray, FloatArray]:
-    """Return at most `points` points that keep the smallest and largest `y` of every stretch.
+    """Return at most `points` points that keep the smallest and largest `y` of every interval.
 
     Parameters
     ----------
     x, y : ndarray, shape (n,)
-        In the order in which they are joined.
+        Coordinates in the order of the line.
     points : int
-        How many to keep at most, 4 or more.
+        Largest number of points, 4 or more.
 
     Returns
     -------
     tuple of ndarray
-        Points of the input, in its order, the first and the last among them.
+        Points of the input in its order, including the first and the last.
     """
     n = y.size
     if n <= points:
@@ -48,7 +48,8 @@ def envelope(
     """Return the starts of `count` intervals with the smallest and largest `y` of each.
 
     The end of the last interval is repeated, so that a step plot closes. Values that are not
-    finite are ignored.
+    finite
+    are ignored.
     """
     known = np.isfinite(y)
     x, y = x[known], y[known]
@@ -68,14 +69,14 @@ def amplitude_spectrum(signal: FloatArray, dt: float) -> tuple[FloatArray, Float
     Parameters
     ----------
     signal : ndarray, shape (n,)
-        In any unit.
+        Signal in any unit.
     dt : float
         Sampling interval [s].
     """
-    # periodic form: whole periods then fall on whole lines
+    # periodic form: whole periods coincide with spectral lines
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(signal.size) / signal.size)
     window /= window.sum()
-    # taken off with the window's weights, so that nothing of the mean leaks into the first lines
+    # subtracted with the window weights, so that the mean does not leak into the first lines
     centred = signal - float(window @ signal)
     amplitude = 2 * np.abs(np.fft.rfft(centred * window))
     frequencies = np.asarray(np.fft.rfftfreq(signal.size, dt), np.float64)
@@ -83,13 +84,13 @@ def amplitude_spectrum(signal: FloatArray, dt: float) -> tuple[FloatArray, Float
 
 
 def last_periods(n: int, frequency: float, dt: float, periods: int, warm_up: int = 0) -> slice:
-    """Return the last whole `periods` of `n` samples, or all behind the warm-up without one."""
+    """Return the last whole `periods` of `n` samples; without a period all after the warm-up."""
     count = round(periods / (frequency * dt)) if frequency > 0 else n
     return slice(max(n - count - 1, warm_up, 0), n)
 
 
 def stands_out(whole: FloatArray, part: FloatArray) -> bool:
-    """Return whether a part hides the largest values of the whole, as of a spike elsewhere."""
+    """Return whether the whole has much larger values than the drawn part, such as a spike."""
     if not part.size or not np.all(np.isfinite(whole)):
         return False
     return float(np.abs(whole).max()) > _SPIKE * float(np.abs(part).max())

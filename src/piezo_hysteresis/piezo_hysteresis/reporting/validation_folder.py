@@ -1,4 +1,4 @@
-"""The folder that a validation leaves: report, errors, figures and the model; whole or not."""
+"""Output folder of a validation: report, errors, figures and model; complete or unchanged."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def write_validation(
     Parameters
     ----------
     out : str
-        Folder; made where it is not there.
+        Folder; created if missing.
     validation : Validation
         Errors of a model on records.
     model : str
-        File of the model, for the command that comes next.
+        Path of the model for the recommended command.
     data : sequence of str
-        Paths of the records, as well.
+        Paths of the records for the recommended command.
 
     Raises
     ------

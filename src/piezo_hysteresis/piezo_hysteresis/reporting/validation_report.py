@@ -1,4 +1,4 @@
-"""The report of ``validate``: the error of a saved model and its known discrepancy."""
+"""Report of ``validate``: the error of a saved model and its known discrepancy."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def validation_page(
     validation : Validation
         Errors of a model on records.
     model : str
-        File of the model, for the command that comes next.
+        Path of the model for the recommended command.
     data : sequence of str
-        Paths, as well; ``DATA`` where not given or many.
+        Paths for the recommended command; ``DATA`` if not given or many.
     """
     where = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     saved, rows, worst = validation.given, validation.records, validation.worst
