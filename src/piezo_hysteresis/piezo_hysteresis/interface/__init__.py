@@ -1,1 +1,1 @@
-"""What only the Python interface has: plots and reports of results, and studies in one call."""
+"""Additions of the Python interface: plots and reports of results, and studies in one call."""

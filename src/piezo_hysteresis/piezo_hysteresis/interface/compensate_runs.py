@@ -1,4 +1,4 @@
-"""A study of compensation in one call: the same runs as those of the verb ``compensate``."""
+"""Compensation study in one call, with the same runs as the verb ``compensate``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from piezo_hysteresis.waveforms import Waveform
 
 @dataclass(frozen=True, repr=False)
 class Compensation(Reportable):
-    """Runs of a reference on a plant, from no compensation to all that was asked for.
+    """Runs of a reference on a plant, from no compensation to all requested controllers.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def compensate(
     Parameters
     ----------
     model : str, Path, ModelFile, Identification or Discovery
-        A model with values, which is inverted.
+        A model with values; its inverse is the feedforward.
     reference : str or Waveform
         Desired displacement [m], such as ``'sine:frequency=23,amplitude=80e-6,duration=4'``.
     plant : str, Path, ModelFile, Identification or Discovery, optional
@@ -115,7 +115,7 @@ def compensate(
     low, high : float, optional
         Range of the voltage [V]; that of the preset, or -1.2 and 1.2.
     slew : float, optional
-        Largest change of the voltage [V/s]; that of the preset, or 1000.
+        Slew rate limit of the voltage [V/s]; that of the preset, or 1000.
     law : str
         Kind of inverse, one of `piezo_hysteresis.compensation.link.INVERSES`.
     attenuation : str or AttenuationSettings
@@ -127,7 +127,7 @@ def compensate(
     seed : int
         Seed of the noise.
     from_seconds : float, optional
-        Start of the part that is judged [s]; half of the reference by default.
+        Start of the evaluated part [s]; half of the reference by default.
 
     Returns
     -------
@@ -137,9 +137,9 @@ def compensate(
     Raises
     ------
     CompensationError
-        If the reference is out of reach or unknown, or a controller cannot be built.
+        If the reference is unknown or out of range, or a controller cannot be designed.
     ModelError
-        If there is no such model, or its values are not known.
+        If the model is unknown or has no values.
     """
     started = time.perf_counter()
     inverted = with_values(model)
@@ -157,7 +157,7 @@ def compensate(
 
 
 def _plant(given: ModelLike | None, inverted: ModelFile) -> ModelFile | str:
-    """Return the model in the place of the actuator, or the name of a preset."""
+    """Return the model used as the plant, or the name of a preset."""
     if given is None:
         return inverted
     if isinstance(given, str) and given.startswith(PRESET):

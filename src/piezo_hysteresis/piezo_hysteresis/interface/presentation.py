@@ -1,4 +1,7 @@
-"""Axes and reports of the results of the Python interface; imported when a result is shown."""
+"""Plots and reports of the results of the Python interface.
+
+Imported when a result is displayed.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 from piezo_hysteresis.reporting.signals import last_periods
 from piezo_hysteresis.reporting.validation_folder import write_validation
 
-_STRETCHES = 120  # of the envelope of an error
+_STRETCHES = 120  # intervals of the envelope of an error
 _VERBS: dict[type, str] = {
     Identification: 'identify',
     Validation: 'validate',
@@ -39,7 +42,7 @@ _VERBS: dict[type, str] = {
 
 
 def draw(result: Any, axes: Axes | None, record: str) -> Axes:
-    """Draw a result on axes, on new ones where none are given."""
+    """Draw a result on axes, by default on new ones."""
     if axes is not None and not isinstance(axes, Axes):
         raise PiezoError(f'axes must be axes of matplotlib, not of type {type(axes).__name__}')
     if axes is None:
@@ -54,7 +57,7 @@ def _draw(result: Any, axes: Axes, record: str) -> None:
 
 
 def write(result: Any, path: str, *, overwrite: bool = False) -> None:
-    """Write the folder of a result, in the place of others where `overwrite` says so."""
+    """Write the folder of a result; with `overwrite` it replaces other results."""
     if overwrite:
         folder.overwrite(path, _VERBS[type(result)])
     _write(result, path)
@@ -134,7 +137,7 @@ def _require_data(records: Sequence[Record]) -> None:
 
 
 def _named(result: Identification | Validation, record: str) -> str:
-    """Return the name of the record that is drawn: the one that is asked for, or the worst."""
+    """Return the name of the drawn record: the requested or the worst one."""
     names = [row.record for row in result.records]
     if not record:
         return max(result.records, key=lambda row: largest_if_unknown(row.nrmse_percent)).record
@@ -166,7 +169,7 @@ def _last_periods(record: Record) -> slice:
 
 
 def _envelope(time: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the largest magnitude of each stretch, and the middle of its time."""
+    """Return the largest magnitude in each interval, and the center time of the interval."""
     edges = np.linspace(0, time.size, min(_STRETCHES, time.size) + 1).astype(int)
     largest = np.maximum.reduceat(np.abs(error), edges[:-1])
     return 0.5 * (time[edges[:-1]] + time[edges[1:] - 1]), largest
