@@ -76,14 +76,14 @@ def solve_linear(
     values: Mapping[str, float],
     names: Sequence[str],
 ) -> dict[str, float]:
-    """Return `values` with the unknowns `names` at their best.
+    """Return `values` with the unknowns `names` at their least-squares optimum.
 
     Parameters
     ----------
     model : Model
         A chain that is affine in `names`.
     targets : sequence of Target
-        What to compare with.
+        Data.
     values : mapping of str to float
         The other parameters.
     names : sequence of str

@@ -80,8 +80,8 @@ def output_error(
 ) -> FitResult:
     """Fit a chain to records by free-run least squares, with start values from the data.
 
-    The records are taken as they show themselves first; the model that this gives tells how each
-    began, where its zero lies and how much it counts, and is then fitted anew.
+    A first fit uses initial conditions guessed from the records. With its model, initial
+    condition, zero and weight of each record are estimated, and the fit is repeated.
 
     Parameters
     ----------
@@ -90,16 +90,16 @@ def output_error(
     start : mapping of str to float, optional
         Values known beforehand; the others are found. May hold ``sampling_offset``.
     guesses : sequence of mapping of str to float
-        More starts, of every unknown, beside those from the data.
+        More start values, of every unknown, in addition to those from the data.
     begins, zero : str
         How records begin and where their zeros lie, see `revision.Choices`.
     count : int, optional
-        Starts that are followed; the best is polished. As many as a second or so allows (3 to
-        16) where not given.
+        Start values that are fitted coarsely; the best is refined. By default as many as take
+        about a second (3 to 16).
     max_evaluations : int
-        For the polish; each other start gets a sixth of it.
+        Of the final fit; each coarse fit has a sixth of it.
     stopped : callable
-        Asked before each step whether there is no time for it: the best so far is returned.
+        Whether to stop before the next step; the best result so far is returned.
 
     Returns
     -------
@@ -180,9 +180,9 @@ def _by_own_zeros(
     found: Sequence[Start],
     choices: Choices,
 ) -> tuple[list[Target], list[Start]] | None:
-    """Return targets with zeros of their own and starts for them, where these explain far more.
+    """Return targets with a zero each and start values for them, where these fit far better.
 
-    Records whose zeros lie apart look like another loop to a model that has one zero for all.
+    To a model with one common zero, records with different zeros look like another loop.
     """
     if choices.zero != 'auto' or len(targets) < 2:
         return None
@@ -196,9 +196,9 @@ def _followed(
     attempt: Callable[[Mapping[str, float]], FitResult],
     stopped: Callable[[], bool],
 ) -> FitResult:
-    """Return the best fit of several starts, followed until it is hardly to be bettered.
+    """Return the best fit of several start values, ended early where no better one is likely.
 
-    That is where nothing but noise is left, or where several starts have come to the same end.
+    That is where the residual is noise, or where several start values converge to one optimum.
     """
     found: list[FitResult] = []
     for begin in begins:
@@ -211,12 +211,12 @@ def _followed(
 
 
 def leaves_noise(result: FitResult) -> bool:
-    """Return whether a fit leaves no more than the noise of its records, all together."""
+    """Return whether the residual of a fit is no larger than the noise of its records together."""
     return _left(result) <= _NOISE
 
 
 def _left(result: FitResult) -> float:
-    """Return the mean square of what a fit leaves over that of the noise, infinite if unknown."""
+    """Return the mean square of the residual over that of the noise, infinite if unknown."""
     if not np.isfinite(result.cost) or not all(t.noise > 0.0 for t in result.targets):
         return float('inf')
     squares = [result.residuals[t.name] ** 2 * t.repeats / t.noise**2 for t in result.targets]
@@ -239,20 +239,20 @@ def refined(
     stopped: Callable[[], bool] = lambda: False,
     progress: Progress | None = None,
 ) -> FitResult:
-    """Fit from one start, and again with what the fit tells of the records, until that rests.
+    """Fit from one start, alternating with estimates of the nuisances, until these converge.
 
     Parameters
     ----------
     model : Model
         Any chain, scaled to the records.
     targets : sequence of Target
-        What is compared, as far as it is known.
+        Data, with their nuisances as far as known.
     records : sequence of Record
         From which the targets were made.
     start : mapping of str to float
         Values to begin from; may hold ``sampling_offset``.
     choices : Choices
-        What the user says of the records.
+        Initial condition and zero stated by the user.
     free, priors, weights, sampling_offset, workers, progress
         See `fit`; a sampling offset that explains nothing is set to zero.
     max_evaluations : int
@@ -297,7 +297,7 @@ def refined(
 
 
 def _alike(one: Target, other: Target, error: FloatArray) -> bool:
-    """Return whether two views of a record make the same fit, for errors [m] like these."""
+    """Return whether two views of a record give the same fit, for such residuals [m]."""
     if one.begins != other.begins or one.own_zero != other.own_zero:
         return False
 

@@ -85,9 +85,9 @@ class UdSettings:
 
 
 class OnlineUd(OnlineMethod):
-    """Bouc-Wen or play-bank parameters, one sample at a time, finite for ever.
+    """Bouc-Wen or play-bank parameters, one sample at a time, bounded without excitation.
 
-    Parked actuators teach nothing and forget nothing (excitation test), the covariance never
+    The estimate of an actuator at rest is held (excitation test), the covariance never
     exceeds its start, and every estimate is a model with a bounded, invertible hysteresis.
 
     Parameters

@@ -60,11 +60,11 @@ def starts(
     free : sequence of str
         Unknowns.
     given : mapping of str to float, optional
-        Values that are not scanned; a start that holds all unknowns is returned as it is, first.
+        Values that are not scanned; a start of all unknowns is returned first, unchanged.
     count : int
         How many.
     stopped : callable
-        Asked before each point whether there is no time for it: the best so far is returned.
+        Whether to stop before the next point; the best so far are returned.
     """
     seen = representative(targets)
     amplitude = max(float(np.max(np.abs(t.voltage))) for t in seen)

@@ -1,4 +1,4 @@
-"""Runs everything that has kernels once, so that set-up compiles them and nobody waits later.
+"""Runs everything that has kernels once, so that set-up compiles them and no command waits.
 
 A package with kernels has a module ``rehearsal`` with ``REHEARSALS``: functions that do briefly
 what its users do at length. The signatures are so those that are really called.

@@ -23,14 +23,14 @@ from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
 
 @dataclass(frozen=True)
 class StateOffset:
-    """What begins otherwise than it was led in.
+    """Offset of one initial state from its value by the lead-in.
 
     Attributes
     ----------
     stage, place : int
         Where the state stands in the chain.
     amount : float
-        What is added to it where the record begins.
+        What is added to it at the first sample.
     """
 
     stage: int
@@ -39,14 +39,14 @@ class StateOffset:
 
 
 class FreeResponse:
-    """Which states of a chain stand in a linear tail, and what they do.
+    """States of the linear tail of a chain and their free response.
 
     Parameters
     ----------
     model : Model
         The chain.
     led : sequence of ndarray
-        What goes into each stage, and what comes out of the last.
+        Input of each stage, and output of the last.
     target : Target
         What drives it.
     """
@@ -57,19 +57,19 @@ class FreeResponse:
         self._tail = [self._of(k) for k in range(len(self._stages))]
 
     def affine(self, stage: int, first: int) -> bool:
-        """Return whether the blocks of a stage from `first` on pass changes on as they are."""
+        """Return whether the blocks of a stage from `first` on respond linearly to a change."""
         return all(_passes(block) for block in self._stages[stage].blocks[first:])
 
     def holds(self, moved: StateOffset) -> bool:
-        """Return whether a state stands in a linear tail."""
+        """Return whether a state belongs to a linear tail."""
         tail = self._tail[moved.stage]
         return tail is not None and moved.place >= tail[1]
 
     def reach(self, packed: FloatArray) -> dict[tuple[int, int], float]:
-        """Return how far the strongest input of the record moves each state in a tail at most.
+        """Return the largest value of each state in a tail under the largest input of the record.
 
-        What the actuator went through before was no stronger. A step as large is looked at after
-        one tick, after two, four and so on to the end.
+        The input before the record is assumed to be no stronger. The response to a step of that
+        size is evaluated after 1, 2, 4, ... ticks.
         """
         found: dict[tuple[int, int], float] = {}
         dt = self._target.dt
@@ -93,7 +93,7 @@ class FreeResponse:
         return found
 
     def rows(self, packed: FloatArray, moved: Sequence[StateOffset]) -> list[FloatArray]:
-        """Return what each of some moved states in tails does to the displacement [m]."""
+        """Return the displacement by each of some offsets in tails [m]."""
         answers: list[FloatArray] = []
         for each in moved:
             known = self._released(packed, each.stage)
@@ -103,7 +103,7 @@ class FreeResponse:
         return answers
 
     def _released(self, packed: FloatArray, k: int) -> dict[int, FloatArray]:
-        """Return what each state in the tail of a stage does, moved by 1, to the displacement."""
+        """Return the displacement by a unit offset of each state in the tail of a stage."""
         key = k, packed.tobytes()
         if self._known is not None and self._known[0] == key:
             return self._known[1]
@@ -123,14 +123,14 @@ class FreeResponse:
         return rows
 
     def response(self, packed: FloatArray, moved: Sequence[StateOffset]) -> FloatArray:
-        """Return what moved states in tails do to the displacement, shape (n,) [m].
+        """Return the displacement by offsets in tails together, shape (n,) [m].
 
         Parameters
         ----------
         packed : ndarray, shape (p,)
             Parameters of the chain.
         moved : sequence of StateOffset
-            Those elsewhere do not count.
+            Offsets outside tails are ignored.
         """
         change = np.zeros(self._target.drive.size)
         origin, dt = self._target.origin, self._target.dt
@@ -157,7 +157,7 @@ class FreeResponse:
         return stage.run.steps(packed[stage.columns], self._target.dt) > 0
 
     def _passed_on(self, first: int, packed: FloatArray, change: FloatArray) -> FloatArray:
-        """Return what becomes of a change behind the stages from `first` on."""
+        """Return the response of the stages from `first` on to a change of their input."""
         if first == len(self._stages):
             return change
         target = self._target
@@ -202,7 +202,7 @@ class FreeResponse:
 
 
 def _passes(block: Block) -> bool:
-    """Return whether what a block makes of a change does not depend on what it is added to."""
+    """Return whether the response of a block to a change is independent of its input."""
     if block.between in (Between.LINEAR, Between.DELAY, Between.CLOCK):
         return True
     return block.between is Between.INSTANT and _straight(block)
@@ -210,7 +210,7 @@ def _passes(block: Block) -> bool:
 
 @lru_cache(maxsize=4)
 def _free_runs(block: Block, packed: bytes, dt: float, count: int) -> FloatArray:
-    """Return what each state of a block does by itself from 1, shape (states, count).
+    """Return the free response from a unit value of each state, shape (states, count).
 
     Start hypotheses are tried by the hundred with the same parameters.
     """

@@ -41,9 +41,9 @@ _NOTHING = 1e-11
 
 
 class InitialStateRun:
-    """Free runs of a chain over one target, led in, from moved states.
+    """Free runs of a chain over one target, lead-in included, from offset initial states.
 
-    What a moved state does dies out: it is followed only until then.
+    The response to an offset decays; it is simulated only until it has.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class InitialStateRun:
             # levels before a record tell every memory, also one that a single number keeps
             for place in free_states(stage, target.dt, memory=not target.begins.levels)
         )
-        self._states: list[FloatArray] = []  # where the record begins, as it was led in
+        self._states: list[FloatArray] = []  # at the first sample, by the lead-in alone
         self._sizes: list[FloatArray] = []
         self._led = [target.drive]
         for k, stage in enumerate(model.stages):
@@ -82,7 +82,7 @@ class InitialStateRun:
             self._led.append(np.concatenate([before, after]))
         self._free_response = FreeResponse(model, self._led, target)
         self.moved: tuple[StateOffset, ...] = ()
-        #: What goes into each stage, and what comes out of the last, from the moved states.
+        #: Input of each stage, and output of the last, from the offset states.
         self.signals = self._led
         self._end = target.origin
 
@@ -100,7 +100,7 @@ class InitialStateRun:
         )
 
     def go(self, moved: tuple[StateOffset, ...]) -> None:
-        """Run from these states from now on."""
+        """Set the offsets of the initial state and run from there."""
         self.moved, self.signals, self._end = moved, list(self._led), self.target.origin
         others = self._others
         if others:
@@ -114,11 +114,11 @@ class InitialStateRun:
 
     @property
     def _others(self) -> tuple[StateOffset, ...]:
-        """What is moved elsewhere than in a tail of the chain."""
+        """Offsets outside the linear tail of the chain."""
         return tuple(each for each in self.moved if not self._free_response.holds(each))
 
     def in_proportion(self, moved: StateOffset) -> bool:
-        """Return whether a state does in proportion to how far it is moved."""
+        """Return whether the response is proportional to the offset of a state."""
         return self._free_response.holds(moved) or self._affine_from(moved.stage)
 
     def _affine_from(self, first: int) -> bool:
@@ -129,7 +129,7 @@ class InitialStateRun:
         return self._free_response.reach(self._packed)
 
     def nudged(self, nudge: StateOffset) -> FloatArray:
-        """Return what a state that is moved does to the displacement as led in, shape (n,)."""
+        """Return the change of the displacement by an offset of one state, shape (n,)."""
         if self._free_response.holds(nudge):
             return self._free_response.rows(self._packed, (nudge,))[0]
         away, end = self._away((nudge,))
@@ -147,10 +147,10 @@ class InitialStateRun:
         return signal
 
     def _away(self, moved: tuple[StateOffset, ...]) -> tuple[dict[int, FloatArray], int]:
-        """Return the signals behind each stage from where the record begins, and their end.
+        """Return the output of each stage from the first sample on, and where the simulation ends.
 
-        What a memory of levels makes of it shows in its answer at once, so that nothing comes
-        back after it has died out.
+        A memory of levels responds at once, so that no change returns after the response has
+        decayed.
         """
         count, first = len(self.model.stages), min(each.stage for each in moved)
         states = {k: self._states[k].copy() for k in range(first, count)}
@@ -172,30 +172,30 @@ class InitialStateRun:
         return {k: np.concatenate(each) for k, each in parts.items()}, begin
 
     def size(self, stage: int, place: int, otherwise: float) -> float:
-        """Return how large a state has been where the record begins and ends."""
+        """Return the magnitude of a state at the first and last sample."""
         seen = float(self._sizes[stage][place])
         return seen if seen > 0.0 and np.isfinite(seen) else otherwise
 
     @property
     def _first(self) -> int:
-        """The first stage whose parameters change what states outside a tail do."""
+        """The first stage whose parameters change the response to offsets outside the tail."""
         first = min((each.stage for each in self._others), default=len(self.model.stages))
         return first if self._affine_from(first) else 0
 
     def derivatives(self, free: Sequence[str], led: FloatArray) -> dict[int, FloatArray]:
-        """Return by how much the derivatives are others than those of the run as led in.
+        """Return the change of the derivatives by the offsets of the initial state.
 
         Parameters
         ----------
         free : sequence of str
             Parameters to differentiate by.
         led : ndarray, shape (len(free), n)
-            Derivatives of the run as led in.
+            Derivatives of the run without offsets.
 
         Returns
         -------
         dict of int to ndarray, shape (n,)
-            By place in `free`; none where they are the same.
+            By place in `free`; none where they do not change.
         """
         found: dict[int, FloatArray] = {}
         count = len(self.model.stages)
@@ -227,14 +227,14 @@ class InitialStateRun:
         return found
 
     def _head_end(self, usual: FloatArray) -> int:
-        """Return the sample up to which `usual`, without tails, is other than as led in."""
+        """Return the sample up to which offsets change `usual`, the run without tails."""
         origin = self.target.origin
         change = np.abs(usual - self._led[-1])[origin : self._end]
         left = np.flatnonzero(change > _PASSED * float(change.max(initial=0.0)))
         return origin + (int(left[-1]) + 1 if left.size else 0)
 
     def _parted(self, first: int, packed: FloatArray, head: slice) -> FloatArray:
-        """Return the run from the moved states with other parameters of a stage."""
+        """Return the run from the offset states with other parameters of a stage."""
         before, moved = self._led[first][: head.start], self.signals[first][head]
         for k in range(first, len(self.model.stages)):
             state = self.model.stages[k].initial_state(self.target.dt, self.target.start)
@@ -247,15 +247,15 @@ class InitialStateRun:
 
 
 def start_rows(motion: InitialStateRun) -> tuple[list[FloatArray], list[StateOffset]]:
-    """Return what states at the start do to the samples of the drive, each of shape (n,).
+    """Return the responses to offsets of the initial state, each of shape (n,).
 
     Returns
     -------
     rows : list of ndarray
-        Displacement of a state that lies where it may be expected at most [m].
+        Displacement by the largest expected offset of a state [m].
     moved : list of StateOffset
-        How far that is: as far as the strongest input of the record could move it, and where
-        that cannot be determined, as far as moves the displacement by the stroke.
+        That offset: the largest that the strongest input of the record could cause, or where
+        that cannot be determined, the one that changes the displacement by the stroke.
     """
     target = motion.target
     stroke = float(np.ptp(target.measured)) or 1.0
@@ -278,7 +278,7 @@ def start_rows(motion: InitialStateRun) -> tuple[list[FloatArray], list[StateOff
 
 
 def level_rows(motion: InitialStateRun) -> list[FloatArray]:
-    """Return what levels before a record do, moved by the largest voltage, each shape (n,)."""
+    """Return the derivatives by levels before a record, per largest voltage, each shape (n,)."""
     target, rows = motion.target, []
     known, largest = target.begins.levels, float(np.max(np.abs(target.voltage)))
     for k, level in enumerate(known):
@@ -291,14 +291,14 @@ def level_rows(motion: InitialStateRun) -> list[FloatArray]:
 
 
 class BestFit:
-    """Explains errors by multiples of rows.
+    """Weighted least squares of an error on rows, with a prior.
 
     Parameters
     ----------
     rows : ndarray, shape (q, m)
-        What each does [m].
+        Regressors [m].
     prior : ndarray, shape (q,)
-        How firmly each is held to 0 [m].
+        Weight by which each coefficient is drawn to 0 [m].
     """
 
     def __init__(self, rows: FloatArray, prior: FloatArray) -> None:
@@ -307,14 +307,14 @@ class BestFit:
         self._gram[np.diag_indices(len(prior))] += prior**2
 
     def __call__(self, error: FloatArray, pull: FloatArray) -> FloatArray:
-        """Return the multiples that explain an error best, shape (q,).
+        """Return the coefficients of the best fit, shape (q,).
 
         Parameters
         ----------
         error : ndarray, shape (m,)
-            What is to be explained [m].
+            What is fitted [m].
         pull : ndarray, shape (q,)
-            How much of each is in the model already, in multiples.
+            Coefficients that the run contains already.
         """
         target = products(self._rows, np.ascontiguousarray(error)) - self._prior**2 * pull
         if target.size == 1 and self._gram[0, 0] > 0.0:

@@ -35,23 +35,23 @@ _SMALL = 1e-6
 
 @dataclass(frozen=True)
 class Nuisances:
-    """With what a record begins, at its best for one model.
+    """Nuisance parameters of one record at their optimum for one model.
 
     Attributes
     ----------
     rows : ndarray, shape (q, m)
-        What else is known from the record alone does this, in proportion: levels before it, its
-        own zero, what was held before its first samples, and states again.
+        Derivatives by the nuisance parameters: initial states, levels before the record, input
+        held before its first samples, and its own zero.
     prior : ndarray, shape (q,)
-        How firmly each is held to 0: a start lies within the stroke, a zero anywhere.
+        Weight by which each is drawn to 0: a start lies within the stroke, a zero anywhere.
     motion : InitialStateRun or None
-        The run from those states; None where a record begins in no unknown state.
+        The run from the estimated initial state; None where that state is known.
     pull : ndarray, shape (q,)
-        How much of each is in the run already.
+        Coefficient of each that the run contains already.
     levels : tuple of float
-        Levels before the record that would be better than those it was led in by [V].
+        Estimated levels before the record, one Gauss-Newton step from those of the lead-in [V].
     explained : BestFit or None
-        How much of each row explains an error, weighted as the fit was asked to.
+        Least squares on the weighted rows.
     """
 
     rows: FloatArray
@@ -69,14 +69,14 @@ def nuisances_of(
     sampling_offset: float = 0.0,
     factors: FloatArray | None = None,
 ) -> Nuisances:
-    """Return with what a record begins for a model, see `Nuisances`.
+    """Return the nuisance parameters of a record at their optimum, see `Nuisances`.
 
     Parameters
     ----------
     model, packed, target, sampling_offset
         As in `simulated`.
     factors : ndarray, shape (m,), optional
-        How much each residual counts.
+        Weight of each residual.
     """
     if target.begins.kind != 'estimate':
         own = np.ones((int(target.own_zero), target.measured.size))
@@ -104,7 +104,7 @@ def nuisances_of(
 
 
 def _first_samples(target: Target, late: float) -> list[FloatArray]:
-    """Return a row for each sample that shows what was held before the record began."""
+    """Return a row for each sample that depends on the input held before the record."""
     rows = []
     for sample in range(target.origin, target.origin + max(ceil(-late), 0)):
         place, off = divmod(sample - target.first, target.stride)
@@ -121,7 +121,7 @@ def _settled(
     left: Callable[[], FloatArray],
     factors: FloatArray | None,
 ) -> Nuisances:
-    """Move the states to their best, again and again as they are not in proportion."""
+    """Iterate the initial states to their optimum by Gauss-Newton steps."""
     assert nuisances.motion is not None
     motion, weight = nuisances.motion, 1.0 if factors is None else factors
     rows, prior = nuisances.rows * weight, nuisances.prior
@@ -165,7 +165,7 @@ def _settled(
 
 
 def _amounts(most: Sequence[StateOffset], shares: FloatArray) -> tuple[StateOffset, ...]:
-    """Return states moved by shares of the most that they may be."""
+    """Return offsets of the initial state as shares of the largest ones."""
     return tuple(
         replace(each, amount=each.amount * float(share))
         for each, share in zip(most, shares, strict=False)

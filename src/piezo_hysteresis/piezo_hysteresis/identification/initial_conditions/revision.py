@@ -34,7 +34,7 @@ _MAD = 1.4826
 
 @dataclass(frozen=True)
 class Choices:
-    """What a user says of the records besides what they say themselves.
+    """Initial condition and zero of the records as stated by the user.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Choices:
     Raises
     ------
     IdentificationError
-        If a word is unknown.
+        If a value is unknown.
     """
 
     start: str = 'auto'
@@ -64,7 +64,7 @@ class Choices:
 
 
 def zeros_lie_apart(own: float, shared: float) -> bool:
-    """Return whether zeros of their own leave so much less that records must have them."""
+    """Return whether a zero per record reduces the cost so much that records need one."""
     return own < (1.0 - ZERO_SHARE) * shared
 
 
@@ -90,14 +90,14 @@ def revised(
     sampling_offset : float
         As fitted [s].
     targets : sequence of Target
-        What the fit compared with.
+        Data of the fit.
     records : sequence of Record
         From which they were made.
     choices : Choices
-        What the user says.
+        Stated by the user.
     alone : bool
-        Each record is judged for itself by a model that is known; else they are to be fitted
-        together, and one of them cannot have a zero of its own.
+        Whether each record is evaluated separately by a known model; otherwise they are fitted
+        together, and a single one has no zero of its own.
     workers : int
         Threads over the records.
     """
@@ -121,14 +121,14 @@ def _zeroed(
     left: Callable[[Target], FloatArray],
     fewest: int = 1,
 ) -> list[Target]:
-    """Return the targets with zeros of their own where they must have them.
+    """Return the targets, with a zero per record where they need one.
 
     Parameters
     ----------
     targets, choices
         As in `revised`.
     left : callable
-        What the model leaves of a target [m].
+        Residual of a target [m].
     fewest : int
         Of records that can have zeros of their own. Where that is more than one, they are fitted
         together: the zero that they share is at its best, not where a fit with others left it.

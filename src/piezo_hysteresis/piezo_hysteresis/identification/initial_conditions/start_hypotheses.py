@@ -75,10 +75,10 @@ class StartSearch:
     records : sequence of Record
         What was measured.
     wanted : str
-        What the user says of starts, one of `record_start.STARTS`.
+        Start stated by the user, one of `record_start.STARTS`.
     lasting : bool
-        Whether what is found is to hold for other models too: a level before a record is what
-        happened, a state is that of one model.
+        Whether the estimate is to be valid for other models too: levels before a record are
+        physical, a state belongs to one model.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class StartSearch:
         self._wanted, self._lasting = wanted, lasting
 
     def left(self, target: Target) -> FloatArray:
-        """Return what the model leaves of a target, shape (m,) [m]."""
+        """Return the residual of a target, shape (m,) [m]."""
         with np.errstate(over='ignore', invalid='ignore'):
             return self._predicted(target).residual
 
@@ -104,20 +104,20 @@ class StartSearch:
         return Prediction(self._model, self._packed, target, self._late)
 
     def square(self, target: Target) -> float:
-        """Return the sum of squares of that [m^2], infinite where it is no number."""
+        """Return the sum of squares of the residual [m^2], infinite where it is not finite."""
         error = self.left(target)
         total = inner(error, error)
         return total if isfinite(total) else float('inf')
 
     def best_start(self, target: Target, zero: str) -> Target:
-        """Return the target with the start that leaves least, the guess where none does better.
+        """Return the target with the start of the smallest residual, else with the guess.
 
         Parameters
         ----------
         target : Target
             With a guess.
         zero : str
-            What the user says of zeros. They are judged afterwards: none shall pass for a start.
+            Zero stated by the user; zeros are compared afterwards.
         """
         record = self._record_of(target)
         if record is None:
@@ -149,10 +149,10 @@ class StartSearch:
         return cycle_of(self._records[target.name.removesuffix(WAY_IN)]) > 0
 
     def settled(self, target: Target) -> Target:
-        """Return the target with the levels before it where no slope would move them.
+        """Return the target with the levels before it at a stationary point of the cost.
 
-        What is left of it counts what slopes of the levels explain, and hardly tells one level
-        from the next; a run that begins after them has no slopes.
+        The cost projects the derivatives by the levels out and hardly depends on them; a run that
+        begins after them has no such derivatives.
         """
         record = self._record_of(target)
         if record is None:
@@ -172,17 +172,17 @@ class StartSearch:
         return target
 
     def with_steps(self, targets: Sequence[Target]) -> tuple[list[Target], float] | None:
-        """Return targets that may begin with a step although they are taken to begin in motion.
+        """Return targets that may begin with a step although their initial state is estimated.
 
-        What a fit with numbers of their own makes of the parameters may hide that they need none;
-        that shows in a fit without.
+        Parameters fitted together with initial states may hide that none are needed; a fit without
+        them shows it.
 
         Returns
         -------
         targets : list of Target
             The same, some of which begin at rest at 0 V.
         worth : float
-            Share by which a fit of these may be worse and still is the better one.
+            Share by which the cost of these may be larger and still be preferred.
         """
         changed, worth, samples = [], 0.0, sum(each.measured.size for each in targets)
         for target in targets:
@@ -205,7 +205,7 @@ class StartSearch:
         return 'auto' in (self._wanted, record.info.start)
 
     def _numbers(self, start: RecordStart) -> int:
-        """Return how many numbers of its own a record has that begins in motion."""
+        """Return the number of nuisance parameters of a record with an unknown initial state."""
         dt = min(record.dt for record in self._records.values())
         memory = not start.levels
         states = sum(len(free_states(s, dt, memory=memory)) for s in self._model.stages)
@@ -221,7 +221,7 @@ class StartSearch:
         return self.square(led_in(target, record, start)), start
 
     def _with_levels(self, target: Target, record: Record, best: Judged, enough: float) -> Judged:
-        """Return a start with its levels refined, and with more of them where they are missed."""
+        """Return a start with refined levels, and with more where the residual needs them."""
         if not best[1].levels:
             return best
         best = self._refined(target, record, best)
@@ -237,7 +237,7 @@ class StartSearch:
     def _levels_instead(
         self, target: Target, record: Record, best: Judged, others: Sequence[Judged], enough: float
     ) -> Judged:
-        """Return levels in the place of states where they do as well."""
+        """Return levels before the record where they fit as well as an initial state."""
         levels = [each for each in others if each[1].levels]
         if not levels:
             return best
@@ -245,14 +245,14 @@ class StartSearch:
         return levelled if levelled[0] <= _AS_WELL * best[0] else best
 
     def _refined(self, target: Target, record: Record, best: Judged) -> Judged:
-        """Return a start whose last level leaves least nearby, and all as far as a slope tells."""
+        """Return a start with its last level refined by search, then all by Gauss-Newton steps."""
         for share in _STEPS:
             near = refined(best[1], record, share)
             best = min([best, *(self._tried(target, record, each) for each in near)], key=_cost)
         return self._sharpened(target, record, best)
 
     def _sharpened(self, target: Target, record: Record, best: Judged) -> Judged:
-        """Return a start whose levels are where they leave least, as far as a slope tells."""
+        """Return a start with its levels refined by Gauss-Newton steps."""
         for _ in range(_TURNS):
             led = led_in(target, record, best[1])
             levels = self._predicted(led).nuisances.levels
@@ -266,10 +266,9 @@ class StartSearch:
         return best
 
     def _plainest(self, kept: Judged, others: Sequence[Judged], samples: int) -> Judged:
-        """Return a start without numbers of its own where it does as well as one with them.
+        """Return a start without nuisance parameters where it fits as well as one with them.
 
-        Each number must take more of what is left than a logarithm of the samples, as by Bayes'
-        criterion.
+        Each parameter must reduce the cost as the Bayesian information criterion demands.
         """
         if kept[1].kind != 'estimate':
             return kept
