@@ -33,6 +33,7 @@ DIGITS = {
     'feedforward_um': 2,
     'feedforward_attenuation_um': 2,
     'own_error_percent': 2,
+    'own_held_out_percent': 2,
 }
 TOLERANCE = 0.05
 
@@ -45,7 +46,10 @@ def of_demo(summary: Mapping[str, Any]) -> dict[str, float]:
 
 def of_own(summary: Mapping[str, Any]) -> dict[str, float]:
     """Return the figures of the measured actuator: error of the free run [% of the deviation]."""
-    return {'own_error_percent': max(each['nrmse_percent'] for each in summary['records'])}
+    return {
+        'own_error_percent': max(each['nrmse_percent'] for each in summary['records']),
+        'own_held_out_percent': max(each['nrmse_percent'] for each in summary['held_out']),
+    }
 
 
 def shown(name: str, value: float) -> str:
