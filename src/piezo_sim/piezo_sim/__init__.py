@@ -1,4 +1,4 @@
-"""A simulated piezo actuator with every imperfection switchable; knows nothing of the models."""
+"""Simulated piezo actuator with switchable imperfections, independent of the models."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = [
     'preset_names',
 ]
 
-# Imported when they are asked for: numba takes longer than a process may take to answer a Ctrl-C.
+# Imported on first access: the import of numba would delay the response to Ctrl-C.
 _MODULES = {
     **dict.fromkeys(
         ('PlantError', 'PresetError', 'SimulationError', 'SweepError'), 'simulation_errors'
@@ -39,7 +39,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Return what the package offers, out of the module that holds it."""
+    """Return a name of the package from the module that defines it."""
     if name not in _MODULES:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     return getattr(importlib.import_module(f'{__name__}.{_MODULES[name]}'), name)

@@ -1,4 +1,4 @@
-"""``python -m piezo_sim``: sweeps faster than real time; presets and their numbers."""
+"""``python -m piezo_sim``: sweeps faster than real time; presets and their parameters."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from piezo_sim.sweep import grid, simulate
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns 0, or 2 for what the user can mend."""
+    """Run the command line; return 0, or 2 for an error that the user can correct."""
     options = build_parser().parse_args(arguments)
     try:
         return int(options.run(options))

@@ -1,4 +1,4 @@
-"""From parameters and switches to the numbers the kernels work with."""
+"""Derived numbers of the kernels from parameters and switches."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 def effective(values: Mapping[str, float], effects: Mapping[str, bool]) -> dict[str, float]:
-    """Return `values` with the parameters of every effect that is off at their neutral value."""
+    """Return `values` with the parameters of every inactive effect at their neutral values."""
     result = dict(values)
     for effect in EFFECTS:
         if not effects[effect.name]:
@@ -28,7 +28,7 @@ def effective(values: Mapping[str, float], effects: Mapping[str, bool]) -> dict[
 
 
 def pack(values: Mapping[str, float]) -> Record:
-    """Return `values` as the record that the kernels read, shape (1,)."""
+    """Return `values` as the parameter record of the kernels, shape (1,)."""
     packed = np.zeros(1, PARAMETER_TYPE)
     for name, value in values.items():
         group, quantity = name.split('.')
@@ -37,7 +37,7 @@ def pack(values: Mapping[str, float]) -> Record:
 
 
 def check(v: Mapping[str, float], effects: Mapping[str, bool]) -> None:
-    """Refuse parameters that are impossible together.
+    """Reject combinations of parameters that are physically impossible.
 
     Raises
     ------
@@ -72,11 +72,11 @@ def check(v: Mapping[str, float], effects: Mapping[str, bool]) -> None:
 
 
 def propagators(omega: float, zeta: float, steps: npt.NDArray[np.float64]) -> Record:
-    """Return exp(A h) of one mode for every step h [s], shape (steps, 4), row by row."""
-    # At critical damping both forms have the same limit, which the floor keeps finite.
+    """Return exp(A h) of one mode for every step h [s], row-major, shape (steps, 4)."""
+    # At critical damping both forms have the same limit; the lower bound keeps it finite.
     root = omega * max(math.sqrt(abs(1.0 - zeta * zeta)), 1e-8)
     if zeta > 1.0:
-        # cosh and sinh grow where their factor falls: the product is put together first.
+        # cosh and sinh overflow while their factor underflows: compute the product directly.
         slow_, fast = omega * omega / (zeta * omega + root), zeta * omega + root
         cosine = 0.5 * (np.exp(-slow_ * steps) + np.exp(-fast * steps))
         sine = -np.expm1(-2.0 * root * steps) * np.exp(-slow_ * steps) / (2.0 * root)
@@ -113,7 +113,7 @@ def filter_weights(bandwidth: float, steps: npt.NDArray[np.float64]) -> Record:
 
 
 def _level(dt: float, longest: float) -> int:
-    """Return the level whose step is at most `longest` [s]."""
+    """Return the coarsest level with a step of at most `longest` [s]."""
     if longest >= dt:
         return 0
     return min(chain.LEVELS, math.ceil(math.log2(dt / longest)))
@@ -122,9 +122,9 @@ def _level(dt: float, longest: float) -> int:
 def derive(
     v: Mapping[str, float], effects: Mapping[str, bool], dt: float, refine: int = 0
 ) -> Record:
-    """Return everything that follows from the effective parameters `v`, shape (1,).
+    """Return all derived numbers of the effective parameters `v`, shape (1,).
 
-    `refine` halves every step so many times.
+    `refine` is the number of times that every step is halved.
     """
     record = np.zeros(1, DERIVED_TYPE)
     d = record[0]
@@ -134,7 +134,7 @@ def derive(
     fastest = _derive_modes(d, v)
     memory = v['friction.coulomb'] > 0.0 or v['restoring.share'] > 0.0
     d['memory'] = memory
-    # A restoring force remembers its errors for long.
+    # A hysteretic restoring force accumulates integration errors.
     stride = 0.02 if v['restoring.share'] > 0.0 else 0.05 if memory else 0.1
     d['stride'] = stride / 2.0**refine
     d['creep_gain'][: slow.KELVIN_VOIGT] = [v[f'creep.gain_{j}'] for j in (1, 2, 3)]
@@ -174,7 +174,7 @@ def _derive_hysteresis(d: Any, v: Mapping[str, float], effects: Mapping[str, boo
 
 
 def _derive_modes(d: Any, v: Mapping[str, float]) -> float:
-    """Fill in the modes and return the fastest angular frequency [rad/s], 0 for none."""
+    """Fill in the modes and return the largest angular frequency [rad/s], 0 for none."""
     q = {name.removeprefix('structure.'): value for name, value in v.items()}
     stiffness = q['stiffness'] + q['load_stiffness']
     compliance = q['stiffness'] / stiffness

@@ -1,7 +1,7 @@
-"""A guide of circular flexure hinges: from its dimensions to the spring that an actuator bends.
+"""Guide with circular flexure hinges: spring stiffness from its dimensions.
 
-The design of Fang et al. 2019: links of length L between two hinges each turn by theta = x / L
-when the stage moves by x, and the work of the force is the energy in the hinges, so that
+The design of Fang et al. 2019: links of length L between two hinges each rotate by theta = x / L
+when the stage moves by x, and the work of the force equals the energy in the hinges, so that
 ke = n Kr / L^2.
 """
 
@@ -14,7 +14,7 @@ from piezo_sim.simulation_errors import SimulationError
 
 
 class FlexureError(SimulationError):
-    """A flexure guide with these dimensions cannot be built."""
+    """The dimensions of a flexure guide are invalid."""
 
 
 @dataclass(frozen=True)
@@ -26,15 +26,15 @@ class Flexure:
     modulus : float
         Young's modulus of the material [Pa].
     depth : float
-        Of the hinges, along their axis (b).
+        Depth of the hinges, along their axis (b).
     thickness : float
-        Where they are thinnest (t).
+        Smallest thickness of the hinges (t).
     radius : float
-        Of the circles (R).
+        Radius of the circular notches (R).
     link : float
-        Between the two hinges of a link (L).
+        Length of a link between its two hinges (L).
     hinges : int
-        How many bend.
+        Number of bending hinges.
 
     Raises
     ------
@@ -59,13 +59,13 @@ class Flexure:
 
     @property
     def hinge_stiffness(self) -> float:
-        """Kr = 2 E b t^(5/2) / (9 pi R^(1/2)) [N m/rad]: for thicknesses small beside R."""
+        """Kr = 2 E b t^(5/2) / (9 pi R^(1/2)) [N m/rad], for thicknesses much smaller than R."""
         e, b, t, r = self.modulus, self.depth, self.thickness, self.radius
         return 2.0 * e * b * math.pow(t, 2.5) / (9.0 * math.pi * math.sqrt(r))
 
     @property
     def exact_hinge_stiffness(self) -> float:
-        """Kr by bending of the whole circle, without that approximation [N m/rad].
+        """Kr by bending of the complete circular notch, without that approximation [N m/rad].
 
         The integral of 12 / (E b h(x)^3) over the hinge with h = t + 2 R - 2 sqrt(R^2 - x^2).
         """
@@ -84,11 +84,11 @@ class Flexure:
 
     @property
     def exact_stiffness(self) -> float:
-        """The same by `exact_hinge_stiffness` [N/m]."""
+        """Stiffness of the guide from `exact_hinge_stiffness` [N/m]."""
         return self.hinges * self.exact_hinge_stiffness / self.link**2
 
     def angle(self, displacement: float) -> float:
-        """Return theta = x / L, by which a link turns when the stage moves by x [m] [rad]."""
+        """Return the rotation theta = x / L [rad] of a link for a displacement x [m]."""
         return displacement / self.link
 
     def energy(self, displacement: float) -> float:
@@ -96,9 +96,9 @@ class Flexure:
         return 0.5 * self.hinges * self.hinge_stiffness * self.angle(displacement) ** 2
 
     def left(self, actuator_stiffness: float) -> float:
-        """Return the part of its free stroke that an actuator of that stiffness [N/m] keeps."""
+        """Return the ratio of guided to free stroke of an actuator with a stiffness in N/m."""
         return actuator_stiffness / (actuator_stiffness + self.stiffness)
 
     def natural_frequency(self, actuator_stiffness: float, mass: float) -> float:
-        """Return the first mode of a mass [kg] on guide and actuator [Hz]."""
+        """Return the first natural frequency of a mass [kg] on guide and actuator [Hz]."""
         return math.sqrt((actuator_stiffness + self.stiffness) / mass) / (2.0 * math.pi)

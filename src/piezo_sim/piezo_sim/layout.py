@@ -1,8 +1,9 @@
-"""Memory of the kernels: parameters, derived numbers and state as records of named fields.
+"""Memory layout of the kernels: parameters, derived numbers and state as structured records.
 
-The records are NumPy structured types, so the kernels read ``p.amplifier.delay`` and the whole
-state is one value that can be copied, compared and restored. A digest of the kernels' source is a
-field name of the state: a kernel cached on disk is never used with another version of its parts.
+The records are NumPy structured types, so that the kernels read ``p.amplifier.delay`` and the
+complete state is one value that can be copied, compared and restored. A digest of the source of
+the kernels is a field name of the state, so that a cached kernel is never used with another
+version of its parts.
 """
 
 from __future__ import annotations

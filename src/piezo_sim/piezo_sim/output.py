@@ -1,4 +1,4 @@
-"""Where a sweep goes: a bag, a NumPy archive or a CSV file, and what was hidden in it."""
+"""Output of a sweep: a bag, a NumPy archive or a CSV file, and the true parameters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from piezo_sim.simulation_errors import SweepError
 
 
 def check_target(path: Path, count: int) -> None:
-    """Refuse a target that cannot take `count` records, before anything is simulated."""
+    """Reject a target that cannot store `count` records, before the simulation."""
     if path.exists():
         raise SweepError(f'{path} exists already; remove it or choose another name')
     if path.suffix == '.csv' and count != 1:
@@ -28,7 +28,7 @@ def check_target(path: Path, count: int) -> None:
 
 
 def write_records(path: Path, records: Sequence[Record]) -> None:
-    """Write records as a bag, or as the suffix says (``.npz``, ``.csv``)."""
+    """Write records as a bag, or in the format of the suffix (``.npz``, ``.csv``)."""
     if path.suffix == '.csv':
         write_csv(path, records[0])
     elif path.suffix == '.npz':
@@ -45,7 +45,7 @@ def write_records(path: Path, records: Sequence[Record]) -> None:
 def labels(
     plant: Plant, preset: str, overrides: Mapping[str, float | bool], seed: int
 ) -> dict[str, Any]:
-    """Return what was simulated: the answers that a bag does not contain."""
+    """Return the true simulation settings, which a bag does not contain."""
     usual = Plant.from_preset(preset).effects
     on = [name for name, active in plant.effects.items() if active]
     return {
@@ -63,7 +63,7 @@ def labels(
 
 
 def write_labels(path: Path, content: Mapping[str, Any]) -> None:
-    """Write `labels` as JSON or YAML, as the suffix says."""
+    """Write `labels` as JSON or YAML, according to the suffix."""
     if path.suffix == '.json':
         text = json.dumps(content, indent=2) + '\n'
     elif path.suffix in ('.yaml', '.yml'):
@@ -79,7 +79,7 @@ def _save(path: Path, columns: Mapping[str, Any]) -> None:
 
 
 def _replace(path: Path, write: Any) -> None:
-    """Write beside `path` first, so that it is there whole or not at all."""
+    """Write a temporary file and rename it to `path`, so that it is complete or unchanged."""
     try:
         with write_atomically(path) as temporary:
             write(temporary)

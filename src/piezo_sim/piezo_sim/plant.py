@@ -1,4 +1,7 @@
-"""The simulated actuator: one command in, one reading out, every parameter tunable meanwhile."""
+"""Simulated actuator: one command in, one reading out.
+
+All parameters can change during operation.
+"""
 
 from __future__ import annotations
 
@@ -34,14 +37,14 @@ _LONGEST_DELAY = 1.0  # history kept for the transport delay [s]
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything a plant remembers; see `Plant.snapshot`."""
+    """Complete state of a plant; see `Plant.snapshot`."""
 
     state: npt.NDArray[Any]
     history: FloatArray
 
 
 class Plant:
-    """A piezo actuator with amplifier, structure and sensor, in discrete steps of a rate.
+    """Piezo actuator with amplifier, structure and sensor, simulated in discrete time.
 
     Parameters
     ----------
@@ -52,14 +55,14 @@ class Plant:
     seed : int
         Seed of all noise.
     preset : Preset, optional
-        Actuator to start from; without one, a straight line of 100 um/V.
+        Initial preset; without one, a linear actuator of 100 um/V.
     refine : int
-        Halve every integration step so many times; for tests of the numerics.
+        Number of times that every integration step is halved, for numerical tests.
 
     Raises
     ------
     PlantError
-        If the rate, a name or a value is impossible.
+        If the rate, a name or a value is invalid.
     """
 
     def __init__(
@@ -95,12 +98,12 @@ class Plant:
         overrides: Mapping[str, float | bool] | None = None,
         refine: int = 0,
     ) -> Plant:
-        """Return the actuator that the preset `name` describes.
+        """Return the actuator of the preset `name`.
 
         Raises
         ------
         PresetError
-            If there is no such preset; the message lists those there are.
+            If the preset is unknown; the message lists the available ones.
         """
         preset = load_preset(name)
         return cls(overrides, rate=rate or preset.rate, seed=seed, preset=preset, refine=refine)
@@ -110,17 +113,18 @@ class Plant:
     def exchange(self, voltage: float) -> float:
         """Return the reading [m] of this tick, then hold `voltage` [V] until the next.
 
-        A command that is not a number or beyond the range of the amplifier is refused and
-        counted (`refused`); the voltage before is held.
+        A command that is not a number or outside the range of the amplifier is rejected and
+        counted
+        (`refused`); the previous voltage is held.
         """
         self._one_command[0] = voltage
         self._run(self._one_command, self._one_reading)
         return float(self._one_reading[0])
 
     def run(self, voltages: npt.ArrayLike) -> FloatArray:
-        """Return the readings [m] for a whole array of commands [V], shape (n,).
+        """Return the readings [m] for an array of commands [V], shape (n,).
 
-        Bit for bit what `exchange` returns, one by one.
+        The result is bit-identical to repeated calls of `exchange`.
         """
         commands = np.ascontiguousarray(voltages, dtype=np.float64)
         if commands.ndim != 1:
@@ -133,7 +137,7 @@ class Plant:
         chain.run(commands, readings, self._parameters, self._derived, self._state, self._history)
 
     def reset(self, seed: int | None = None) -> None:
-        """Go back to rest at 0 V and tick 0, with the same noise unless `seed` is given."""
+        """Reset to rest at 0 V and tick 0, with the same noise unless `seed` is given."""
         if seed is not None:
             self._seed = seed
         self._state[:] = 0
@@ -142,10 +146,11 @@ class Plant:
         self._settle()
 
     def inject(self, fault: str, duration: float = 0.0) -> None:
-        """Fail from the next tick on, for `duration` [s], 0 until changed.
+        """Inject a fault from the next tick on, for `duration` [s]; 0 means until changed.
 
         ``sensor_dropout`` reads not-a-number, ``stuck_sensor`` repeats the last reading,
-        ``amplifier_trip`` discharges the actuator and ignores commands, ``none`` mends.
+        ``amplifier_trip`` discharges the actuator and ignores commands, ``none`` removes the
+        fault.
         """
         if fault not in FAULTS:
             raise PlantError(f'there is no fault {fault!r}; there are {", ".join(FAULTS)}')
@@ -163,40 +168,40 @@ class Plant:
 
     @property
     def refused(self) -> int:
-        """Commands refused since the last reset."""
+        """Number of rejected commands since the last reset."""
         return int(self._state['refused'][0])
 
     @property
     def command(self) -> float:
-        """Command that is held now, after the limits [V]."""
+        """Present command after the limits [V]."""
         return float(self._state['command'][0])
 
     @property
     def command_range(self) -> tuple[float, float]:
-        """Lowest and highest command that is accepted [V]."""
+        """Lowest and highest accepted command [V]."""
         return self._values['amplifier.range_low'], self._values['amplifier.range_high']
 
     @property
     def voltage(self) -> float:
-        """Voltage at the actuator now [V]."""
+        """Present voltage at the actuator [V]."""
         return float(self._state['voltage'][0])
 
     @property
     def displacement(self) -> float:
-        """True displacement now, without sensor [m]."""
+        """Present true displacement, without sensor [m]."""
         return float(chain.displacement(self._derived[0], self._state[0]))
 
     @property
     def fault(self) -> str:
-        """Fault that is active now."""
+        """Active fault."""
         return next(name for name, code in FAULTS.items() if code == self._state['fault'][0])
 
     def snapshot(self) -> Snapshot:
-        """Return a copy of everything the plant remembers."""
+        """Return a copy of the complete state."""
         return Snapshot(self._state.copy(), self._history.copy())
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a `snapshot` of this plant."""
+        """Restore a `snapshot` of this plant."""
         self._state[:] = snapshot.state
         self._history[:] = snapshot.history
 
@@ -204,27 +209,30 @@ class Plant:
 
     @property
     def parameter_table(self) -> tuple[PlantParameter, ...]:
-        """Every number, with unit, bounds and description; defaults are those of the preset."""
+        """All parameters with unit, bounds and description.
+
+        The defaults are those of the preset.
+        """
         return self.preset.table()
 
     @property
     def effect_table(self) -> tuple[PlantEffect, ...]:
-        """Every effect; its switch is the parameter ``effects.<name>``."""
+        """All effects; the switch of each is the parameter ``effects.<name>``."""
         return EFFECTS
 
     @property
     def parameters(self) -> dict[str, float | bool]:
-        """Present value of every number and of every switch ``effects.<name>``."""
+        """Present value of every parameter and of every switch ``effects.<name>``."""
         return {**self._values, **{f'effects.{name}': on for name, on in self._switches.items()}}
 
     @property
     def effects(self) -> dict[str, bool]:
-        """Which effects are on."""
+        """State of every effect switch."""
         return dict(self._switches)
 
     @property
     def idle_effects(self) -> str:
-        """Which effects are on and change nothing, and what to do; empty where none is."""
+        """Active effects without influence, with a remedy; empty if there are none."""
         if self._derived['active'][0][0]:
             return ''
         idle = [
@@ -245,9 +253,11 @@ class Plant:
         self.set_parameters({f'effects.{effect}': on})
 
     def set_parameters(self, changes: Mapping[str, object]) -> None:
-        """Change parameters and switches while running; displacement and speed do not jump.
+        """Change parameters and switches during operation.
 
-        Everything is checked first; if anything is refused nothing is changed.
+        Displacement and velocity stay continuous.
+
+        All values are checked first; after an error no parameter is changed.
 
         Raises
         ------
@@ -260,12 +270,12 @@ class Plant:
         before = self.displacement
         drive, were_active = float(self._state['drive'][0]), self._derived['active'][0].copy()
         if self._parameters['sensor']['bandwidth'][0] == 0.0:
-            self._state['filtered'] = before  # what a low-pass starts from, if it is switched on
+            self._state['filtered'] = before  # initial state of a low-pass that is switched on
         self._install(values, switches)
         self._keep_steady(before, drive, were_active)
 
     def check(self, changes: Mapping[str, object]) -> None:
-        """Raise what `set_parameters` would raise, and change nothing."""
+        """Raise the errors of `set_parameters` without any change."""
         self._merged(changes)
 
     def _merged(self, changes: Mapping[str, object]) -> tuple[dict[str, float], dict[str, bool]]:
@@ -296,9 +306,9 @@ class Plant:
     def _keep_steady(
         self, displacement: float, drive: float, were_active: npt.NDArray[np.int64]
     ) -> None:
-        """Carry displacement and drive over a change of the parameters."""
+        """Keep displacement and drive continuous over a change of the parameters."""
         s, d = self._state[0], self._derived[0]
-        for i in range(1, d['active'].size):  # a mode that is switched off rings out
+        for i in range(1, d['active'].size):  # a mode that is switched off decays freely
             d['active'][i] |= d['omega'][i] > 0.0 and (s['x'][i] != 0.0 or s['v'][i] != 0.0)
         d['dynamic'] = bool(np.any(d['active']))
         if not d['active'][0]:

@@ -1,30 +1,30 @@
-"""The vocabulary of the simulator: what a parameter and an effect are, and how defaults scale."""
+"""Definition of parameters and effects of the simulator, and scaling of the defaults."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-# The actuator that the default values in the tables are meant for.
+# Voltage of the actuator for which the default values in the tables are valid.
 NOMINAL_VOLTAGE = 1.0
 NOMINAL_DISPLACEMENT = 100e-6
 
 
 @dataclass(frozen=True)
 class PlantParameter:
-    """One number of the simulated actuator.
+    """One parameter of the simulated actuator.
 
     Attributes
     ----------
     name : str
         ``part.quantity``; also the name of the ROS parameter.
     unit : str
-        SI unit, ``1`` where there is none.
+        SI unit, ``1`` for a dimensionless one.
     default : float
-        Value used where a preset says nothing, for an actuator that moves 100 um at 1 V;
-        `scaled` gives it for other actuators.
+        Value without an entry in the preset, for an actuator that moves 100 um at 1 V; `scaled`
+        converts it for other actuators.
     low, high : float
-        Values outside are physically impossible, or beyond what the simulator integrates.
+        Bounds; values outside are physically impossible or beyond the range of the integrator.
     description : str
         One sentence.
     """
@@ -46,20 +46,20 @@ class PlantParameter:
 
 @dataclass(frozen=True)
 class PlantEffect:
-    """Something the actuator does that can be switched on and off while it runs.
+    """A property of the actuator that can be switched on and off during operation.
 
     Attributes
     ----------
     name : str
-        Word for it; the switch is the parameter ``effects.<name>``.
+        Name; the switch is the parameter ``effects.<name>``.
     description : str
         One sentence.
     neutral : mapping of str to float
-        What the parameters of the effect are replaced by while it is off.
+        Values of the parameters of the effect while it is off.
     exotic : bool
-        True for effects that no candidate of the discovery describes, and that stay so: no block
-        is to be written after them. They are for tests in which the right answer is ``unknown``,
-        and a vocabulary that follows its test worlds could not be tested at all.
+        True for effects that no candidate of the discovery describes. They must stay without a
+        block, because they serve tests in which the correct answer is ``unknown``; a library that
+        is extended after its test cases could not be tested.
     """
 
     name: str

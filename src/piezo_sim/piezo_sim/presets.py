@@ -1,7 +1,7 @@
-"""Presets: one commented YAML file per actuator, from the source tree or where it is installed.
+"""Presets: one commented YAML file per actuator, in the source tree or the installation.
 
-A preset names the effects that are on and the numbers that are known; every other number is the
-default of its table, scaled to the actuator's voltage and displacement.
+A preset lists the active effects and the known parameters; every other parameter is the default of
+its table, scaled to the voltage and displacement of the actuator.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from piezo_sim.simulation_errors import PresetError
 
 @dataclass(frozen=True)
 class Preset:
-    """One actuator.
+    """Preset of one actuator.
 
     Attributes
     ----------
     name, description, source : str
-        What it is, and where its numbers are from.
+        Name, description, and source of the parameters.
     voltage : float
-        Amplitude it is usually driven with [V].
+        Usual drive amplitude [V].
     displacement : float
-        Amplitude it then moves with [m]; errors of the integration are judged against it.
+        Displacement amplitude at this drive [m]; scale of the integration errors.
     bias : float
-        Voltage it usually moves about [V].
+        Usual mean voltage [V].
     rate : float
-        Sampling rate of its laboratory [Hz].
+        Sampling rate of the original experiment [Hz].
     phase : float
-        Of drives and references at their start [rad]: -pi/2 where they begin at their lowest.
+        Initial phase of drives and references [rad]; -pi/2 starts at the minimum.
     parameters : mapping of str to float
-        Numbers that differ from the scaled defaults.
+        Parameters that differ from the scaled defaults.
     effects : tuple of str
-        Effects that are on.
+        Active effects.
     flexure : Flexure or None
-        The guide that the actuator bends, where the preset gives its dimensions: the stiffness
-        of the load, and the free gain of the actuator from the one measured with the guide, come
+        Guide that the actuator bends, if the preset contains its dimensions. The stiffness of the
+        load, and the free gain of the actuator from the gain measured with the guide, are computed
         from it.
     """
 
@@ -64,7 +64,7 @@ class Preset:
     flexure: Flexure | None = None
 
     def table(self) -> tuple[PlantParameter, ...]:
-        """Return every parameter with the default it has for this actuator."""
+        """Return every parameter with its default for this actuator."""
         rows = []
         for row in PARAMETERS:
             scaled = row.scaled(self.voltage, self.displacement)
@@ -72,16 +72,16 @@ class Preset:
         return tuple(rows)
 
     def values(self) -> dict[str, float]:
-        """Return every number of this actuator."""
+        """Return the value of every parameter of this actuator."""
         return {row.name: row.default for row in self.table()}
 
     def switches(self) -> dict[str, bool]:
-        """Return which effects are on."""
+        """Return the state of every effect switch."""
         return {effect.name: effect.name in self.effects for effect in EFFECTS}
 
 
 def preset_folders() -> tuple[Path, ...]:
-    """Return the folders in which presets are looked for, the first one first."""
+    """Return the search path of presets, in order of priority."""
     folders = [parent / 'config' / 'presets' for parent in Path(__file__).resolve().parents]
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     folders += [
@@ -99,12 +99,12 @@ def preset_names() -> tuple[str, ...]:
 
 
 def load_preset(name: str) -> Preset:
-    """Return the preset called `name`.
+    """Return the preset with the given name.
 
     Raises
     ------
     PresetError
-        If there is none, or its file is wrong.
+        If the preset is unknown or its file is invalid.
     """
     for folder in preset_folders():
         file = folder / f'{name}.yaml'
@@ -159,7 +159,7 @@ def _from_content(file: Path, content: dict[str, Any]) -> Preset:
 def _flexure(
     file: Path, content: Any, parameters: Mapping[str, float]
 ) -> tuple[Flexure, dict[str, float]]:
-    """Return the guide, and the parameters that follow from it."""
+    """Return the guide and the parameters computed from it."""
     if not isinstance(content, dict):
         raise PresetError(f'preset {file.name}: flexure is a mapping of dimensions')
     given = {str(key): _number(file, f'flexure {key}', value) for key, value in content.items()}
@@ -193,7 +193,7 @@ _NUMBERS = ('voltage', 'displacement', 'bias', 'rate', 'phase')
 
 def _number(file: Path, key: str, value: object) -> float:
     if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-        try:  # YAML 1.1 takes 1e-6 for a word
+        try:  # YAML 1.1 parses 1e-6 as a string
             return float(value)
         except ValueError:
             pass

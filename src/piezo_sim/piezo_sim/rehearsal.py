@@ -1,4 +1,4 @@
-"""What runs compiled kernels, once and briefly, so that set-up can compile them."""
+"""Short runs of all compiled kernels, so that set-up can compile them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from piezo_sim.plant import Plant
 
 
 def plant() -> None:
-    """Run a plant and change it meanwhile; one kernel serves every actuator and effect."""
+    """Run a plant and change it during the run; one kernel serves all actuators and effects."""
     simulated = Plant()
     simulated.exchange(0.0)
     simulated.run(np.zeros(4))

@@ -1,9 +1,9 @@
-"""The verb `plant`: an actuator that another program drives, one tick after another, over a pipe.
+"""The verb `plant`: an actuator that another program drives over a pipe, one tick at a time.
 
-It writes one line of JSON about itself, then answers every voltage with the displacement that was
-measured before that voltage acts: eight bytes in, eight bytes out, doubles with the lowest byte
-first. A voltage that is no number puts it back to rest and is answered by 0. It ends with its
-input.
+It writes one line of JSON with its properties, then answers every voltage with the displacement
+measured before that voltage acts: eight bytes in, eight bytes out, little-endian doubles. A
+voltage that is not a number resets the actuator to rest and is answered by 0. The program ends
+with its input.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ _NUMBER = struct.Struct('<d')
 
 
 def about(plant: Plant) -> dict[str, str | float]:
-    """Return what a controller needs to know of an actuator: its rate, range and usual drive.
+    """Return the properties of an actuator for a controller: rate, range and usual drive.
 
     Returns
     -------
     dict
-        ``preset`` and ``rate_hz``; ``low_v``, ``high_v``: its usual drive and a fifth more, within
-        the range of its amplifier, or that range where it was set; ``slew_v_per_s`` of the
-        amplifier, the whole range in one tick where it has no limit; ``offset_m``, the
-        displacement it usually moves about, and ``phase`` [rad] with which references begin.
+        ``preset`` and ``rate_hz``; ``low_v``, ``high_v``: the usual drive plus a fifth, within the
+        range of the amplifier, or that range if it was set; ``slew_v_per_s`` of the amplifier, the
+        full range per tick without a limit; ``offset_m``, the usual mean displacement, and
+        ``phase``
+        [rad], the initial phase of references.
     """
     preset = plant.preset
     low, high = _range(plant)
@@ -46,7 +47,7 @@ def about(plant: Plant) -> dict[str, str | float]:
 
 
 def _range(plant: Plant) -> tuple[float, float]:
-    """Return the voltages between which a controller drives it [V]."""
+    """Return the voltage range of a controller [V]."""
     names = ('amplifier.range_low', 'amplifier.range_high')
     low, high = (float(plant.parameters[name]) for name in names)
     own, preset = plant.preset.values(), plant.preset
@@ -57,7 +58,7 @@ def _range(plant: Plant) -> tuple[float, float]:
 
 
 def serve(plant: Plant, source: BinaryIO, sink: BinaryIO) -> None:
-    """Send voltages until `source` ends."""
+    """Answer voltages until `source` ends."""
     sink.write(json.dumps(about(plant)).encode() + b'\n')
     sink.flush()
     while len(number := source.read(_NUMBER.size)) == _NUMBER.size:

@@ -1,8 +1,8 @@
-"""Errors that tell the user what to do; the command line prints them as one line, exit code 2."""
+"""Errors with a remedy for the user; the command line prints them as one line, exit code 2."""
 
 
 class SimulationError(ValueError):
-    """Base of every error of the simulator that a user can cause and mend."""
+    """Base class of errors of the simulator that a user can cause and correct."""
 
 
 class PlantError(SimulationError):
@@ -14,4 +14,4 @@ class PresetError(SimulationError):
 
 
 class SweepError(SimulationError):
-    """A sweep was asked for that cannot be run or written."""
+    """A sweep cannot be run or written."""

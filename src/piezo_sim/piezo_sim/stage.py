@@ -1,4 +1,4 @@
-"""The verb `stage`: what follows from the dimensions of a flexure guide."""
+"""The verb `stage`: stiffness and stroke from the dimensions of a flexure guide."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from piezo_sim.simulation_errors import PresetError
 
 
 def configure_stage(parser: argparse.ArgumentParser) -> None:
-    """Add the words of the verb."""
+    """Add the arguments of the verb."""
     add = parser.add_argument
     add('--preset', help='the dimensions of a preset; those given here replace them')
     for name, text in (
@@ -29,7 +29,7 @@ def configure_stage(parser: argparse.ArgumentParser) -> None:
 
 
 def _stage(options: argparse.Namespace) -> int:
-    """Print what follows from the dimensions of a guide, and the lines that a preset takes."""
+    """Print the properties of a guide, and the lines for a preset."""
     base = load_preset(options.preset).flexure if options.preset else None
     if options.preset and base is None:
         raise PresetError(f'the preset {options.preset} has no flexure; give its dimensions')

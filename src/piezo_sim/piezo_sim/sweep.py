@@ -17,7 +17,7 @@ from piezo_sim.simulation_errors import SweepError
 
 FloatArray = npt.NDArray[np.float64]
 
-LEAD_IN = 1.0  # time in which the actuator is brought to the first voltage of a record [s]
+LEAD_IN = 1.0  # duration of the transition to the first voltage of a record [s]
 _OWN_KEYS = ('name', 'warm_up')
 
 
@@ -31,30 +31,31 @@ def simulate(
     actuator: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Record]:
-    """Run an actuator through waveforms, one record each, every one from rest.
+    """Simulate one record per waveform, each from rest.
 
-    Where a waveform does not begin at 0 V the actuator is first brought there smoothly within a
-    second, which is not recorded.
+    If a waveform does not start at 0 V, the actuator first moves there smoothly within a second,
+    which
+    is not recorded.
 
     Parameters
     ----------
     preset : str
         Name of the actuator.
     waveform_specs : iterable of mapping
-        As for `piezo_hysteresis.waveforms.from_spec`, in volts; two more keys are understood:
-        ``name`` of the record, and ``warm_up``, the seconds at its start that errors leave out
-        (by default a tenth of the record).
+        As for `piezo_hysteresis.waveforms.from_spec`, in volts, with two additional keys: ``name``
+        of the record, and ``warm_up``, the seconds at its start that are not evaluated (by default
+        a tenth of the record).
     overrides : mapping, optional
         Parameters and ``effects.*`` switches that differ from the preset.
     seed : int
         Seed of all noise; every record draws its own.
     rate : float, optional
-        Sampling rate [Hz]; that of the preset where not given.
+        Sampling rate [Hz]; by default that of the preset.
     actuator : str, optional
-        Name of the actuator in the records; that of the preset where not given. Nothing else
-        about the simulation is written into them.
+        Name of the actuator in the records; by default that of the preset. The records contain no
+        other simulation settings.
     progress : callable, optional
-        Called with the fraction that is done.
+        Called with the completed fraction.
 
     Returns
     -------
@@ -63,7 +64,7 @@ def simulate(
     Raises
     ------
     PresetError, PlantError, SweepError
-        If the preset, an override or the sweep cannot be used.
+        If the preset, an override or the sweep is invalid.
     WaveformError
         If a waveform cannot be built.
     """
@@ -102,7 +103,7 @@ def record_seed(seed: int, index: int) -> int:
 
 
 def commands(waveform: Waveform, rate: float) -> FloatArray:
-    """Return the commands [V] of a waveform at every tick of its duration."""
+    """Return the voltage commands [V] of a waveform at every tick of its duration."""
     count = round(waveform.duration * rate)
     if count < 2:
         raise SweepError(f'{waveform.duration:g} s at {rate:g} Hz is less than two samples')
@@ -110,14 +111,14 @@ def commands(waveform: Waveform, rate: float) -> FloatArray:
 
 
 def lead_in(plant: Plant, voltage: float) -> None:
-    """Bring the actuator smoothly from 0 V to `voltage` [V], before a record begins."""
+    """Move the actuator smoothly from 0 V to `voltage` [V] before a record."""
     if voltage != 0.0:
         share = np.linspace(0.0, 1.0, max(2, round(LEAD_IN * plant.rate)))
         plant.run(voltage * smooth_ramp(share, 1.0)[0])
 
 
 def record_names(specs: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a name for every record: what was asked for, or kind, frequency and amplitude."""
+    """Return a name for every record: the given one, or kind, frequency and amplitude."""
     names: list[str] = []
     for spec in specs:
         parts = [str(spec.get('kind', 'unknown'))]
@@ -137,7 +138,7 @@ def grid(
     amplitudes: Sequence[float],
     settings: Mapping[str, Any],
 ) -> list[dict[str, Any]]:
-    """Return one specification per frequency and amplitude; kinds without them run once each."""
+    """Return one specification per frequency and amplitude; kinds without them occur once each."""
     axes = {'amplitude': amplitudes, 'frequency': frequencies}
     given = {name: values for name, values in axes.items() if values and has_setting(kind, name)}
     return [
@@ -147,7 +148,7 @@ def grid(
 
 
 def _frequency(waveform: Waveform) -> float:
-    """Return the fundamental [Hz], 0 where it changes or where there is none."""
+    """Return the fundamental [Hz], 0 if it varies or does not exist."""
     frequency = waveform.sample(np.linspace(0.0, waveform.duration, 9)).frequency
     return float(frequency[0]) if np.all(frequency == frequency[0]) else 0.0
 

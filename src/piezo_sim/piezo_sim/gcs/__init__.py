@@ -1,1 +1,1 @@
-"""Piezo controllers, with an actuator of `piezo_sim` behind them: GCS 2, and the NV200."""
+"""Simulated piezo controllers with an actuator of `piezo_sim`: GCS 2 and NV200."""

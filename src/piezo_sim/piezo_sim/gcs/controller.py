@@ -1,7 +1,7 @@
-"""The state of a controller: servo, wave generator, data recorder, errors, and its actuator.
+"""State of a simulated controller: servo, wave generator, data recorder, errors and actuator.
 
 One axis ``1``, driven by channel ``1``; with the servo off, wave generator and ``SVA`` set its
-voltage. Time goes on by the clock of the computer, tick by tick of the servo.
+voltage. Time follows the clock of the computer in servo ticks.
 """
 
 from __future__ import annotations
@@ -17,41 +17,41 @@ from piezo_sim.plant import FloatArray, Plant
 
 #: Points of a wave table and of a record table.
 MOST_POINTS = 1 << 17
-_AT_ONCE = 1 << 15  # ticks that the actuator is followed at a time
-_IDLE = 2.0  # of a longer time without a client and a wave, the actuator lives through so much [s]
+_AT_ONCE = 1 << 15  # largest number of ticks per simulation call
+_IDLE = 2.0  # longest simulated part of a time without client and wave [s]
 
 
 class GcsError(Exception):
-    """A command that is refused; its number is what ``ERR?`` answers."""
+    """A rejected command; ``ERR?`` returns its number."""
 
     def __init__(self, number: int) -> None:
         super().__init__(str(number))
         self.number = number
 
 
-#: Numbers of refusals, as in the manuals.
+#: Error numbers of rejected commands, as in the manuals.
 SYNTAX, UNKNOWN, SERVO, LIMITS, STOPPED, AXIS, RANGE = 1, 2, 5, 7, 10, 15, 17
 
-#: What a record table may hold: commanded position, position, voltage of the output.
+#: Recordable quantities: commanded position, position, output voltage.
 TARGET, POSITION, OUTPUT = 1, 2, 7
 
 
 @dataclass
 class Generator:
-    """The wave generator.
+    """State of the wave generator.
 
     Attributes
     ----------
     table : int
-        Wave table that it plays, 0 for none.
+        Active wave table, 0 for none.
     cycles : int
-        How often; 0 is for ever.
+        Number of repetitions; 0 for unlimited.
     divider : int
         Servo ticks per point.
     offset : float
         Added to every point [V].
     first : int
-        Tick at which it was started, -1 where it stands.
+        Tick of its start, -1 if stopped.
     """
 
     table: int = 0
@@ -63,18 +63,18 @@ class Generator:
 
 @dataclass
 class DataRecorder:
-    """The data recorder: two tables, filled from the start of the generator on.
+    """State of the data recorder: two tables, recorded from the start of the generator.
 
     Attributes
     ----------
     options : dict of int to int
-        What each table holds.
+        Recorded quantity of each table.
     divider : int
         Servo ticks per sample.
     first : int
         Tick of the first sample, -1 before any.
     samples : dict of int to list of ndarray
-        What was recorded.
+        Recorded values.
     """
 
     options: dict[int, int] = field(default_factory=lambda: {1: POSITION, 2: OUTPUT})
@@ -83,7 +83,7 @@ class DataRecorder:
     samples: dict[int, list[FloatArray]] = field(default_factory=dict)
 
     def count(self, table: int) -> int:
-        """Return how many samples a table holds."""
+        """Return the number of samples in a table."""
         return sum(part.size for part in self.samples.get(table, []))
 
 
@@ -93,9 +93,9 @@ class SimulatedController:
     Parameters
     ----------
     plant : Plant
-        The actuator; its rate is that of the servo.
+        The actuator; its rate is the servo rate.
     speed : float
-        How much faster than the clock time goes; infinite plays a wave at once.
+        Simulated time per clock time; with infinity a wave is complete at once.
     now : callable
         The clock [s].
     """
@@ -116,7 +116,7 @@ class SimulatedController:
         self._set, self._tick, self._start, self._skipped = 0.0, 0, now(), 0
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage of the output [V], as ``SVA`` does."""
+        """Set the output voltage [V], as ``SVA`` does."""
         if self.servo:
             raise GcsError(SERVO)
         if not self.low <= voltage <= self.high:
@@ -137,7 +137,7 @@ class SimulatedController:
         self.recorder.samples = {}
 
     def stop(self) -> None:
-        """Stop the wave generator; the voltage stays where it is."""
+        """Stop the wave generator; the voltage keeps its value."""
         self.advance()
         if self.generator.first >= 0:
             self._set = self.voltage
@@ -145,12 +145,12 @@ class SimulatedController:
 
     @property
     def is_running(self) -> bool:
-        """Whether the wave generator plays."""
+        """Whether the wave generator is active."""
         self.advance()
         return self.generator.first >= 0
 
     def advance(self) -> None:
-        """Let time go on to now."""
+        """Simulate up to the present clock time."""
         due = self._due()
         while self._tick < due:
             idle = due - self._tick - round(_IDLE * self.plant.rate)
@@ -168,7 +168,7 @@ class SimulatedController:
 
     @property
     def _end(self) -> float:
-        """Tick behind the end of the wave."""
+        """Tick after the end of the wave."""
         made, wave = self.generator, self.tables[self.generator.table]
         if made.cycles == 0:
             return math.inf

@@ -1,4 +1,4 @@
-"""The GCS 2 commands that the controller understands, and its answers."""
+"""GCS 2 commands of the simulated controller, and their answers."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ Words = Sequence[str]
 
 
 class Language:
-    """Answers lines of a client.
+    """Parser of client lines that returns the answers.
 
     Parameters
     ----------
     controller : SimulatedController
-        What they are about.
+        Controlled device.
     """
 
     controls: tuple[int, ...] = (5, 7, 9, 24)
@@ -61,7 +61,7 @@ class Language:
         }  # fmt: skip
 
     def answer(self, line: str) -> str | None:
-        """Return the answer to a line, without the last line feed; None where there is none."""
+        """Return the answer to a line, without the last line feed; None without an answer."""
         parts = line.split()
         if not parts:
             return None
@@ -78,7 +78,7 @@ class Language:
         return None
 
     def control(self, byte: int) -> str | None:
-        """Return the answer to a command of a single character."""
+        """Return the answer to a single-character command."""
         if byte == 5:
             return '0'
         if byte == 7:
@@ -90,7 +90,7 @@ class Language:
         return None
 
     def framed(self, answer: str) -> bytes:
-        """Return lines as they are sent: all but the last end with a space."""
+        """Return the bytes of answer lines: all but the last end with a space."""
         return (answer.replace('\n', ' \n') + '\n').encode('latin-1')
 
     def _last_error(self, _: Words) -> str:
@@ -120,7 +120,7 @@ class Language:
         self._controller.set_voltage(float(parts[1]))
 
     def _wave(self, parts: Words) -> None:
-        """``WAV table X|& PNT start count values...``: a new table, or more points behind it."""
+        """``WAV table X|& PNT start count values...``: create a table, or append points to it."""
         table, mode, kind, count = int(parts[0]), parts[1], parts[2].upper(), int(parts[4])
         values = np.array([float(word) for word in parts[5:]])
         if kind != 'PNT' or mode not in ('X', '&') or values.size != count:

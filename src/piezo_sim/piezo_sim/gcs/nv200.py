@@ -1,7 +1,7 @@
-"""The commands of an NV200 of piezosystem jena, with the same actuator behind it.
+"""Commands of an NV200 of piezosystem jena, with the same simulated actuator.
 
-A line is answered up to the byte XON. With the loop open, set point and wave are voltages; the
-wave generator drives the output where it is the source of the set point.
+Each answer ends with the byte XON. With an open loop, set point and wave are voltages; the wave
+generator drives the output if it is selected as the source of the set point.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from piezo_sim.gcs.controller import (
     SimulatedController,
 )
 
-#: Points of the wave, values of a recorder.
+#: Number of points of the wave and of values of a recorder.
 POINTS, VALUES = 1024, 6144
-_UNKNOWN, _MISSING, _RANGE = 2, 3, 4  # numbers of refusals
+_UNKNOWN, _MISSING, _RANGE = 2, 3, 4  # error numbers
 _SOURCES = {0: POSITION, 2: OUTPUT}
 _FIXED = {'desc': 'SIMULATED', 'acserno': '1', 'sr': '2000', 'setlpon': '0', 'poslpon': '1',
           'notchon': '0', 'setlpf': '10000', 'poslpf': '1000', 'notchf': '1000',
@@ -29,16 +29,16 @@ Words = Sequence[str]
 
 
 class Nv200Error(Exception):
-    """A command that is refused, by its number."""
+    """A rejected command with its error number."""
 
 
 class Nv200Language:
-    """Answers lines of a client.
+    """Parser of client lines that returns the answers.
 
     Parameters
     ----------
     controller : SimulatedController
-        What they are about.
+        Controlled device.
     """
 
     controls: tuple[int, ...] = ()
@@ -61,15 +61,15 @@ class Nv200Language:
         }  # fmt: skip
 
     def control(self, byte: int) -> str | None:
-        """Return None: no byte is a command."""
+        """Return None, because the protocol has no single-byte commands."""
 
     def framed(self, answer: str) -> bytes:
-        """Return an answer as it is sent."""
+        """Return the bytes of an answer."""
         line = f'{answer}\r\n' if answer else ''
         return b'\x13' + line.encode('latin-1') + b'\x11'
 
     def answer(self, line: str) -> str:
-        """Return the answer to a line, empty for a command."""
+        """Return the answer to a line; it is empty for a command."""
         word, *parts = line.strip('\r').split(',')
         if not word:
             return 'NV200/D_NET>'
@@ -105,7 +105,7 @@ class Nv200Language:
         return 100.0 * (voltage - low) / (high - low)
 
     def _apply(self) -> None:
-        """Give the set point to the output, where it is its source."""
+        """Set the output to the set point, if that is the selected source."""
         if self._numbers['modsrc'] == 0 and not self._controller.servo:
             self._controller.set_voltage(self._set_point)
 
@@ -169,7 +169,7 @@ class Nv200Language:
         return None
 
     def _record(self, parts: Words) -> str | None:
-        """Record one value at once, or tell whether the wave is still recorded."""
+        """Record one value at once, or return whether the wave is still recorded."""
         made = self._controller
         if parts:
             if int(parts[0]):

@@ -1,4 +1,4 @@
-"""``python -m piezo_sim gcs`` and ``nv200``: on a TCP port or a pty, with faults a lab meets."""
+"""Servers of ``python -m piezo_sim gcs`` and ``nv200`` on a TCP port or a pty, with faults."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from piezo_sim.gcs.nv200 import Nv200Language
 from piezo_sim.plant import Plant
 from piezo_sim.simulation_errors import SimulationError
 
-#: Faults: the connection is dropped, an answer cut in its middle, nothing is answered, or late.
+#: Faults: dropped connection, truncated answer, missing answer, late answer.
 FAULTS = ('drop', 'truncate', 'silence', 'late')
-LATE = 0.5  # of an answer [s]
-_POLL = 0.02  # how often a pty looks whether it should end [s]
+LATE = 0.5  # delay of a late answer [s]
+_POLL = 0.02  # period at which a pty checks for shutdown [s]
 
 
 @dataclass
 class Fault:
-    """A fault that comes once.
+    """A fault that occurs once.
 
     Attributes
     ----------
     kind : str
         One of `FAULTS`; empty for none.
     after : int
-        Lines that are served before.
+        Number of lines answered before the fault.
     """
 
     kind: str = ''
     after: int = 0
 
     def due(self) -> str:
-        """Count a line; return the fault where it is its turn."""
+        """Count a line; return the fault if it is due."""
         if not self.kind:
             return ''
         self.after -= 1
@@ -54,35 +54,35 @@ class Fault:
 
 
 class Spoken(Protocol):
-    """A language: how lines end, and what they are answered.
+    """Interface of a protocol: line ends and answers.
 
     Attributes
     ----------
     controls : tuple of int
-        Bytes that are commands of their own.
+        Single-byte commands.
     """
 
     controls: tuple[int, ...]
 
     def control(self, byte: int) -> str | None:
-        """Return the answer to a command of a single byte."""
+        """Return the answer to a single-byte command."""
 
     def answer(self, line: str) -> str | None:
-        """Return the answer to a line; None where there is none."""
+        """Return the answer to a line; None without an answer."""
 
     def framed(self, answer: str) -> bytes:
-        """Return an answer as it is sent."""
+        """Return the bytes of an answer."""
 
 
 class Conversation:
-    """What one client says, byte by byte: a command of one byte may stand anywhere.
+    """Byte stream of one client; a single-byte command may occur anywhere.
 
     Parameters
     ----------
     language : Spoken
-        That answers.
+        Protocol that answers.
     fault : Fault
-        What goes wrong.
+        Injected fault.
     """
 
     def __init__(self, language: Spoken, fault: Fault) -> None:
@@ -91,7 +91,7 @@ class Conversation:
         self.is_over = False
 
     def answers(self, data: bytes) -> Iterator[bytes]:
-        """Yield what is sent back; the connection is to be dropped where `is_over`."""
+        """Yield the answers; the caller closes the connection if `is_over` is set."""
         for byte in data:
             if byte in self._language.controls:
                 answer = self._language.control(byte)
@@ -116,16 +116,16 @@ class Conversation:
 
 
 class GcsServer(socketserver.TCPServer):
-    """A controller for one client at a time; it goes on where a client has gone.
+    """Server of a controller for one client at a time; it continues after a client disconnects.
 
     Parameters
     ----------
     controller : SimulatedController
-        What is served.
+        Served controller.
     port : int
-        On this machine; 0 takes a free one.
+        Local port; 0 selects a free one.
     fault : Fault, optional
-        What goes wrong.
+        Injected fault.
     """
 
     allow_reuse_address = True
@@ -139,37 +139,37 @@ class GcsServer(socketserver.TCPServer):
 
 
 class _Client(socketserver.BaseRequestHandler):
-    """Serves one client until it goes."""
+    """Serves one client until it disconnects."""
 
     server: GcsServer
 
     def handle(self) -> None:
-        """Answer what comes."""
+        """Answer the commands of the client."""
         talk = Conversation(self.server.language, self.server.fault)
         try:
             while not talk.is_over and (data := self.request.recv(1 << 16)):
                 for answer in talk.answers(bytes(data)):
                     self.request.sendall(answer)
-        except OSError:  # the client has gone
+        except OSError:  # the client has disconnected
             return
 
 
 class PtyServer:
-    """A controller on a pseudo terminal, which a client opens as a serial port.
+    """Server of a controller on a pseudo terminal, which a client opens as a serial port.
 
     Parameters
     ----------
     controller : SimulatedController
-        What is served.
+        Served controller.
     language : Spoken
-        That it speaks.
+        Protocol.
     fault : Fault, optional
-        What goes wrong; where the connection is dropped, the terminal is gone.
+        Injected fault; a dropped connection closes the terminal.
 
     Attributes
     ----------
     path : str
-        Of the port.
+        Path of the port.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class PtyServer:
         self._ends = threading.Event()
 
     def serve_forever(self) -> None:
-        """Answer until `shutdown`, or until a fault drops the connection."""
+        """Serve until `shutdown`, or until a fault drops the connection."""
         while not self._ends.is_set() and not self._talk.is_over:
             if select.select([self._master], [], [], _POLL)[0]:
                 for answer in self._talk.answers(os.read(self._master, 1 << 16)):
@@ -193,13 +193,13 @@ class PtyServer:
         os.close(self._slave)
 
     def _send(self, answer: bytes) -> None:
-        """Send all of an answer, unless nobody reads it any more."""
+        """Send a complete answer, unless the client has closed the port."""
         while answer and not self._ends.is_set():
             if select.select([], [self._master], [], _POLL)[1]:
                 answer = answer[os.write(self._master, answer[:256]) :]
 
     def shutdown(self) -> None:
-        """End `serve_forever`."""
+        """Stop `serve_forever`."""
         self._ends.set()
 
 
@@ -232,7 +232,7 @@ def _serve_pty(
     server = PtyServer(controller, spoken, fault)
     try:
         if link is not None:
-            if link.is_symlink():  # of one that was killed
+            if link.is_symlink():  # left by a killed process
                 link.unlink()
             link.symlink_to(server.path)
     except OSError as error:

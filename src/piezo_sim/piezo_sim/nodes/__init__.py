@@ -1,1 +1,1 @@
-"""The simulator as a ROS 2 node."""
+"""ROS 2 node of the simulator."""

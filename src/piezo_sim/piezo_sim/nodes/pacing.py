@@ -1,4 +1,4 @@
-"""When a simulated tick is due, and which command it gets."""
+"""Timing of simulated ticks, and selection of their commands."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ COUNTS = (
     'late', 'missed', 'refused', 'doubled', 'timeouts', 'overruns', 'slew_limited', 'stamp_jumps',
 )  # fmt: skip
 
-# A command this many ticks ahead of the next one is meant for another run of the loop.
+# A command at least this many ticks ahead of the next one belongs to another run of the loop.
 AHEAD = 1000
-# Of a command at the slew, which is no breach of it.
+# Relative rounding of a command at the slew rate limit that does not violate it.
 _ROUNDING = 1e-9
 
 
 @dataclass
 class CommandQueue:
-    """The commands that arrived and what became of them.
+    """Received commands and the counts of their processing.
 
     Attributes
     ----------
     low, high : float
         Range of commands that are accepted [V].
     safe_voltage : float
-        Where the voltage goes when commands stay away [V].
+        Target voltage if commands stop [V].
     ramp : float
-        How fast it goes there [V/s].
+        Rate of change to the safe voltage [V/s].
     slew : float
-        Fastest change of the command that is applied [V/s].
+        Slew rate limit of the applied command [V/s].
     timeout : float
-        A command this many ticks late is counted and not applied: what it was meant for is over.
+        Delay in ticks from which a late command is counted and not applied.
     wanted : float
-        The newest command [V].
+        Latest command [V].
     voltage : float
-        The command that is applied [V].
+        Applied command [V].
     timed_out : bool
-        The commands stay away.
+        Whether commands have stopped.
     counts : dict of str to int
-        What happened so far, by the names of `COUNTS`.
+        Event counts, by the names of `COUNTS`.
     """
 
     low: float
@@ -55,7 +55,7 @@ class CommandQueue:
     _received: int = -1
 
     def accept(self, voltage: float) -> bool:
-        """Take `voltage` as the newest command, or refuse and count it."""
+        """Set `voltage` as the latest command, or reject and count it."""
         if not math.isfinite(voltage) or not self.low <= voltage <= self.high:
             self.counts['refused'] += 1
             return False
@@ -63,7 +63,7 @@ class CommandQueue:
         return True
 
     def follow(self, dt: float) -> None:
-        """Apply the newest command for the next tick, no faster than the slew."""
+        """Apply the latest command to the next tick, within the slew rate limit."""
         away, step = self.wanted - self.voltage, self.slew * dt
         if abs(away) > step * (1.0 + _ROUNDING):
             self.voltage += math.copysign(step, away)
@@ -72,14 +72,14 @@ class CommandQueue:
             self.voltage = self.wanted
 
     def rest(self) -> None:
-        """Be at 0 V at once."""
+        """Set the command to 0 V without a ramp."""
         self.wanted = self.voltage = 0.0
 
     def arrive(self, sample: int, voltage: float, tick: int) -> bool:
-        """Take a command for tick `sample`, while `tick` is the next to be simulated.
+        """Process a command for tick `sample`; `tick` is the next simulated tick.
 
-        Its value may be refused; False is returned where its number already tells that it is none
-        of the loop.
+        Its value may be rejected. False is returned if its number does not belong to this run of
+        the loop.
         """
         if sample <= self._newest:
             self.counts['doubled'] += 1
@@ -94,9 +94,11 @@ class CommandQueue:
         return True
 
     def hold(self, tick: int, dt: float, timeout: float) -> None:
-        """Hold the command for `tick`, or after `timeout` seconds of silence ramp it to safety.
+        """Hold the command for `tick`.
 
-        A tick without its command is missed; once the commands are taken to have ended, none is.
+        Ramp to the safe voltage after `timeout` seconds without one.
+
+        A tick without its command counts as missed, until the commands are considered stopped.
         """
         silence = (tick - self._received) * dt
         self.timed_out = silence > timeout
@@ -111,13 +113,13 @@ class CommandQueue:
 
     @property
     def received(self) -> bool:
-        """Whether a command was ever taken."""
+        """Whether a command was ever received."""
         return self._newest >= 0
 
 
 @dataclass
 class Pace:
-    """Which ticks are due by now, for a clock that runs `speed_factor` times real time."""
+    """Due ticks of a clock that runs at `speed_factor` times real time."""
 
     rate: float
     speed_factor: float = 1.0
@@ -125,11 +127,11 @@ class Pace:
     _origin_tick: int = 0
 
     def restart(self, now: float, tick: int) -> None:
-        """Let `tick` be due at `now` [s]."""
+        """Restart the clock so that `tick` is due at `now` [s]."""
         self._origin, self._origin_tick = now, tick
 
     def due(self, now: float) -> int:
-        """Return the number of the newest tick that is due at `now` [s]."""
+        """Return the number of the latest tick that is due at `now` [s]."""
         elapsed = (now - self._origin) * self.rate * self.speed_factor
         return self._origin_tick + math.floor(elapsed)
 

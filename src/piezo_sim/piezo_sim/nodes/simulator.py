@@ -1,4 +1,4 @@
-"""The simulated actuator: takes voltages, answers displacements, in lock-step or real time."""
+"""Node of the simulated actuator: voltages in, displacements out, lock-step or real time."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from piezo_sim.simulation_errors import SimulationError
 STATE = FlatCodec(ActuatorState)
 COMMAND = FlatCodec(VoltageCommand)
 
-# No more than this many ticks at a time, so that parameters and commands are served in between.
+# Largest number of ticks per callback, so that parameters and commands are served in between.
 CATCH_UP = 50
 
-# The clock of real time never asks more often than this [s].
+# Shortest period of the real-time timer [s].
 SHORTEST_WAIT = 2e-4
 
 
 class Simulator(Node):
-    """A plant behind two topics; everything about it is a ROS parameter."""
+    """Node of a plant with two topics; all of its settings are ROS parameters."""
 
     def __init__(self) -> None:
         super().__init__('simulator')
@@ -99,7 +99,7 @@ class Simulator(Node):
     def _make_timers(self) -> None:
         self._status_tick, self._status_time = 0, time.monotonic()
         if self._lock_step:
-            self._publish_status()  # tells an excitation that it is waited for
+            self._publish_status()  # informs an excitation that the node waits for commands
         wall_timer(self, 1.0, self._watch)
         self._pacer: Timer | None = None
         if not self._lock_step:
@@ -125,19 +125,25 @@ class Simulator(Node):
             self._step_with(head, sample, voltage)
 
     def _on_slew(self, message: Float64) -> None:
-        """Keep to the slew of the commanding node [V/s], also for late commands; 0 is any."""
+        """Apply the slew rate limit of the commanding node [V/s]; 0 means unlimited.
+
+        It also limits the change to a late command.
+        """
         self._commanded_slew = message.data if message.data > 0.0 else math.inf
         self._set_book()
 
     def _check_stamp(self, head: bytes, sample: int) -> None:
-        """Count stamps that do not follow the numbers; nothing is computed from them."""
+        """Count time stamps that are inconsistent with the sample numbers.
+
+        They have no other use.
+        """
         self._stamps.true_time(sample, nanoseconds_of_head(head))
         self._book.counts['stamp_jumps'] = self._stamps.jumps
 
     def _say_where(self) -> None:
-        """Tell somebody who repeats a command, and so missed its state, which tick is next.
+        """Publish the next tick for a client that repeats a command because it missed the state.
 
-        The state itself is never repeated: it would stand twice in every record.
+        The state itself is not repeated, because it would occur twice in every record.
         """
         self._book.counts['doubled'] += 1
         self._publish_status()
@@ -153,14 +159,14 @@ class Simulator(Node):
                 )
             return
         if sample == 0 and not self._listened_to():
-            return  # the excitation says it again
+            return  # the excitation repeats the command
         self._newest_command = sample
         self._check_stamp(head, sample)
         self._waiting_since, self._warned = time.monotonic(), False
         refused = not self._book.accept(voltage)
         self._book.follow(1.0 / self._rate)
         if refused and not self._refuses:
-            self._publish_status()  # the commanding node need not wait for it
+            self._publish_status()  # at once, so that the commanding node need not wait
         self._refuses = refused
         self._advance()
 
@@ -188,7 +194,7 @@ class Simulator(Node):
             clock.clock.sec, clock.clock.nanosec = sec, nanosec
             self._clock_publisher.publish(clock)
 
-    # --- watching ------------------------------------------------------------------------------
+    # --- monitoring ----------------------------------------------------------------------------
 
     def _watch(self) -> None:
         deadline = self._params.number('lock_step_deadline')
@@ -234,7 +240,7 @@ class Simulator(Node):
 
     def _apply(self, changes: dict[str, Value]) -> None:
         self._set_book()
-        # Reading a saved parameter file back names the preset too, and must not undo the rest.
+        # A saved parameter file contains the preset as well; it must not reset the other values.
         if changes.get('preset', self._preset) != self._preset:
             self._become_preset()
         if 'speed_factor' in changes:
@@ -249,7 +255,7 @@ class Simulator(Node):
         self._book.timeout = self._params.number('command_timeout') * self._rate
 
     def _become_preset(self) -> None:
-        """Be the actuator of the parameter, at rest; its numbers become the parameters."""
+        """Load the preset of the parameter, at rest; its values become the parameters."""
         self._preset = self._params.text('preset')
         self._plant = _plant(self._params.values)
         self._book.rest()
@@ -270,7 +276,7 @@ class Simulator(Node):
         before = (self._book.low, self._book.high)
         self._book.low, self._book.high = command_range(self._plant)
         if before != (self._book.low, self._book.high):
-            self._publish_status()  # who commands looks at the range beforehand
+            self._publish_status()  # the commanding node checks the range first
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._plant.reset()

@@ -1,4 +1,4 @@
-"""How the simulated actuator is, from its counters."""
+"""Health status of the simulated actuator from its counters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SENTENCES: dict[str, Finding] = {
 
 
 class ActuatorHealth:
-    """Judges a simulator; remembers which counters have grown lately.
+    """Evaluates the health of a simulator; keeps track of counters that increased recently.
 
     Parameters
     ----------
@@ -38,15 +38,15 @@ class ActuatorHealth:
         Parameters
         ----------
         book : CommandQueue
-            Its commands.
+            Command queue with its counters.
         tick : int
             The next tick.
         fault : str
-            The fault that is injected, ``none`` for none.
+            Injected fault, ``none`` for none.
         waited : float
-            Time in which a lock-step tick has had no command, 0 where it is not overdue [s].
+            Time without a command for an overdue lock-step tick, 0 if it is not overdue [s].
         remark : str
-            What else is to be known of the plant, empty for nothing.
+            Additional remark on the plant; may be empty.
         """
         findings = self._watch.findings(book.counts)
         if fault != 'none':

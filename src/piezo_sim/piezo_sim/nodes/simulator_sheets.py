@@ -1,4 +1,4 @@
-"""What the simulator node is for and what it speaks, for ``--help`` and documents."""
+"""Purpose and interfaces of the simulator node, for ``--help`` and documents."""
 
 from __future__ import annotations
 

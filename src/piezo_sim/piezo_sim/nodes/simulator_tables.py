@@ -1,4 +1,4 @@
-"""The simulator's own parameters; those of the plant come from the plant's table."""
+"""Parameter tables of the simulator node; those of the plant come from the plant."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from piezo_sim.plant import Plant
 
 
 def simulator_table() -> ParameterTable:
-    """Return what the node itself has, before any plant is loaded."""
+    """Return the parameters of the node itself, before a plant is loaded."""
     return ParameterTable(
         (
             ParameterSpec(
@@ -81,7 +81,7 @@ def simulator_table() -> ParameterTable:
 
 
 def plant_table(plant: Plant) -> ParameterTable:
-    """Return a row for every number and switch of `plant`, with its present value as default."""
+    """Return a row for every parameter and switch of `plant`, with its value as default."""
     values = plant.parameters
     numbers = [
         ParameterSpec(
@@ -99,6 +99,6 @@ def plant_table(plant: Plant) -> ParameterTable:
 
 
 def command_range(plant: Plant) -> tuple[float, float]:
-    """Return the range of commands that the amplifier of `plant` takes [V]."""
+    """Return the accepted range of commands of the amplifier of `plant` [V]."""
     values = plant.parameters
     return float(values['amplifier.range_low']), float(values['amplifier.range_high'])

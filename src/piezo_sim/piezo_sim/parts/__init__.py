@@ -1,1 +1,1 @@
-"""The parts of the plant, each with its parameters, effects and compiled physics."""
+"""Parts of the plant, each with its parameters, effects and compiled physics."""

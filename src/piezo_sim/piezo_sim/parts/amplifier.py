@@ -10,7 +10,7 @@ import math
 from piezo_hysteresis.kernels.compile import leaf
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
-FAR = 1e12  # stands for "no limit": large, yet finite in every product
+FAR = 1e12  # no limit: large, but finite in every product
 
 PARAMETERS = (
     PlantParameter(
@@ -70,8 +70,9 @@ EFFECTS = (
 def toward(voltage: float, target: float, time: float, tau: float, slew: float) -> float:
     """Return the output [V] after `time` [s] with a constant target.
 
-    While the lag `tau` [s] asks for more than the slew rate [V/s] the output moves on a straight
-    line; it then goes over into the exponential of the lag.
+    While the lag `tau` [s] requires more than the slew rate [V/s], the output is a straight line;
+    it
+    then continues as the exponential of the lag.
     """
     distance = abs(target - voltage)
     sign = 1.0 if target > voltage else -1.0
@@ -86,7 +87,7 @@ def toward(voltage: float, target: float, time: float, tau: float, slew: float) 
 
 @leaf
 def corner(voltage: float, target: float, tau: float, slew: float) -> float:
-    """Return the time [s] until the straight line of the slew limit ends, 0 if on none."""
+    """Return the time [s] until the slew limit ends, 0 if it is not active."""
     if slew >= FAR:
         return 0.0
     return max(0.0, abs(target - voltage) / slew - tau)

@@ -84,7 +84,7 @@ def _to_zero(eta: float, step: float, sign: float, p: Any, saturation: float) ->
 
 @leaf
 def move(eta: float, start: float, end: float, p: Any, stride: float) -> float:
-    """Return eta [V] after the voltage went straight from `start` to `end` [V].
+    """Return eta [V] after a monotone change of the voltage from `start` to `end` [V].
 
     `stride` is the longest step in units of the voltage scale.
     """

@@ -1,8 +1,8 @@
-"""The whole chain, sample by sample, in one compiled kernel.
+"""The complete actuator chain, sample by sample, in one compiled kernel.
 
-Within one sampling interval time runs on a dyadic grid: steps are ``dt / 2**level`` long and begin
-at multiples of their own length, so the propagators of every step are known beforehand, and where
-nothing changes a whole interval is one exact step.
+Within one sampling interval time runs on a dyadic grid: steps have the length ``dt / 2**level``
+and start at multiples of their own length, so that the propagators of all steps are precomputed.
+If no signal changes, a whole interval is one exact step.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _fault(s: Any) -> int:
 
 @jit
 def displacement(d: Any, s: Any) -> float:
-    """Return the true displacement [m] now."""
+    """Return the present true displacement [m]."""
     total = s.slow + s.jump + d.static_share * s.drive
     if d.dynamic:
         for i in range(structure.MODES):
@@ -65,7 +65,7 @@ def _measure(p: Any, d: Any, s: Any, fault: int, dt: float) -> float:
 @leaf
 def _accept(p: Any, s: Any, command: float) -> None:
     q = p.amplifier
-    if not (q.range_low <= command <= q.range_high):  # refuses what is not a number, too
+    if not (q.range_low <= command <= q.range_high):  # also rejects NaN
         s.refused += 1
         return
     if q.resolution > 0.0:
@@ -77,7 +77,10 @@ def _accept(p: Any, s: Any, command: float) -> None:
 
 @leaf
 def _filter(d: Any, s: Any, level: int, start: tuple[float, float, float]) -> None:
-    """Advance the low-pass of the sensor; the displacement between is a cubic (Hermite)."""
+    """Advance the low-pass of the sensor.
+
+    The displacement in a step is a cubic Hermite polynomial.
+    """
     end, h = displacement(d, s), d.step[level]
     static = d.static_share * s.drive
     moving = 0.5 * (start[0] - start[2] + end - static) + h / 8.0 * (start[1] - _velocity(d, s))
@@ -88,7 +91,7 @@ def _filter(d: Any, s: Any, level: int, start: tuple[float, float, float]) -> No
 
 @leaf
 def _level(p: Any, d: Any, s: Any, position: int, end: int, moving: bool) -> int:
-    """Return the coarsest level that fits the grid, the signals and the events ahead."""
+    """Return the coarsest level that is compatible with grid, signals and coming events."""
     level = int(d.level_moving if moving else d.level_still)
     if d.nonlinear:
         quick = structure.quickness(p, d, s) * d.step[0]
@@ -111,9 +114,9 @@ def _level(p: Any, d: Any, s: Any, position: int, end: int, moving: bool) -> int
 def _before_corner(
     p: Any, d: Any, s: Any, level: int, target: float, tau: float, slew: float
 ) -> int:
-    """Return the level whose step ends before voltage or strain turn a corner.
+    """Return the level whose step ends before a corner of voltage or strain.
 
-    A corner inside the finest step costs the square of that step.
+    A corner inside the finest step causes an error of second order in that step.
     """
     ahead = amplifier.corner(s.voltage, target, tau, slew)
     while level < d.level_corner and 0.0 < ahead < d.step[level]:
@@ -128,7 +131,7 @@ def _before_corner(
 
 @leaf
 def _advance(p: Any, d: Any, s: Any, first: int, last: int, target: float, dt: float) -> None:
-    """Advance everything from grid time `first` to `last` with a constant target [V]."""
+    """Advance the plant from grid time `first` to `last` with a constant target [V]."""
     tau, slew = p.amplifier.lag_time_constant, p.amplifier.slew_rate
     if s.fault == AMPLIFIER_TRIP:
         tau = max(tau, TRIP_TIME)
@@ -193,7 +196,7 @@ def _interval(p: Any, d: Any, s: Any, history: Any, fault: int, dt: float) -> No
 def run(
     commands: Any, readings: Any, parameters: Any, derived: Any, state: Any, history: Any
 ) -> None:
-    """Measure, then act, for every command: the kernel behind `Plant`."""
+    """Measure, then act, for every command: the kernel of `Plant`."""
     p, d, s = parameters[0], derived[0], state[0]
     dt = d.step[0]
     for k in range(commands.size):
@@ -206,6 +209,6 @@ def run(
 
 @jit
 def settle(parameters: Any, derived: Any, state: Any) -> None:
-    """Make the drive what the present memory says, without moving the voltage."""
+    """Set the drive to the present hysteresis memory, without a change of the voltage."""
     p, d, s = parameters[0], derived[0], state[0]
     s.drive = drive.follow(p, d, s, s.voltage)

@@ -1,12 +1,12 @@
-"""Ceramic: from the voltage to the strain it drives the structure with, in metres.
+"""Ceramic: strain that drives the structure, in metres, as a function of the voltage.
 
-Bouc-Wen, play bank and Preisach each contribute their deviation from a straight line, so they can
-be switched one by one or together. The strain is a function of the path of the voltage alone,
-except for the rate dependence and for the loss of polarisation, which takes off gain with time.
-The rate dependence widens the loops with the logarithm of the voltage rate (walls that creep over
-barriers by heat) or with a power of it (the coercive field by Ishibashi and Orihara; for viscous
-walls the power is 1). To widen a loop is to multiply what the strain lags behind its steepest
-slope.
+Bouc-Wen, play bank and Preisach model each contribute their deviation from a straight line, so
+that they can be switched separately or together. The strain depends only on the path of the
+voltage, except for the rate dependence and for the loss of polarization, which reduces the gain
+with time. The rate dependence widens the loops with the logarithm of the voltage rate (thermally
+activated creep of domain walls) or with a power of it (the coercive field by Ishibashi and
+Orihara; for viscous walls the power is 1). A loop is widened by multiplying the lag of the strain
+behind its steepest slope.
 """
 
 from __future__ import annotations
@@ -107,9 +107,9 @@ EFFECTS = (
 
 @leaf
 def start_interval(p: Any, s: Any, dt: float) -> bool:
-    """Update what is constant over an interval of `dt` [s]: filtered rate and gain.
+    """Update the values that are constant over an interval of `dt` [s]: filtered rate and gain.
 
-    Returns whether the drive has to be worked out anew.
+    Returns whether the drive must be computed again.
     """
     before = s.widening + s.loss + s.residue + s.heat
     if p.heating.gain != 0.0 or s.heat != 0.0:
@@ -137,13 +137,13 @@ def start_interval(p: Any, s: Any, dt: float) -> bool:
 
 @leaf
 def kink(p: Any, d: Any, s: Any, end: float) -> float:
-    """Return the first voltage on the way to `end` [V] at which the slope of the strain jumps."""
+    """Return the first voltage before `end` [V] at which the slope of the strain jumps."""
     if d.use_play:
         end = play.kink(s.play, s.strain_voltage, end, d)
     if d.use_preisach:
         end = preisach.kink(s.preisach, s.strain_voltage, end)
     if p.backlash.half_width > 0.0 and s.slope > 0.0:
-        # Where the lost motion ends is only estimated, the better the nearer it is.
+        # The end of the lost motion is only estimated; the estimate improves near it.
         sign = 1.0 if end > s.strain_voltage else -1.0
         gap = sign * (s.lost_motion - s.free) + p.backlash.half_width
         ahead = gap / s.slope
@@ -154,7 +154,7 @@ def kink(p: Any, d: Any, s: Any, end: float) -> float:
 
 @leaf
 def follow(p: Any, d: Any, s: Any, voltage: float) -> float:
-    """Move the ceramic straight to `voltage` [V] and return the free displacement [m]."""
+    """Move the ceramic monotonically to `voltage` [V] and return the free displacement [m]."""
     strain = voltage
     if d.use_bouc_wen:
         s.eta = bouc_wen.move(s.eta, s.strain_voltage, voltage, p.bouc_wen, d.bouc_wen_stride)

@@ -1,7 +1,7 @@
-"""Random numbers by counting: draw k of stream i depends on (seed, i, k) and on nothing else.
+"""Counter-based random numbers: draw k of stream i depends only on (seed, i, k).
 
-So the noise of one effect stays what it is when another effect is switched on, a run sample by
-sample draws the same numbers as a run of a whole array, and a reset repeats them.
+The noise of one effect therefore stays the same when another effect is switched on, a run sample
+by sample draws the same numbers as a run of a whole array, and a reset repeats them.
 """
 
 from __future__ import annotations

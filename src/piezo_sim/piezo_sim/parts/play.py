@@ -41,7 +41,7 @@ EFFECTS = (PlantEffect('play', 'Hysteresis with nonlocal memory (Prandtl-Ishlins
 
 @leaf
 def kink(memory: Any, start: float, end: float, d: Any) -> float:
-    """Return the first voltage between `start` and `end` [V] at which an operator sets off."""
+    """Return the first voltage from `start` to `end` [V] at which an operator starts to move."""
     sign = 1.0 if end > start else -1.0
     nearest = abs(end - start)
     for j in range(d.play_count):

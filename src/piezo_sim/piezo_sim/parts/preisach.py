@@ -47,7 +47,7 @@ def _everett(high: float, low: float, p: Any) -> float:
 
 @leaf
 def _branch(s: Any, voltage: float, p: Any) -> float:
-    """Return the output [V] on the present branch; a virgin memory has no reversal yet."""
+    """Return the output [V] on the present branch; the virgin curve has no reversal yet."""
     if s.depth == 0:
         sign = 1.0 if voltage >= 0.0 else -1.0
         return sign * 0.5 * _everett(abs(voltage), -abs(voltage), p)
@@ -77,7 +77,7 @@ def move(s: Any, voltage: float, p: Any) -> float:
     direction = 1 if voltage > s.position else -1
     if s.direction == -direction:
         level = _branch(s, s.position, p)
-        if s.depth == DEPTH:  # forget the innermost, smallest loop
+        if s.depth == DEPTH:  # discard the innermost, smallest loop
             s.depth -= 2
         s.level[s.depth] = level
         s.turn[s.depth] = s.position

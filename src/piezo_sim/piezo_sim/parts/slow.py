@@ -1,4 +1,4 @@
-"""Slow parts: creep and drift, updated once per interval from the mean of the drive over it."""
+"""Creep and drift, updated once per interval from the mean of the drive over it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from piezo_hysteresis.kernels.compile import leaf
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 KELVIN_VOIGT = 3
-DECADES = 9  # elements that together creep with the logarithm of time, two per decade
+DECADES = 9  # elements of logarithmic creep, two per decade
 ELEMENTS = KELVIN_VOIGT + DECADES
 
 PARAMETERS = (

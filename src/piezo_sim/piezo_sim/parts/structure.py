@@ -82,7 +82,7 @@ PARAMETERS = (
     PlantParameter('restoring.gamma', '1/m', 2e3, -1e9, 1e9, 'Its Bouc-Wen gamma.'),
 )
 
-# Forces on the moving first mode: without it they change nothing.
+# Forces on the first mode; they have no influence if it is inactive.
 FORCES = (
     'structure.cubic', 'structure.quadratic_damping', 'structure.pump_depth',
     'friction.coulomb', 'restoring.share', 'contact.stiffness',
@@ -136,13 +136,13 @@ EFFECTS = (
 
 @leaf
 def quickness(p: Any, d: Any, s: Any) -> float:
-    """Return the fastest rate [1/s] of the nonlinear forces at the present state."""
+    """Return the largest rate [1/s] of the nonlinear forces in the present state."""
     x, speed, omega = s.x[0], abs(s.v[0]), d.omega[0]
     stiff = 1.0 + 3.0 * abs(p.structure.cubic) * x * x
     rate = 2.0 * p.structure.quadratic_damping * speed
     if p.contact.stiffness > 0.0 and x > p.contact.position - p.contact.reach:
         stiff += 2.0 * p.contact.stiffness * max(x - p.contact.position, 0.0) / p.contact.reach
-        rate += 10.0 * speed / p.contact.reach  # where the force sets in its curve has a corner
+        rate += 10.0 * speed / p.contact.reach  # the force curve has a corner at its onset
     if p.friction.coulomb > 0.0:
         stiff += p.friction.coulomb / p.friction.presliding
         rate += speed / p.friction.presliding
@@ -160,7 +160,7 @@ def _force(
     q = p.structure
     total = -q.quadratic_damping * abs(v) * v
     stretch = q.cubic * x * x
-    if stretch < 0.0:  # softening stops at a fifth of the stiffness: the mode cannot escape
+    if stretch < 0.0:  # softening ends at a fifth of the stiffness, so that the mode stays bounded
         stretch = 0.8 * stretch / (0.8 - stretch)
     total -= omega2 * stretch * x
     if p.contact.stiffness > 0.0 and x > p.contact.position:
@@ -175,7 +175,7 @@ def _force(
 
 @leaf
 def reversal(p: Any, d: Any, s: Any, time: float) -> float:
-    """Return the time [s] until the first mode turns back, if it went on as it does; 0 if not.
+    """Return the estimated time [s] until the first mode reverses; 0 if it does not.
 
     Friction and hysteretic restoring forces have a corner there.
     """
