@@ -1,4 +1,4 @@
-"""Demonstrate the complete workflow, or identify a record of the user.
+"""Demonstrate the complete workflow, or identify your own records.
 
 Without data: a simulated bimorph actuator is swept over live ROS 2 nodes into a bag, identified,
 and tracks a reference with and without compensation. With --data only the identification runs, on
