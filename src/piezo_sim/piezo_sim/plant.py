@@ -114,8 +114,7 @@ class Plant:
         """Return the reading [m] of this tick, then hold `voltage` [V] until the next.
 
         A command that is not a number or outside the range of the amplifier is rejected and
-        counted
-        (`refused`); the previous voltage is held.
+        counted (`refused`); the previous voltage is held.
         """
         self._one_command[0] = voltage
         self._run(self._one_command, self._one_reading)

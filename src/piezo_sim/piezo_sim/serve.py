@@ -29,8 +29,7 @@ def about(plant: Plant) -> dict[str, str | float]:
         ``preset`` and ``rate_hz``; ``low_v``, ``high_v``: the usual drive plus a fifth, within the
         range of the amplifier, or that range if it was set; ``slew_v_per_s`` of the amplifier, the
         full range per tick without a limit; ``offset_m``, the usual mean displacement, and
-        ``phase``
-        [rad], the initial phase of references.
+        ``phase`` [rad], the initial phase of references.
     """
     preset = plant.preset
     low, high = _range(plant)

@@ -34,8 +34,7 @@ def simulate(
     """Simulate one record per waveform, each from rest.
 
     If a waveform does not start at 0 V, the actuator first moves there smoothly within a second,
-    which
-    is not recorded.
+    which is not recorded.
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 
 Each data set gets a folder in DIR with all results of the verb; results.csv, results.parquet and
 index.html combine them. The same command continues after an interruption or with more data:
-finished results are kept if data and settings are unchanged. Unusable data are rows that state
-the reason. A folder that is not a bag includes all bags and CSV files in it.
+finished results are kept if data and settings are unchanged. Unusable data are rows that state the
+reason. A folder that is not a bag includes all bags and CSV files in it.
 """
 
 from __future__ import annotations

@@ -37,8 +37,7 @@ class Plan:
     ----------
     frequencies : sequence of float
         Frequencies of the sweep [Hz]; they are dense around a third of the resonance, where the
-        third
-        harmonic shows its position.
+        third harmonic shows its position.
     amplitudes : sequence of float
         Amplitudes of the sweep [V]; a single one does not determine the parameters of the loop
         separately. The reference uses the last.
@@ -48,8 +47,7 @@ class Plan:
         Frequency of the reference [Hz]; its third harmonic coincides with the resonance.
     tracking_seconds, learning_seconds, judged_seconds : float
         Duration of each tracking run, additional time in which attenuation learns the harmonics,
-        and
-        evaluated part at the end of each run [s].
+        and evaluated part at the end of each run [s].
     """
 
     frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)

@@ -43,10 +43,8 @@ class History:
         ----------
         record : Record
             Next record, which starts at rest at 0 V; its start time refers to the clock of the
-            actuator.
-            If it lies before the end of the last record, the clock was restarted and the history
-            is
-            unknown.
+            actuator. If it lies before the end of the last record, the clock was restarted and the
+            history is unknown.
         """
         start, before = record.start - self._zero, None
         if self._last is not None:

@@ -181,8 +181,7 @@ def line_of(
     """Return the journal line of an experiment and its result.
 
     `follows` states that the actuator rested since the previous experiment. The experiment was
-    chosen
-    within the `budget` [s].
+    chosen within the `budget` [s].
     """
     return {
         'number': number,

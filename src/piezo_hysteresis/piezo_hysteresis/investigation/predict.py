@@ -85,10 +85,8 @@ class Outlook:
         """Return the difference of two responses beyond nuisance parameters and uncertainty [m].
 
         Removed are the mean, because the zero offset of a record is free; a sampling offset within
-        its
-        bounds; and small changes of the fitted values, whose responses to one standard deviation
-        are
-        `rows` of shape (p, n).
+        its bounds; and small changes of the fitted values, whose responses to one standard
+        deviation are `rows` of shape (p, n).
         """
         gap = one - other
         gap = gap - gap.mean()

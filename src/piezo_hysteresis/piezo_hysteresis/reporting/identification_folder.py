@@ -36,8 +36,8 @@ def write_identification(
     Raises
     ------
     PiezoError
-        If the folder cannot be written or holds the results of another verb, or the parameters
-        are not a valid model.
+        If the folder cannot be written or holds the results of another verb, or the parameters are
+        not a valid model.
     """
     saved = found.model_file(data, records[0].rate)
     drawn = figures(

@@ -99,8 +99,7 @@ def draw_lines(
     """Draw lines; `more` are additional entries of the legend.
 
     A `ground` is wide and grey, so that it stays visible below other curves; with `overlaid`,
-    curves
-    that overlap others are dashed.
+    curves that overlap others are dashed.
     """
     ground = ground and len(curves) > 1 and not curves[0].role
     colours = (GREY, *PALETTE) if ground else PALETTE

@@ -48,8 +48,7 @@ def envelope(
     """Return the starts of `count` intervals with the smallest and largest `y` of each.
 
     The end of the last interval is repeated, so that a step plot closes. Values that are not
-    finite
-    are ignored.
+    finite are ignored.
     """
     known = np.isfinite(y)
     x, y = x[known], y[known]

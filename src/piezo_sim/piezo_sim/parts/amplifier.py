@@ -71,8 +71,7 @@ def toward(voltage: float, target: float, time: float, tau: float, slew: float) 
     """Return the output [V] after `time` [s] with a constant target.
 
     While the lag `tau` [s] requires more than the slew rate [V/s], the output is a straight line;
-    it
-    then continues as the exponential of the lag.
+    it then continues as the exponential of the lag.
     """
     distance = abs(target - voltage)
     sign = 1.0 if target > voltage else -1.0

@@ -80,22 +80,15 @@ def choose_model(
     """Select a model for records of an unknown actuator.
 
     Two models are built: one with an off-center Bouc-Wen hysteresis, Fujii 2018 (1), and one with
-    a
-    bank of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record
-    jointly
-    with all others. It is kept if it reduces the free-run error there or on the rest of the
-    records
-    by 2 %, does not increase the latter, and has parameters that the records determine. The plays
-    are
-    selected unless the other model is clearly better on the rest, because their inner loops close,
-    as
-    those of ceramics do.
+    a bank of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record
+    jointly with all others. It is kept if it reduces the free-run error there or on the rest of
+    the records by 2 %, does not increase the latter, and has parameters that the records
+    determine. The plays are selected unless the other model is clearly better on the rest, because
+    their inner loops close, as those of ceramics do.
 
     Records of one amplitude contain no inner loop, and they determine only one static curve, but
-    not
-    whether it lies before or after the hysteresis. In this case the plays are selected regardless
-    of
-    the errors, and a second curve is not tried.
+    not whether it lies before or after the hysteresis. In this case the plays are selected
+    regardless of the errors, and a second curve is not tried.
 
     Parameters
     ----------

@@ -16,8 +16,7 @@ def predicts_better(
     """Return whether an effect reduces one of two errors and does not increase the held-out one.
 
     Each error is a pair (before, after). Held-out data can reject an effect as in discovery. Here
-    they
-    can also propose one, because the model must predict and no effect is named.
+    they can also propose one, because the model must predict and no effect is named.
     """
     lower = any(after <= (1.0 - policy.min_gain) * before for before, after in (trained, held_out))
     return lower and is_no_worse(*held_out, FITS)

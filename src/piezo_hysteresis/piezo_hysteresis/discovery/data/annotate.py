@@ -20,8 +20,7 @@ def annotated(records: Sequence[Record]) -> list[Record]:
     """Return the records with missing excitation types and frequencies filled in.
 
     Files without markers (CSV, external bags) do not contain the waveform. An input at rest and a
-    pure
-    sinusoid are recognized; every other input stays unknown.
+    pure sinusoid are recognized; every other input stays unknown.
     """
     return [_annotated(record) for record in records]
 

@@ -75,10 +75,8 @@ def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
     """Split records into training and held-out views.
 
     With many sines, some are held out completely, but never the extremes of frequency and
-    amplitude.
-    The other sines and the chirps then train completely, because the end of a chirp is an extreme
-    of
-    frequency as well. Of any other record the last part is held out.
+    amplitude. The other sines and the chirps then train completely, because the end of a chirp is
+    an extreme of frequency as well. Of any other record the last part is held out.
 
     Parameters
     ----------
@@ -185,8 +183,7 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
 
     Every view keeps three periods or half a second, and its fastest motion: the end of a chirp
     contains frequencies that occur nowhere else. The longest of the slowest views keeps more,
-    because
-    slow effects are visible only there.
+    because slow effects are visible only there.
     """
     total = sum(v.voltage.size for v in views)
     if total <= samples:

@@ -1,8 +1,8 @@
 """Detection limit of each effect, and the size from which on its name is unique.
 
 An effect of size s changes the response by x(s). A fit of the baseline absorbs a part of it, by
-the fitted parameters, the sampling offset and the zero offset of each record. The remaining
-change p(s) is compared with the residual r of the final model in two ways:
+the fitted parameters, the sampling offset and the zero offset of each record. The remaining change
+p(s) is compared with the residual r of the final model in two ways:
 
     d(s) = |p(s)| in standard deviations of the random residual, from the spectrum of r;
     r and p(s) together pass the test that starts every search.

@@ -6,9 +6,8 @@ fit, approximates this change up to
     d_l = min over b |(I - P_J)(x - b x_l)|
 
 standard deviations of the random residual. Below 7 (`limits.APART`) the two effects form one
-class,
-because the records contain too little information that distinguishes them. The distance requires
-no fit of the candidate.
+class, because the records contain too little information that distinguishes them. The distance
+requires no fit of the candidate.
 """
 
 from __future__ import annotations

@@ -260,8 +260,7 @@ def family_of(
     """Return the possible causes of a gap with these harmonics, in words.
 
     The known discrepancy of each order is subtracted. Nearly every effect changes the fundamental;
-    the
-    other orders are more specific, even if they are small.
+    the other orders are more specific, even if they are small.
     """
     known = known or {}
     rest = max(rms**2 - floor**2 - sum(size**2 for size in sizes), 0.0)

@@ -139,8 +139,7 @@ class HeldEvaluator(Evaluator):
         """Return the fitted model, with the sampling offset of the file if that scores better.
 
         A free sampling offset compensates for part of every dynamic effect, so a fit with the
-        offset of
-        the file is tried as well.
+        offset of the file is tried as well.
         """
         found = super().fit(spec, views, evaluations, enough)
         if found is None or views is not None or not self._clock_moved(found):
@@ -155,8 +154,7 @@ class HeldEvaluator(Evaluator):
         """Return the model fitted to short views, with the sampling offset of the file if better.
 
         A baseline whose sampling offset compensates for a delay is a local minimum that a trial
-        does not
-        leave.
+        does not leave.
         """
         found = super().fit_briefly(spec, evaluations, enough, workers)
         if not self._clock_moved(spec):
@@ -246,8 +244,7 @@ class HeldEvaluator(Evaluator):
 
         A residual of `before` beyond the known discrepancy is a sufficient proof that an effect is
         missing. A better model without such a residual explains the records, even if a few
-        harmonics
-        contain all of the evidence.
+        harmonics contain all of the evidence.
         """
         gain = self.score(before) - self.score(after)
         if gain >= self.policy.sure + float(np.log(tried)):

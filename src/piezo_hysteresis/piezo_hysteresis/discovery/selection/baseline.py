@@ -1,7 +1,7 @@
 """The baseline before any effect is added.
 
-A refit hides an effect in wrong parameters, so three versions are kept: the nominal one if a
-model file is given, one fitted to the slowest records only, and the joint fit.
+A refit hides an effect in wrong parameters, so three versions are kept: the nominal one if a model
+file is given, one fitted to the slowest records only, and the joint fit.
 """
 
 from __future__ import annotations

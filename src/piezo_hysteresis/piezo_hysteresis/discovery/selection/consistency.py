@@ -13,11 +13,10 @@ def explained_together(training: CandidateFit, both: CandidateFit) -> str:
     """Return a sentence on a held-out gap that a fit to all records closes.
 
     If the held-out records exceed the range of the training records (a chirp into a mode), values
-    that
-    the training records determine poorly cause a gap, although no effect is missing. A fit to all
-    records then has no residual; with a missing effect a residual remains in that fit, too. The
-    values
-    of `training` stay unchanged, because a model fitted to all records could not be tested on any.
+    that the training records determine poorly cause a gap, although no effect is missing. A fit to
+    all records then has no residual; with a missing effect a residual remains in that fit, too.
+    The values of `training` stay unchanged, because a model fitted to all records could not be
+    tested on any.
 
     Parameters
     ----------

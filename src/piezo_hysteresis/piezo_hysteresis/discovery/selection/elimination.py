@@ -43,9 +43,9 @@ def judged_again(
     """Test every effect again until the model does not change.
 
     The initial conditions were estimated with effects missing or replaced by others: a delay
-    before a
-    step resembles a motion from before the record, and a lag then fits better than the delay. A
-    simpler model is therefore also evaluated with initial conditions that it estimates itself.
+    before a step resembles a motion from before the record, and a lag then fits better than the
+    delay. A simpler model is therefore also evaluated with initial conditions that it estimates
+    itself.
 
     Returns
     -------
@@ -95,8 +95,7 @@ def pruned(evaluator: Evaluator, final: CandidateFit, start: CandidateFit) -> Ca
     """Return `final` without redundant effects, or itself if there are none.
 
     The fit of a new effect may improve the values of earlier effects until the new one is
-    redundant.
-    Only in that case is the removal of every effect tested.
+    redundant. Only in that case is the removal of every effect tested.
     """
     idle = _with_only(evaluator, final, start, final.added[:-1])
     limit = (1.0 + evaluator.policy.idle) * final.square

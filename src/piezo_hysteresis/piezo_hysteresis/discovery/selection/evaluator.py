@@ -118,8 +118,7 @@ class Evaluator(ABC):
         """Return a function that decides whether response changes of a model would start a search.
 
         Changes and errors are uncorrelated, so their powers add. The function returns True if the
-        search
-        starts with a probability of 95 % over the noise.
+        search starts with a probability of 95 % over the noise.
         """
 
     @abstractmethod
@@ -310,8 +309,7 @@ class Evaluator(ABC):
         """Return the continued fits, without those that fail.
 
         Without an earlier `best`, the first fit, which is the best so far, is continued alone
-        first. The
-        other fits are terminated early if they cannot come near it.
+        first. The other fits are terminated early if they cannot come near it.
 
         Parameters
         ----------

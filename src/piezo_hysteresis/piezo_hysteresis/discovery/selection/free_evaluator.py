@@ -97,8 +97,7 @@ class FreeEvaluator(Evaluator):
         """Return the relative decrease at which a fit stops; it is larger for a large excess.
 
         An effect must explain a share of the excess, so an early stop may leave only a small
-        fraction of
-        it.
+        fraction of it.
         """
         known = isinstance(spec, CandidateFit) and spec.errors
         seen = spec if isinstance(spec, CandidateFit) and known else self.judged(spec)
@@ -203,8 +202,7 @@ class FreeEvaluator(Evaluator):
         """Return the probability that the missing effect is among the candidates.
 
         It is proportional to the explained share of the held-out excess; the unexplained share
-        counts
-        against every candidate.
+        counts against every candidate.
         """
         return self.policy.trust * rules.explained(before, after)
 

@@ -33,8 +33,7 @@ def widened(
     """Return the expectations of views, increased by the predictive variance of the parameters.
 
     At a condition where the model was evaluated, the error of its values is already part of the
-    known
-    discrepancy; an octave away hardly any of it is.
+    known discrepancy; an octave away hardly any of it is.
 
     Parameters
     ----------
@@ -70,10 +69,8 @@ def cost_of_change(
     Gains that compensate for each other are poorly determined individually and well determined in
     their sum: a change of all of them by one per cent is many standard deviations of the sum and
     hardly one of each. The cost is the lower one of two descriptions. Either some values are new,
-    at
-    the price of a parameter each, and the others stay within the covariance; or the same holds
-    along
-    the principal directions of the covariance.
+    at the price of a parameter each, and the others stay within the covariance; or the same holds
+    along the principal directions of the covariance.
 
     Parameters
     ----------

@@ -32,8 +32,7 @@ def as_on(
     """Return the baseline as a model file with its discrepancy on reference records.
 
     A named model is identified on these records. A file keeps its values, and its discrepancy is
-    the
-    residual on these records.
+    the residual on these records.
 
     Parameters
     ----------

@@ -98,13 +98,10 @@ class Expectation:
     def cost(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> float:
         """Return the negative log likelihood of the residual powers, up to a constant [nats].
 
-        The expected powers are themselves estimated from about as many numbers as there are parts,
-        so the
-        tails are those of Student's distribution. The total power is weighted in addition. A power
-        below
-        its expectation is no evidence: an effect that reduces the known discrepancy explains no
-        new
-        deviation.
+        The expected power of each part is itself estimated, from about as many values as the part
+        has, so the tails are those of Student's distribution. The total power is weighted in
+        addition. A power below its expectation is no evidence: an effect that reduces the known
+        discrepancy explains no new deviation.
         """
         if not np.all(np.isfinite(powers)):
             return float('inf')
@@ -258,8 +255,7 @@ def _octaves_near(bin_of_line: float, octaves: int) -> FloatArray:
     """Return the share of a harmonic's power in each octave of a short record, shape (octaves,).
 
     The line leaks into the neighbouring octaves. For a non-periodic drive (bin 0) the power is
-    spread
-    over all octaves.
+    spread over all octaves.
     """
     if bin_of_line <= 0.0:
         return np.full(octaves, 1.0 / octaves)

@@ -25,8 +25,7 @@ def better_of_both(
     """Return first fits, repeated from the initial values of the baseline if these fit better.
 
     This applies only to the first effect, because with an effect the baseline is fitted jointly.
-    It
-    does not apply to a fixed baseline.
+    It does not apply to a fixed baseline.
 
     Parameters
     ----------

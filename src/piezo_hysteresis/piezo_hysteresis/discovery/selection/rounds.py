@@ -118,8 +118,7 @@ def _finalists(
     """Return the final fits to all samples, best first.
 
     If no first fit is promising, no final fit is made; the nearest first fits are returned,
-    evaluated
-    on all samples.
+    evaluated on all samples.
     """
     hopeful = evaluator.promising(before, fitted, start)
     if not hopeful:
@@ -174,8 +173,7 @@ def choose_trials(
     """Return the candidates that are tried, best scores first, limited per effect at first.
 
     A refined variant of an effect gets a higher score from its additional parameters alone, so it
-    is
-    never the first one of the effect.
+    is never the first one of the effect.
     """
     ordered = sorted(
         (each for each in scores if each.explained > least),
@@ -234,8 +232,7 @@ def _final_fits(
     """Return the final fits to all training records with finite responses, best first.
 
     If the best fit is accepted, a fit that cannot become a rival is terminated early; so is a fit
-    that
-    cannot become better than `best`, of the same effect. After the deadline fits are only
+    that cannot become better than `best`, of the same effect. After the deadline fits are only
     evaluated.
     """
 
@@ -255,8 +252,7 @@ def _nearer(
     """Return a variant of the leading effect with the better of several starting values.
 
     The shared parameters of the leader are already fitted to all samples; the additional
-    parameters of
-    the variant start at their neutral values.
+    parameters of the variant start at their neutral values.
     """
     chosen = [
         each
@@ -284,8 +280,7 @@ def of_different_places(
     """Return the best fits of different effects.
 
     An effect that can replace different blocks counts as a different effect for each of them,
-    because
-    the block that remains in the chain can hide it.
+    because the block that remains in the chain can hide it.
     """
     leading: list[CandidateFit] = []
     limit = policy.final_within * min((fit.square for fit in fitted), default=0.0)

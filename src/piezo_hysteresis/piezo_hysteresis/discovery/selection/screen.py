@@ -188,10 +188,8 @@ class Screen:
         """Return the share explained by small changes of all new parameters at a starting point.
 
         The step towards a starting point is not meaningful for effects with many parameters, such
-        as a
-        bank of plays, whose starting point is arbitrary. It is zero if the starting point equals
-        the
-        present model.
+        as a bank of plays, whose starting point is arbitrary. It is zero if the starting point
+        equals the present model.
         """
         if len(candidate.added) < _MANY and not candidate.effect.refits:
             return 0.0

@@ -44,10 +44,8 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
     """Search the effects that `start` lacks.
 
     A second missing effect can cause a wrong effect to win the first round; the correct effect at
-    the
-    same position of the chain then cannot replace it. If a large residual remains, the search
-    restarts
-    with the next finalist of the first round, and the better result counts.
+    the same position of the chain then cannot replace it. If a large residual remains, the search
+    restarts with the next finalist of the first round, and the better result counts.
     """
     found = _forward(evaluator, start, [], progress)
     if not found.steps:

@@ -51,15 +51,11 @@ def improvement(before: CandidateFit, after: CandidateFit, tried: int) -> Improv
     """Return the improvement between two fits to the same views; `tried` models were compared.
 
     The difference of the two responses is deterministic; only the residual is random. The decrease
-    of
-    the sum of squares is the square of the difference plus twice its product with the residual.
-    That
-    product has the variance of a random signal with the spectrum of the residual, with the noise
-    as a
-    lower bound at each frequency, because a fit may have removed random components from a line. A
-    short effect is thus as significant as a permanent one, and a residual that both models share
-    is no
-    evidence, however often it repeats (Vuong 1989, for errors with a spectrum).
+    of the sum of squares is the square of the difference plus twice its product with the residual.
+    That product has the variance of a random signal with the spectrum of the residual, with the
+    noise as a lower bound at each frequency, because a fit may have removed random components from
+    a line. A short effect is thus as significant as a permanent one, and a residual that both
+    models share is no evidence, however often it repeats (Vuong 1989, for errors with a spectrum).
     """
     variance = 0.0
     for old, new, precision, noise in zip(

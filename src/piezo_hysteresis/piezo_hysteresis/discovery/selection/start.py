@@ -77,10 +77,9 @@ def find(
     """Search the effects that a baseline lacks and evaluate the result on held-out records.
 
     The knowledge of the user is a prior: a free refit would hide the effect in wrong values. If
-    the
-    baseline is a file with a known discrepancy, its values are therefore fixed. If the records are
-    those of the file itself (`nothing_new`), the baseline is only evaluated on them, because their
-    residual is the known discrepancy by definition.
+    the baseline is a file with a known discrepancy, its values are therefore fixed. If the records
+    are those of the file itself (`nothing_new`), the baseline is only evaluated on them, because
+    their residual is the known discrepancy by definition.
 
     Raises
     ------
@@ -116,10 +115,8 @@ def zeros_apart(choices: Choices, data: Dataset) -> Choices:
     """Return the choices with the zero offset of every record as a nuisance parameter.
 
     With an incomplete baseline, different zero offsets are mistaken for a hysteresis loop or a
-    memory,
-    and a fit does not leave this local minimum. A common zero offset carries no information about
-    an
-    effect.
+    memory, and a fit does not leave this local minimum. A common zero offset carries no
+    information about an effect.
     """
     several = len({view.name for view in data.training}) > 1
     return replace(choices, zero='record') if choices.zero == 'auto' and several else choices
@@ -160,7 +157,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
 def held_data(
     data: Dataset, given: ModelFile, how: Searching, *, searched: bool = True
 ) -> tuple[CandidateFit, Dataset]:
-    """Return the baseline with the values of its file, and the data as seen by it.
+    """Return the baseline with the values of its file, and the data with its initial conditions.
 
     Without `searched`, the records keep their own initial conditions. The known discrepancy of the
     baseline in phase with the drive is subtracted.
