@@ -9,7 +9,7 @@ COUNTS = (
     'late', 'missed', 'refused', 'doubled', 'timeouts', 'overruns', 'slew_limited', 'stamp_jumps',
 )  # fmt: skip
 
-# A command at least this many ticks ahead of the next one belongs to another run of the loop.
+# A command more than this many ticks ahead of the next one belongs to another run of the loop.
 AHEAD = 1000
 # Relative rounding of a command at the slew rate limit that does not violate it.
 _ROUNDING = 1e-9

@@ -37,7 +37,8 @@ class NamedEffect:
         Name of the effect and of its variant.
     probability : float
         Probability of this effect, given that an effect is missing: the share of resamples of the
-        training data that it explains best.
+        training data that it explains best, or its posterior probability with a fixed baseline;
+        both times the certainty that the missing effect is among the candidates.
     p_value : float
         Probability of such an improvement by chance, corrected for the number of candidates.
     gap_before_rms_m, gap_after_rms_m : float
