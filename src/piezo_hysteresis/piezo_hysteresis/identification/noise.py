@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import brentq
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.identification.outliers import mended, outliers
 from piezo_hysteresis.identification.periods import period_of, periodic_from, remembered
 from piezo_hysteresis.identification.repeats import (
@@ -172,12 +172,18 @@ def converter_step(measured: FloatArray) -> float:
     return float(np.diff(levels).min()) if levels.size >= _LEVELS else 0.0
 
 
+@remembered
+def bad_samples(record: Record) -> BoolArray:
+    """Return which samples of a record are spikes or drop-outs, see `outliers`."""
+    period = period_of(record)
+    first = periodic_from(record.voltage, period) if period else 0
+    return outliers(record.displacement, period, first)
+
+
 def _seen_noise(record: Record) -> tuple[Noise, bool]:
     """Return what does not repeat, and whether all that repeats is missing in it."""
     period = period_of(record)
-    first = periodic_from(record.voltage, period) if period else 0
-    bad = outliers(record.displacement, period, first)
-    measured = mended(record.displacement, bad, period)
+    measured = mended(record.displacement, bad_samples(record), period)
     if float(np.ptp(record.voltage)) == 0.0:
         return robust_noise(measured[record.warm_up_samples :]), True
     steady = _steady(record, measured, period) if period else measured[:0]

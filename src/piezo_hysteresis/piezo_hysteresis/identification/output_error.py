@@ -117,7 +117,12 @@ def output_error(
     slow = any(block.slot == Slot.SLOW for block in chain.blocks)
     choices = Choices(begins, zero)
     targets = targets_of(
-        records, folded=folded and not slow, stride=stride, start=begins, zero=zero
+        records,
+        folded=folded and not slow,
+        stride=stride,
+        start=begins,
+        zero=zero,
+        workers=workers,
     )
     names = tuple(chain.free_names if free is None else free)
     few = representative(targets, _FOLLOWED_RECORDS)

@@ -22,12 +22,14 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
 from piezo_hysteresis.identification.noise import (
     SURE,
     Noise,
+    bad_samples,
     independent,
     noise_of,
     noises_of,
 )
-from piezo_hysteresis.identification.outliers import mended, outliers
+from piezo_hysteresis.identification.outliers import mended
 from piezo_hysteresis.identification.periods import period_of, periodic_from
+from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.records import Record
 
 #: Ticks for which the last voltage is held: a recording may read the displacement that much later.
@@ -164,7 +166,7 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     if count < 2:
         return []
     first = len(record) - count * period
-    measured = mended(record.displacement, outliers(record.displacement, period, same), period)
+    measured = mended(record.displacement, bad_samples(record), period)
     periods = measured[first:].reshape(count, period)
     steady = _steady(periods)
     if steady is None:
@@ -190,7 +192,8 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     from_rest = abs(record.voltage[0]) <= NEAR_ZERO * float(np.max(np.abs(record.voltage)))
     if not from_rest or begin - record.warm_up_samples < 2:
         return [mean]
-    return [mean, replace(whole(record.section(0, begin)), name=record.name + WAY_IN, noise=noise)]
+    way_in = _of_all_samples(record.section(0, begin), 1, STEP)
+    return [mean, replace(way_in, name=record.name + WAY_IN, noise=noise)]
 
 
 def _steady(periods: FloatArray) -> tuple[int, float] | None:
@@ -250,11 +253,12 @@ def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target
     begins : RecordStart
         How the model is led in.
     """
-    period = period_of(record)
-    bad = outliers(
-        record.displacement, period, periodic_from(record.voltage, period) if period else 0
-    )
-    first = record.warm_up_samples
+    return with_noise(_of_all_samples(record, stride, begins), noise_of(record))
+
+
+def _of_all_samples(record: Record, stride: int, begins: RecordStart) -> Target:
+    """Return the target of a whole record whose noise is not known."""
+    bad, first = bad_samples(record), record.warm_up_samples
     target = Target(
         name=record.name,
         voltage=record.voltage,
@@ -269,7 +273,7 @@ def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target
         start=record.start,
         valid=np.where(bad[first::stride], 0.0, 1.0) if np.any(bad) else None,
     )
-    return with_noise(led_in(target, record, begins), noise_of(record))
+    return led_in(target, record, begins)
 
 
 def led_in(target: Target, record: Record, begins: RecordStart) -> Target:
@@ -292,8 +296,9 @@ def targets_of(
     stride: int = 1,
     start: str = 'auto',
     zero: str = 'auto',
+    workers: int = 1,
 ) -> list[Target]:
-    """Return what a fit compares with: folded where asked for and possible, else whole.
+    """Return the data of a fit: folded where requested and possible, else whole.
 
     Parameters
     ----------
@@ -308,10 +313,16 @@ def targets_of(
     zero : str
         ``record`` counts the displacement of each record from a zero of its own; ``auto`` and
         ``common`` from one for all.
+    workers : int
+        Threads over the records.
     """
-    targets: list[Target] = []
-    for record, noise in zip(records, noises_of(records), strict=True):
+
+    def seen(record: Record) -> list[Target]:
+        noise_of(record)  # which `noises_of` then knows
         parts = fold(record) if folded else []
-        parts = parts or [whole(record, stride, first_guess(record, start))]
-        targets += [with_noise(each, noise) for each in parts]
+        return parts or [_of_all_samples(record, stride, first_guess(record, start))]
+
+    found = of_each(seen, records, workers)
+    pairs = zip(found, noises_of(records), strict=True)
+    targets = [with_noise(each, noise) for parts, noise in pairs for each in parts]
     return [replace(t, own_zero=True) for t in targets] if zero == 'record' else targets
