@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, scaled
 from piezo_hysteresis.discovery.detection.statements import in_prefixes, sentence, statements
 from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections, Whitening
+from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, candidates, named
-from piezo_hysteresis.records import Record, RecordInfo
+from piezo_hysteresis.records import Record, RecordInfo, write_csv
 from piezo_hysteresis.reporting.detection_table import detection_section, limits_line
 
 DT = 1e-3
@@ -178,3 +182,21 @@ def test_sizes_are_scaled_from_where_an_effect_changes_nothing() -> None:
         simulated(model, model.pack(model.defaults()), whole(record)),
         atol=1e-15,
     )
+
+
+@pytest.mark.component
+def test_validate_states_the_limits_of_new_records(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = named('classical')
+    saved, data = tmp_path / 'model.yaml', tmp_path / 'new.csv'
+    identify(records(model, model.defaults()), 'classical').save(saved)
+    write_csv(data, records(model, model.defaults(), 1)[1])
+    words = ['validate', str(data), '--model', str(saved), '--out', str(tmp_path / 'out')]
+    assert main([*words, '--detection-limits']) == 0
+    assert 'would have shown from: ' in capsys.readouterr().out
+    summary = json.loads((tmp_path / 'out' / 'summary.json').read_text())
+    limits = {each['variant']: each for each in summary['detection_limits']}
+    # one record of 4 s at 4 Hz, noise 20 nm
+    assert 1e-9 < limits['drift']['displacement_rms_m'] < 1e-6
+    assert 'Detection limits' in (tmp_path / 'out' / 'report.html').read_text()

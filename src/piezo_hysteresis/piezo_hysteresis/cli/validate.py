@@ -14,6 +14,7 @@ from piezo_hysteresis.models import ModelFile
 
 HELP = 'free-run and one-step errors of a saved model'
 
+LIMITS_HELP = 'state the smallest size of each known effect that these records would show'
 _STEADY = 'the same as --start settled'
 
 
@@ -28,13 +29,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
     add('--actuator', help='actuator, if a bag holds several')
+    add('--detection-limits', action='store_true', help=LIMITS_HELP)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate every record and write the errors."""
+    from piezo_hysteresis.discovery import limits_of
     from piezo_hysteresis.identification.settings import warmed
     from piezo_hysteresis.identification.validate import validate
     from piezo_hysteresis.records import load
+    from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.folder import check_folder
     from piezo_hysteresis.reporting.validation_folder import write_validation
 
@@ -43,13 +47,18 @@ def run(arguments: argparse.Namespace) -> int:
     records = warmed(load(arguments.data, actuator=arguments.actuator), arguments.warm_up)
     begins = 'settled' if arguments.steady else arguments.start
     found = validate(records, saved, begins=begins, zero=arguments.zero)
-    write_validation(arguments.out, found, model=arguments.model, data=arguments.data)
+    limits = limits_of(records, saved) if arguments.detection_limits else ()
+    write_validation(
+        arguments.out, found, model=arguments.model, data=arguments.data, limits=limits
+    )
     for row in found.records:
         print(
             f'{row.record}: free run {1e6 * row.free_run_rms:.4g} µm '
             f'({row.nrmse_percent:.3g} %), one step {1e6 * row.one_step_rms:.4g} µm'
         )
     print(found.remark)
+    if limits:
+        print(f'  would have shown from: {limits_line(limits)}')
     print(f'written to {arguments.out}; open {arguments.out}/report.html')
     for warning in found.warnings:
         verbosity.warn(warning)

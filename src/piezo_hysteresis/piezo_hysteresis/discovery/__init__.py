@@ -11,11 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery.verdict.verdict import Verdict
-    from piezo_hysteresis.discovery.workflow import Discovery, discover
+    from piezo_hysteresis.discovery.workflow import Discovery, discover, limits_of
 
-__all__ = ['Discovery', 'Verdict', 'discover']
+__all__ = ['Discovery', 'Verdict', 'discover', 'limits_of']
 
-_HOMES = {'Verdict': 'verdict.verdict', 'Discovery': 'workflow', 'discover': 'workflow'}
+_HOMES = {
+    'Verdict': 'verdict.verdict',
+    'Discovery': 'workflow',
+    'discover': 'workflow',
+    'limits_of': 'workflow',
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -21,7 +21,7 @@ from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
-from piezo_hysteresis.discovery.selection.start import Searching, find
+from piezo_hysteresis.discovery.selection.start import Searching, find, unsearched
 from piezo_hysteresis.discovery.verdict.build_verdict import tell
 from piezo_hysteresis.discovery.verdict.final_model import final_model
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
@@ -203,6 +203,31 @@ def discover(
         baseline if isinstance(baseline, ModelFile) else None,
         found.last,
     )
+
+
+def limits_of(
+    records: Record | Sequence[Record], model: ModelFile, *, workers: int = 1
+) -> tuple[DetectionLimit, ...]:
+    """Return the smallest size of each known effect that records would show beyond a model.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        Of one actuator at one rate.
+    model : ModelFile
+        With its discrepancy, which an effect must exceed.
+    workers : int
+        Threads; the result does not depend on it.
+
+    Raises
+    ------
+    IdentificationError
+        If the file states no discrepancy, or the records do not show their noise.
+    """
+    how = Searching(Choices('auto', 'auto'), 0, workers, {}, Deadline(inf))
+    data = split(annotated(listed(records)), how.choices.start)
+    found = unsearched(data, model, how)
+    return detection_limits(found.evaluator, found.final, found.start)
 
 
 def _own_records(records: Sequence[Record], baseline: Model | ModelFile) -> tuple[str, ...]:

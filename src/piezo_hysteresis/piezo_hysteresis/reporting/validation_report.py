@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.detection.limits import DetectionLimit
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.validate import Validation
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.detection_table import detection_section
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.identification_report import discover_command, fit_figures
 from piezo_hysteresis.reporting.page import PageSection, render, table
@@ -15,7 +17,11 @@ from piezo_hysteresis.reporting.plots import Curve, band_figure
 
 
 def validation_page(
-    validation: Validation, *, model: str = 'model.yaml', data: Sequence[str] = ()
+    validation: Validation,
+    *,
+    model: str = 'model.yaml',
+    data: Sequence[str] = (),
+    limits: Sequence[DetectionLimit] = (),
 ) -> str:
     """Return the whole report as HTML.
 
@@ -27,6 +33,8 @@ def validation_page(
         Path of the model for the recommended command.
     data : sequence of str
         Paths for the recommended command; ``DATA`` if not given or many.
+    limits : sequence of DetectionLimit
+        Detection limits of these records, where they were calculated.
     """
     where = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     saved, rows, worst = validation.given, validation.records, validation.worst
@@ -44,6 +52,7 @@ def validation_page(
             'Measured and simulated displacement', '', fit_figures(validation.data, simulated)
         ),
         _rest(validation.data, simulated, worst.record),
+        *filter(None, [detection_section(limits)]),
         PageSection(
             'Next steps',
             f'- `{discover_command(saved.model, data)}` reports what the model lacks, with '

@@ -88,7 +88,7 @@ def find(
     """
     if isinstance(given, ModelFile) and given.discrepancy is not None:
         if nothing_new:
-            held = _unsearched(data, given, how)
+            held = unsearched(data, given, how)
         else:
             held = _find_held(data, given, how, progress)
         outcome = _judged(held, progress)
@@ -122,7 +122,8 @@ def zeros_apart(choices: Choices, data: Dataset) -> Choices:
     return replace(choices, zero='record') if choices.zero == 'auto' and several else choices
 
 
-def _unsearched(data: Dataset, given: ModelFile, how: Searching) -> Found:
+def unsearched(data: Dataset, given: ModelFile, how: Searching) -> Found:
+    """Return the baseline of a file, evaluated on records without a search."""
     base, seen = held_data(data, given, how)
     policy = how.policy(HELD)
     evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given, policy, how.deadline)

@@ -118,16 +118,16 @@ class Verdict:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types for JSON; numbers that are not finite become None."""
-        plain: dict[str, Any] = _finite(asdict(self))
+        plain: dict[str, Any] = plain_types(asdict(self))
         return plain
 
 
-def _finite(value: Any) -> Any:
+def plain_types(value: Any) -> Any:
     """Return `value` with None instead of numbers that JSON cannot represent."""
     if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
+        return {key: plain_types(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(each) for each in value]
+        return [plain_types(each) for each in value]
     if isinstance(value, float) and not isfinite(value):
         return None
     return value
