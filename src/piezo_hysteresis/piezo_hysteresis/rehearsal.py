@@ -239,16 +239,17 @@ def screening() -> None:
     projected_out(np.ones(8), orthonormal(np.eye(3, 8), 1e-6)[1:])
 
 
+# longest first, so that processes end at about the same time
 REHEARSALS = (
     derivatives,
-    more_derivatives,
-    fit,
     inverses,
-    blocks,
-    between_ticks,
-    online_methods,
+    more_derivatives,
     laws,
+    blocks,
+    fit,
+    online_methods,
     errors,
+    between_ticks,
     limits,
     rivals,
     bags,
