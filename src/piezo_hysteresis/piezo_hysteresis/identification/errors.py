@@ -95,7 +95,7 @@ def free_run_of(
     *,
     checked: bool = True,
 ) -> FloatArray:
-    """Return what the model says from where the record of `view` begins [m], in its own zero."""
+    """Return the simulated displacement from the first sample of `view` on, in its zero [m]."""
     packed = model.pack(values, checked=checked)
     with np.errstate(over='ignore', invalid='ignore'):
         return Prediction(model, packed, view, sampling_offset).displacement
@@ -110,7 +110,7 @@ def views_of(
     *,
     checked: bool = True,
 ) -> tuple[Target, ...]:
-    """Return whole records with starts and zeros as the model estimates them.
+    """Return whole records with initial conditions and zeros estimated by the model.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def judged(
     *,
     checked: bool = True,
 ) -> tuple[RecordErrors, ...]:
-    """Return the errors of a model over whole records that begin as `views` say."""
+    """Return the errors of a model over whole records with the initial conditions of `views`."""
     packed = model.pack(values, checked=checked)
     rows = []
     for view in views:

@@ -59,7 +59,7 @@ _MAD = 1.4826  # of a normal distribution: standard deviation over the median ab
 
 @dataclass(frozen=True)
 class Noise:
-    """What one record shows of the noise.
+    """Noise estimated from one record.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ def density(memory: float, angle: FloatArray) -> FloatArray:
 
 
 def independent(samples: int, memory: float) -> float:
-    """Return how many independent numbers say as much of the mean square as `samples` of noise."""
+    """Return the equivalent number of independent samples for the mean square of noise."""
     return samples * (1.0 - memory**2) / (1.0 + memory**2)
 
 
@@ -122,7 +122,7 @@ NOT_TOLD = Noise(float('nan'), 0)
 
 @remembered
 def noise_of(record: Record) -> Noise:
-    """Return the noise of one record after its warm-up, blind to spikes and drop-outs.
+    """Return the noise of one record after its warm-up, robust to spikes and drop-outs.
 
     It is at least that of the steps of its converter, which a record that repeats exactly, or
     moves by less than a step, does not show.
@@ -181,7 +181,7 @@ def bad_samples(record: Record) -> BoolArray:
 
 
 def _seen_noise(record: Record) -> tuple[Noise, bool]:
-    """Return what does not repeat, and whether all that repeats is missing in it."""
+    """Return the noise by its non-periodic part, and whether periodic errors are excluded."""
     period = period_of(record)
     measured = mended(record.displacement, bad_samples(record), period)
     if float(np.ptp(record.voltage)) == 0.0:
@@ -198,7 +198,7 @@ def _seen_noise(record: Record) -> tuple[Noise, bool]:
 
 
 def _between_samples(measured: FloatArray, repeat: Repeat, warm_up: int) -> FloatArray:
-    """Return what differs from a period before, where that is no whole number of samples."""
+    """Return the difference from the period before, for a fractional number of samples."""
     first = max(repeat.first, warm_up)
     if repeat.last - first >= 4 * repeat.period:  # a transient is over after a period
         first += round(repeat.period)
@@ -209,10 +209,10 @@ def _between_samples(measured: FloatArray, repeat: Repeat, warm_up: int) -> Floa
 def noises_of(records: Sequence[Record]) -> list[Noise]:
     """Return the noise of every record; those that agree within their doubt share one value.
 
-    Nothing says that two records are equally noisy. But where most of them are, as far as each
-    can tell, together they tell it better. They do not where those that agree scatter by more
-    than chance all together: each is near the middle of noise that follows something. Where not
-    all agree, one that tells nothing is like those with the drive that is most like its own.
+    Where the estimates of most records agree within their uncertainty, the pooled value is more
+    precise. It is not used where those that agree scatter by more than chance: the noise then
+    depends on the record. Where not all agree, a record without an estimate takes that of the
+    records with the most similar drive.
     """
     found = _of_one_colour(records)
     alike, middle = consensus(found)
@@ -228,10 +228,10 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
 
 
 def _of_one_colour(records: Sequence[Record]) -> list[Noise]:
-    """Return the noise of every record, those that do not tell its colour by that of the others.
+    """Return the noise of every record, where its colour is unknown by that of the others.
 
-    One sensor made them all. Differences see only what is fast, so of slow noise too little, and
-    of noise that is hidden in rounding others tell more.
+    All are assumed to come from one sensor. Differences pass high frequencies only and
+    underestimate slow noise; noise below the quantisation step is better estimated by others.
     """
     found = [noise_of(record) for record in records]
     if not all(noise.hidden for noise in found if noise.lines):
@@ -243,7 +243,7 @@ def _of_one_colour(records: Sequence[Record]) -> list[Noise]:
 
 
 def _coloured(noise: Noise, known: Noise) -> Noise:
-    """Return noise that was taken for white, were it of the colour of what is `known`."""
+    """Return noise estimated as white, corrected for the colour of the `known` noise."""
     order = noise.order
     taps = np.array([(-1) ** k * comb(order, k) for k in range(order + 1)], dtype=np.float64)
     follows = known.memory ** np.abs(np.arange(-order, order + 1))
@@ -271,7 +271,7 @@ def _agrees(noise: Noise, rms: float) -> bool:
 
 
 def _scatter_by_chance(found: Sequence[Noise], rms: float) -> bool:
-    """Return whether values scatter about `rms` as their doubts say, by chi-square."""
+    """Return whether values scatter about `rms` within their uncertainty, by chi-square."""
     doubts = [hypot(AGREE, SPREAD / sqrt(noise.lines)) for noise in found]
     pairs = zip(found, doubts, strict=True)
     squares = sum(((noise.rms / rms - 1.0) / doubt) ** 2 for noise, doubt in pairs)
@@ -280,7 +280,7 @@ def _scatter_by_chance(found: Sequence[Noise], rms: float) -> bool:
 
 
 def _like_their_drives(records: Sequence[Record], found: Sequence[Noise]) -> list[Noise]:
-    """Return the noise of every record, of one that tells none that of the nearest voltages."""
+    """Return the noise of every record, where unknown that of records of the nearest voltages."""
     ranges = np.array([float(np.ptp(record.voltage)) for record in records])
     known = [k for k, noise in enumerate(found) if noise.lines]
     nearest = [float(np.min(np.abs(ranges[known] - each))) for each in ranges]
@@ -297,7 +297,7 @@ def floor_of(records: Sequence[Record]) -> Noise:
 
 
 def pooled(found: Sequence[Noise]) -> Noise:
-    """Return the noise of several records together; each counts by what it tells."""
+    """Return the noise of several records together, weighted by their information."""
     known = [noise for noise in found if noise.lines]
     if not known:
         return NOT_TOLD
@@ -318,12 +318,12 @@ def _steady(record: Record, measured: FloatArray, period: int) -> FloatArray:
 
 
 def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
-    """Return the noise in `signal`, blind to lines and to slow changes.
+    """Return the noise in `signal`, robust to lines and to slow changes.
 
     Parameters
     ----------
     signal : ndarray, shape (n,)
-        What does not repeat [m].
+        Non-periodic part [m].
     period : float
         Samples after which it was subtracted from itself; 0 where it was not.
     """
@@ -353,9 +353,9 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
 def differences_noise(measured: FloatArray) -> Noise:
     """Return the noise of a record that does not repeat, as if it were white.
 
-    Differences of high order pass white noise with a known gain and hardly anything that moves
-    smoothly. The median over a window is blind to jumps and corners; over the windows the lower
-    half counts, in which the drive is slow. The order that sees least sees the noise alone.
+    Differences of high order pass white noise with a known gain and suppress smooth motion. The
+    median over a window is robust to jumps and corners; of the windows the quieter half is used,
+    in which the drive is slow. The smallest estimate over the orders is taken.
     """
     length = max(measured.size // _WINDOWS, _SHORTEST_WINDOW)
     count = measured.size // length

@@ -27,7 +27,7 @@ SAMPLING_OFFSET = 'sampling_offset'
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter before the data.
+    """Prior of a parameter.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Objective:
         return self.model.pack(values)
 
     def simulate(self, target: Target, x: FloatArray, packed: FloatArray) -> FloatArray:
-        """Return what the model says about the samples of `target` [m]."""
+        """Return the simulated samples of `target` [m]."""
         return target.pick(simulated(self.model, packed, target, self.sampling_offset(x)))
 
     def sampling_offset(self, x: FloatArray) -> float:
@@ -172,7 +172,7 @@ class Objective:
         return target.pick(y)
 
     def _seen(self, found: Prediction) -> FloatArray:
-        """Return what `_without` takes: one array, because it is much and filled often."""
+        """Return residual and Jacobian for `_without`, in one large array that is reused."""
         target, nuisances = found.target, found.nuisances
         q, p, m = len(nuisances.rows), len(self.free), target.measured.size
         seen = np.empty((q + p + 1, m + q))

@@ -23,7 +23,7 @@ from piezo_hysteresis.models.chain import State
 
 
 class Prediction:
-    """The free run of a model over a target, with the nuisances of the target at their best.
+    """The free run of a model over a target, with its nuisance parameters at their optimum.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Prediction:
 
     @property
     def residual(self) -> FloatArray:
-        """Measured less predicted, nuisances taken out, shape (m,) [m]; lost samples are 0."""
+        """Measured minus predicted, nuisances projected out, shape (m,) [m]; 0 where lost."""
         return self._split[0]
 
     @property
@@ -89,7 +89,7 @@ class Prediction:
 
     @cached_property
     def _split(self) -> tuple[FloatArray, FloatArray]:
-        """What is left with all nuisances at their best, and what their prior holds [m]."""
+        """Residual with all nuisances at their optimum, and the residual of their prior [m]."""
         nuisances, factors = self.nuisances, self._factors
         error, rows = self.target.measured - self.target.pick(self.response), nuisances.rows
         if factors is not None:
@@ -107,7 +107,7 @@ class Prediction:
         )
 
     def initial_state(self) -> tuple[State, FloatArray]:
-        """Return the memory of the chain at the first sample, and its answer until then [m]."""
+        """Return the state of the chain at the first sample, and its output until then [m]."""
         target = self.target
         state = self._model.initial_state(target.dt, target.start)
         before = np.ascontiguousarray(target.voltage[: target.origin])

@@ -1,4 +1,4 @@
-"""What a fit compares a model with: whole records, or the mean of their periods."""
+"""Data of a fit: whole records, or the mean of their periods."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ WAY_IN = ' (start)'
 
 @dataclass(frozen=True)
 class Target:
-    """One record as a fit sees it.
+    """Data of one record for a fit.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class Target:
         return self.valid * self.influence
 
     def kept(self, samples: FloatArray) -> FloatArray:
-        """Return those of the compared samples, shape (m,), that count."""
+        """Return the valid ones of the compared samples, shape (m,)."""
         return samples if self.valid is None else samples[self.valid > 0.0]
 
     @cached_property
@@ -149,13 +149,12 @@ class Target:
 def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     """Average the steady periods of a record; return nothing where it has no two of them.
 
-    The way into the steady state is a second target, ``NAME (start)``, where the record begins
-    near 0 V, so that folding loses no information; one that begins in motion keeps its unknown
-    past to itself.
+    The transient before the steady state is a second target, ``NAME (start)``, where the record
+    begins near 0 V, so that folding loses no information. The transient of a record that begins
+    in motion depends on an unknown history and is left out.
 
     A record is steady where the periods, seen from its end, differ by their scatter only. One that
-    drifts or creeps through all its periods is not folded, because its mean period is of no
-    model.
+    drifts or creeps through all its periods is not folded: no model has its mean period.
     """
     period = period_of(record)
     if period == 0:
@@ -277,7 +276,7 @@ def _of_all_samples(record: Record, stride: int, begins: RecordStart) -> Target:
 
 
 def led_in(target: Target, record: Record, begins: RecordStart) -> Target:
-    """Return a target of a whole record that begins otherwise."""
+    """Return a target of a whole record with another initial condition."""
     before = lead_in(record, begins)
     return replace(
         target,

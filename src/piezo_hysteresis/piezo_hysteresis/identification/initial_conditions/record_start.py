@@ -1,4 +1,4 @@
-"""How a record begins: what the actuator had gone through before the first sample.
+"""Initial condition of a record: history of the actuator before the first sample.
 
 A model runs from the virgin state at 0 V. A record begins in whatever state the actuator was in,
 so the model is led in: through the voltages that the record is taken to start from. What was
@@ -57,7 +57,7 @@ class RecordStart:
 
     @property
     def parameters(self) -> int:
-        """How many numbers it needs that are known from the record alone."""
+        """Number of nuisance parameters of the record."""
         return len(self.levels)
 
 
@@ -65,7 +65,7 @@ STEP, REST, SETTLED = RecordStart('step'), RecordStart('rest'), RecordStart('set
 
 
 def cycle_of(record: Record) -> int:
-    """Return the samples of the cycle that the record may have been in when it began, or 0.
+    """Return the period in samples of a cycle that may precede the record, or 0.
 
     That of its own period, or the whole record where its end leads back to its beginning.
     """
@@ -77,7 +77,7 @@ def cycle_of(record: Record) -> int:
 
 
 def _closes(x: FloatArray) -> bool:
-    """Return whether a signal goes on from its end where it began, as if it were a cycle."""
+    """Return whether the end of a signal leads back to its beginning, as in a cycle."""
     step = float(np.sqrt(np.mean(np.diff(x) ** 2)))
     moves = abs(float(x[0])) > NEAR_ZERO * float(np.max(np.abs(x)))
     return moves and abs(float(x[0] - x[-1])) <= _CLOSED * step
@@ -145,7 +145,7 @@ def refined(start: RecordStart, record: Record, share: float) -> Iterator[Record
 
 
 def deepened(start: RecordStart, record: Record) -> Iterator[RecordStart]:
-    """Yield starts with one more level, before or behind those that are known."""
+    """Yield starts with one more level, before or after the known ones."""
     reach = float(np.max(np.abs(record.voltage)))
     for level in _LEVELS:
         yield RecordStart(start.kind, (level * reach, *start.levels))
@@ -153,7 +153,7 @@ def deepened(start: RecordStart, record: Record) -> Iterator[RecordStart]:
 
 
 def lead_in(record: Record, start: RecordStart) -> FloatArray:
-    """Return the voltage that brings a virgin model to where the record begins [V]."""
+    """Return the lead-in: voltage from the virgin state to the first sample of the record [V]."""
     if start.kind == 'step' and record.before is not None:
         return np.concatenate([np.zeros(_EDGE), record.before])
     if start.kind == 'settled':
