@@ -148,8 +148,8 @@ def test_a_law_that_is_coarse_says_so_itself() -> None:
 
 
 def test_what_takes_less_than_a_tenth_of_the_gap_is_no_headline() -> None:
-    assert not rules.takes_its_share(98.2, 97.4, POLICY)
-    assert rules.takes_its_share(98.2, 80.0, POLICY)
-    assert rules.takes_its_share(1.05, 1.0, POLICY)  # all of what is beyond the noise
-    assert not rules.takes_its_share(3.0, 3.1, POLICY)
-    assert rules.takes_its_share(98.2, 97.4, POLICY.but(least_gap=0.001))
+    assert not rules.takes_its_share(9642.0, 9486.0, POLICY)
+    assert rules.takes_its_share(9642.0, 6399.0, POLICY)
+    assert rules.takes_its_share(0.1, 0.0, POLICY)  # all of what is beyond the noise
+    assert not rules.takes_its_share(8.0, 8.6, POLICY)
+    assert rules.takes_its_share(9642.0, 9486.0, POLICY.but(least_gap=0.001))

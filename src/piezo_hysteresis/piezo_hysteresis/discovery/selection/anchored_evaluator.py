@@ -264,11 +264,16 @@ class HeldEvaluator(Evaluator):
             return False
         if not rules.is_worth_a_name(self.excess(before), self.excess(after), 0.0, self.policy):
             return False
-        unseen = [judged_on(each, self.data.held_out).floors for each in (before, after)]
-        gaps = ([before.floors, after.floors], unseen)
-        if not any(rules.takes_its_share(old, new, self.policy) for old, new in gaps):
+        if not any(
+            rules.takes_its_share(excess(before), excess(after), self.policy)
+            for excess in (self.excess, self.held_out_excess)
+        ):
             return False
         return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
+
+    def held_out_excess(self, spec: ModelSpec) -> float:
+        """Return the mean square beyond the expected one on held-out views, in units of it."""
+        return costs(judged_on(spec, self.data.held_out).errors, self.expected_held_out)[1]
 
     def _held_out(self, spec: ModelSpec) -> float:
         """Return the mean square error on held-out views, relative to the expected one."""

@@ -110,6 +110,10 @@ class Evaluator(ABC):
         """Return the mean square beyond the expectation on the fitted views, relative to it."""
 
     @abstractmethod
+    def held_out_excess(self, spec: ModelSpec) -> float:
+        """Return the mean square beyond the expected one on held-out views, in units of it."""
+
+    @abstractmethod
     def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether a significant residual remains; `start` is the baseline."""
 

@@ -42,13 +42,12 @@ class Outcome:
 def with_headlines_only(found: Found) -> Found:
     """Return the result of a search without effects that reduce the held-out gap too little.
 
-    The known discrepancy of the baseline in phase with the drive is not part of the gap.
+    The known discrepancy of a fixed baseline is not part of the gap: no effect can remove it.
     """
     if not found.steps:
         return found
-    views = found.evaluator.data.held_out
-    gaps = [judged_on(each, views).floors for each in (found.start, found.final)]
-    if rules.takes_its_share(gaps[0], gaps[1], found.evaluator.policy):
+    before, after = map(found.evaluator.held_out_excess, (found.start, found.final))
+    if rules.takes_its_share(before, after, found.evaluator.policy):
         return found
     last = found.last or found.steps[-1].round
     return replace(found, steps=(), final=found.start, last=last)

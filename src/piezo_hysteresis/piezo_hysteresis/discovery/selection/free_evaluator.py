@@ -178,6 +178,10 @@ class FreeEvaluator(Evaluator):
             return False
         return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
 
+    def held_out_excess(self, spec: ModelSpec) -> float:
+        """Return the mean square above the noise on held-out views, in units of it."""
+        return self._held_out(spec) - 1.0
+
     def _held_out(self, spec: ModelSpec) -> float:
         """Return the mean square error on held-out views, relative to that of the noise."""
         return judged_on(spec, self.data.held_out).floors ** 2

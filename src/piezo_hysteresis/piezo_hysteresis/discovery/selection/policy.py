@@ -172,8 +172,8 @@ class SelectionPolicy:
     least_gap: float = number(
         0.1,
         '1',
-        'Share of the held-out gap, in rms beyond the noise, that the reported effects must '
-        'remove.',
+        'Share of the held-out gap, in rms beyond the noise or the known discrepancy, that the '
+        'reported effects must remove.',
         'derived: the rms of 50 independent numbers, as two or three held-out records have '
         '(`octave`), is itself uncertain by a tenth, 1/sqrt(2 * 50)',
     )

@@ -125,11 +125,12 @@ def takes_its_share(before: float, after: float, policy: SelectionPolicy) -> boo
     Parameters
     ----------
     before, after : float
-        Gap on records that no decision used, in noise rms.
+        Excess on records that no decision used: the mean square above the noise, or above the
+        known discrepancy of a fixed baseline.
     policy : SelectionPolicy
         Decision thresholds.
     """
-    old, new = (max(gap**2 - 1.0, 0.0) ** 0.5 for gap in (before, after))
+    old, new = (max(excess, 0.0) ** 0.5 for excess in (before, after))
     return after <= before and old - new >= policy.least_gap * old
 
 
