@@ -52,7 +52,7 @@ def _stage(options: argparse.Namespace) -> int:
         ('guide ke', 1e-6 * guide.stiffness, 'N/um'),
         ('guide ke, exact bending', 1e-6 * guide.exact_stiffness, 'N/um'),
         ('energy in the hinges', 1e3 * guide.energy(options.stroke), 'mJ'),
-        ('part of the free stroke left', 100.0 * guide.left(stiffness), '%'),
+        ('remaining share of the free stroke', 100.0 * guide.left(stiffness), '%'),
         ('first mode', guide.natural_frequency(stiffness, options.mass), 'Hz'),
     ):
         print(f'{quantity:30} {value:10.5g} {unit}')

@@ -92,12 +92,12 @@ def _energy(arguments: argparse.Namespace, limits: Limits, dt: float) -> EnergyL
 
 def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
     if len(arguments.data) != 1:
-        raise CompensationError('a library is of one model; give one MODEL.yaml')
+        raise CompensationError('a library holds one model; give one MODEL.yaml')
     if not rate <= 1e6:
         raise CompensationError(f'the rate must be above 0 and up to 1 MHz, got {rate:g} Hz')
     if not 0.0 < arguments.frequency < 0.25 * rate:
         raise CompensationError(
-            f'a sine of {arguments.frequency:g} Hz is not followed at {rate:g} Hz; give '
+            f'a sine of {arguments.frequency:g} Hz cannot be tracked at {rate:g} Hz; give '
             '--frequency below a quarter of the rate'
         )
     if not _WORD.fullmatch(arguments.name):

@@ -99,7 +99,7 @@ def unseen(
     """
     new = [each for each in outlooks if each.experiment.name not in done]
     return [
-        replace(each, why='shows what has no name yet under other circumstances')
+        replace(each, why='shows the unexplained residual under another condition')
         for each in choices(new, replace(belief, rivals=()), hidden, (), seconds)
     ]
 
@@ -148,4 +148,4 @@ def _why(apart: float, pair: tuple[str, str], news: float) -> str:
         reasons.append(
             f'has a probability of {news:.1%} to show an effect that no record has shown'
         )
-    return ' and '.join(reasons) or 'is the only one left'
+    return ' and '.join(reasons) or 'is the only remaining experiment'

@@ -97,7 +97,7 @@ class Journal:
             if not same or replace(found.setup, rules=rules).to_dict() != setup.to_dict():
                 raise InvestigationError(
                     f'{folder} has an investigation of another model or with other limits: give '
-                    'another folder, or the same words as before to go on'
+                    'another folder, or the same options as before to continue'
                 )
             return cls(folder, setup, found.lines)
         if folder.exists() and any(folder.iterdir()):

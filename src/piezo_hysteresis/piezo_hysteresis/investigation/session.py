@@ -106,7 +106,7 @@ class ExperimentAnswer:
         if after.names:
             return f'{" and ".join(after.names)} with {_chance(after)}; {gap}'
         name, chance = after.surest
-        return f'an effect without a name yet, perhaps {name} ({chance:.2g}); {gap}'
+        return f'an unidentified effect, perhaps {name} ({chance:.2g}); {gap}'
 
 
 def _chance(belief: Belief) -> str:
@@ -246,7 +246,7 @@ class Investigation:
 
     def _sure(self) -> Stop:
         names = ' and '.join(self.belief.names)
-        rest = '; the remaining residual has no name' if self.belief.left else ''
+        rest = '; the remaining residual is unexplained' if self.belief.left else ''
         return Stop('sure', f'{names}: sure, and confirmed by another experiment{rest}')
 
     def _is_sure(self) -> bool:

@@ -62,7 +62,7 @@ def as_on(
     missed = discrepancy_of(left, held_out=file is baseline)
     if missed is None:
         raise IdentificationError(
-            'the reference does not move the actuator: give records of drives like those to judge'
+            'the reference does not move the actuator: give records of similar drives'
         )
     traces = tuple(
         Trace(each.voltage, each.error, each.dt, view.begins.kind)
