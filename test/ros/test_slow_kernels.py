@@ -106,7 +106,7 @@ def test_a_player_waits_for_a_listener_that_compiles(
     write_bag(bag, [Record('short', 1e-3, np.sin(phase), 1e-6 * np.sin(phase - 0.2))])
     heard = listener.listen(LoopStatus, 'piezo/identification/status', latched=True)
     health = listener.watch_health()
-    with slow(processes, tmp_path / 'kernels', 'update', 6.0):
+    with slow(processes, tmp_path / 'kernels', 'update_many', 6.0):
         processes.start('piezo_hysteresis', 'identification', namespace='piezo')
     listener.tells(health, 'piezo/identification', 'state', 'starting')
     player = processes.start(

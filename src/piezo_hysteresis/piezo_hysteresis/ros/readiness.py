@@ -88,11 +88,17 @@ class Herald:
         kernel, seconds = watch.compiling(), time.monotonic() - self._started
         if kernel and not self._reported:
             self._reported = True
-            self._compiles()
+            # rclpy searches all modules for the caller of a logger: beside a thread that
+            # compiles this takes seconds, which the heartbeats must not wait for
+            threading.Thread(target=self._log, name='herald log', daemon=True).start()
         state = Readiness.COMPILING if self._ready else Readiness.STARTING
         values = [state.value] if state is Readiness.STARTING else []
         values += ['compiles its kernels, once'] if kernel else []
         self._say(state, f'{": ".join(values)} ({seconds:.0f} s)')
+
+    def _log(self) -> None:
+        with contextlib.suppress(Exception):  # the node may be gone
+            self._compiles()
 
 
 # Heartbeat timeout [s]; the heartbeat period is 1 s.
