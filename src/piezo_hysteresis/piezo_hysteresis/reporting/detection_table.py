@@ -14,7 +14,7 @@ _TEXT = (
     'probability of 95 %, in addition to the model. A smaller effect can be present and '
     'hide in the noise, in the known discrepancy, or in fitted parameters. The last '
     'column is the experiment that shows a smaller one. Limits hold for the shapes in brackets; '
-    'all variants are in verdict.json.'
+    'all variants are in {file}.'
 )
 _APART = (
     f'Where another effect is named, its change of the response lies less than {APART:g} standard '
@@ -23,8 +23,18 @@ _APART = (
 )
 
 
-def detection_section(limits: Sequence[DetectionLimit]) -> PageSection | None:
-    """Return the section of the report, None without detection limits."""
+def detection_section(
+    limits: Sequence[DetectionLimit], file: str = 'verdict.json'
+) -> PageSection | None:
+    """Return the section of the report, None without detection limits.
+
+    Parameters
+    ----------
+    limits : sequence of DetectionLimit
+        Of every effect.
+    file : str
+        Name of the file beside the report that lists all variants.
+    """
     if not limits:
         return None
     header = (
@@ -37,14 +47,16 @@ def detection_section(limits: Sequence[DetectionLimit]) -> PageSection | None:
     rows = [
         (
             each.effect,
-            each.sizes + (f'; not {each.hidden}' if each.hidden else ''),
+            each.sizes + (f'; not {each.hidden}' if each.hidden not in ('', 'any') else ''),
             _range(each.displacement_m),
             each.apart,
             described(each.effect)[0].experiment,
         )
         for each in statements(limits)
     ]
-    return PageSection('Detection limits', f'{_TEXT}\n\n{_APART}', (), (table(header, rows),))
+    return PageSection(
+        'Detection limits', f'{_TEXT.format(file=file)}\n\n{_APART}', (), (table(header, rows),)
+    )
 
 
 def limits_line(limits: Sequence[DetectionLimit]) -> str:

@@ -52,7 +52,7 @@ def validation_page(
             'Measured and simulated displacement', '', fit_figures(validation.data, simulated)
         ),
         _rest(validation.data, simulated, worst.record),
-        *filter(None, [detection_section(limits)]),
+        *filter(None, [detection_section(limits, 'summary.json')]),
         PageSection(
             'Next steps',
             f'- `{discover_command(saved.model, data)}` reports what the model lacks, with '
