@@ -181,6 +181,12 @@ class Records:
         change = self._change(spec)
         return None if change is None else self._nuisances.remove(change)
 
+    def signatures(
+        self, pairs: Sequence[tuple[Candidate, Mapping[str, float]]]
+    ) -> list[FloatArray | None]:
+        """Return the signature of every candidate at its start, computed in threads."""
+        return self._evaluator.map(lambda pair: self.signature(*pair), pairs)
+
     def signature(self, candidate: Candidate, start: Mapping[str, float]) -> FloatArray | None:
         """Return the whitened change by an effect beyond nuisances; None after divergence."""
         for scale in (1.0, 0.1):
@@ -193,11 +199,16 @@ class Records:
 
     def _directions(self) -> NuisanceDirections:
         """Return the directions of a fit: free parameters, and the bounded sampling offset."""
-        final, free = self._final, []
-        for name in self._evaluator.free_of(final):
-            change = self._change(replace(final, values=nudged(final, name)))
-            if change is not None and np.any(change):
-                free.append(change / np.sqrt(inner(change, change)))
+        final = self._final
+        changes = self._evaluator.map(
+            lambda name: self._change(replace(final, values=nudged(final, name))),
+            self._evaluator.free_of(final),
+        )
+        free = [
+            change / np.sqrt(inner(change, change))
+            for change in changes
+            if change is not None and np.any(change)
+        ]
         dt = self._views[0].dt
         later = replace(final, sampling_offset=final.sampling_offset + _TICK * dt)
         clock = self._change(later)

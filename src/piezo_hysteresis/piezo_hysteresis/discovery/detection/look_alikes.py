@@ -54,15 +54,16 @@ def look_alikes(evaluator: Evaluator, step: Step, start: CandidateFit) -> tuple[
     found = records.left(step.fit)
     if found is None:
         return ()
+    pairs = [
+        (candidate, values)
+        for candidate in records.candidates()
+        if candidate.effect.name != step.fit.effect
+        for values in candidate.starts
+    ]
     nearest: dict[str, float] = {}
-    for candidate in records.candidates():
-        name = candidate.effect.name
-        if name == step.fit.effect:
-            continue
-        for values in candidate.starts:
-            rival = records.signature(candidate, values)
-            if rival is None:
-                continue
+    for (candidate, _), rival in zip(pairs, records.signatures(pairs), strict=True):
+        if rival is not None:
+            name = candidate.effect.name
             away = records.all_samples * distance(found, rival, one_sided(candidate))
             nearest[name] = min(away, nearest.get(name, np.inf))
     alike = [LookAlike(name, away) for name, away in nearest.items() if away < APART]
