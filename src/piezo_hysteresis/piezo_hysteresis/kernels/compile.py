@@ -110,7 +110,7 @@ def _kept(compiled: Any, function: Any, cache: Any = None) -> Any:
 
 
 def _is_missing() -> bool:
-    """Return whether there is no numba, with a warning to whoever defines the kernel."""
+    """Return whether numba is missing; warn at the line that defines the kernel."""
     if numba is None:
         warnings.warn(
             'numba is not installed: kernels run as plain Python, some 100 times slower; '

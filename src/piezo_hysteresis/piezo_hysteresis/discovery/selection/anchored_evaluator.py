@@ -249,11 +249,8 @@ class HeldEvaluator(Evaluator):
         gain = self.score(before) - self.score(after)
         if gain >= self.policy.sure + float(np.log(tried)):
             return True
-        return gain > 0.0 and self._is_adequate(after) and not self._is_adequate(before)
-
-    def _is_adequate(self, fit: CandidateFit) -> bool:
-        """Return whether training and held-out residuals are within the known discrepancy."""
-        return not (self.shows_news(fit) or self.shows_news_held_out(fit))
+        missing = self.lacks_something
+        return gain > 0.0 and not missing(after, before) and missing(before, before)
 
     def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
         """Return whether the last effect has a visible time constant and explains enough.

@@ -207,11 +207,8 @@ def _trial(
 
 def choose_first_fits(evaluator: Evaluator, tried: Sequence[CandidateFit]) -> list[CandidateFit]:
     """Return the trials with the best scores; all trials use the same samples."""
-    scores = evaluator.map(lambda fit: evaluator.score(evaluator.first_judged(fit)), tried)
-    pairs = sorted(
-        zip(scores, tried, strict=True), key=lambda p: (p[0], p[1].effect, p[1].variant)
-    )
-    return [fit for _, fit in pairs[: evaluator.policy.first_fits]]
+    judged = evaluator.map(evaluator.first_judged, tried)
+    return ranked(evaluator, judged)[: evaluator.policy.first_fits]
 
 
 def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> CandidateFit | None:
