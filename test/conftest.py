@@ -80,6 +80,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 # With this set, a unit test that takes more processor time fails, its children included [s].
 UNIT_SECONDS = 'PIEZO_UNIT_SECONDS'
+# Other work on the same machine raises processor time: 0.75 s became 1.1 s (caches, shared cores).
+# A test fails only beyond what such work explains.
+BUSY = 2.0
 SLOWER = ('component', 'slow')
 UNIT = Path(__file__).with_name('unit')
 
@@ -107,9 +110,10 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     spent = sum(os.times()[:4]) - started
     item.user_properties.append(('processor_s', f'{spent:.2f}'))
     # The first test that needs a kernel of no named model compiles it, whichever that is.
-    long = spent > most and not compiled.buffer
+    long = spent > BUSY * most and not compiled.buffer
     if long and not any(map(item.get_closest_marker, SLOWER)):
         pytest.fail(
-            f'{spent:.1f} s of processor time: a unit test takes {most:g} s at the most. Make it '
-            'smaller, or mark it as component (part of make test) or slow (make studies)'
+            f'{spent:.1f} s of processor time: a unit test takes {most:g} s at most on an idle '
+            'machine. Make it smaller, or mark it as component (part of make test) or slow (make '
+            'studies)'
         )
