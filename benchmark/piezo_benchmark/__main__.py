@@ -36,6 +36,9 @@ def _parser() -> argparse.ArgumentParser:
     go.add_argument('--results', type=Path, help='file of the results (JSON)')
     go.add_argument('--examiner', default='', help='who ran a sealed set, for the page')
     go.add_argument('--again', action='store_true', help='also what the results hold already')
+    go.add_argument(
+        '--workers', type=int, default=1, help='tasks at a time (seconds rise a little)'
+    )
     go.add_argument('--page', type=Path, help='page to write (Markdown)')
     for verb in (draw, go):
         verb.add_argument('--data', type=Path, help='folder of the measured records')
@@ -72,7 +75,16 @@ def _run(arguments: argparse.Namespace, data: Path | None) -> None:
     else:
         tasks, truths = drawn(seed, share, data, arguments.level)
     results = arguments.results or Path('out') / f'benchmark_{seed}.json'
-    run(chosen(arguments.entry), tasks, truths, results, seed, arguments.again, arguments.examiner)
+    run(
+        chosen(arguments.entry),
+        tasks,
+        truths,
+        results,
+        seed,
+        arguments.again,
+        arguments.examiner,
+        workers=arguments.workers,
+    )
     if arguments.page:
         _page(results, arguments.page, arguments.pictures)
 

@@ -8,7 +8,10 @@ import os
 import platform
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -107,19 +110,26 @@ def run(
     again: bool = False,
     examiner: str = '',
     say: Callable[[str], None] = print,
+    workers: int = 1,
 ) -> None:
-    """Run entries one after another and keep every row as soon as it is there.
+    """Run entries one after another, each on `workers` tasks at a time; keep every row at once.
 
     Tasks that the file of results holds already are left out unless `again`.
     """
     for name in names:
         rows: list[Row] = []
         known = {row['identifier'] for row in read(file)['entries'].get(name, []) if not again}
+        both = zip(tasks, truths, strict=True)
+        left = [pair for pair in both if pair[0].identifier not in known]
+        asked = ([pair[place] for pair in left] for place in (0, 1))
         try:
-            for task, truth in zip(tasks, truths, strict=True):
-                if task.identifier not in known:
-                    rows.append(examined(name, task, truth))
-                    keep(file, name, rows[-1:], seed, examiner)
+            with ExitStack() as stack:
+                each = map
+                if workers > 1:
+                    each = stack.enter_context(ProcessPoolExecutor(workers)).map
+                for row in each(partial(examined, name), *asked):
+                    rows.append(row)
+                    keep(file, name, [row], seed, examiner)
         except ImportError as error:
             say(f'{name}: left out, {error}')
             continue

@@ -76,14 +76,22 @@ def test_a_failure_of_an_entry_is_its_own(
     assert row.bits == pytest.approx(np.log2(len(tasks.outcomes())))
 
 
+def named(drawn: dict[str, Any]) -> Any:
+    """Return the tasks and their truths, each with an identifier of its own."""
+    pairs = ([replace(x, identifier=kind) for x in pair] for kind, pair in drawn.items())
+    return zip(*pairs, strict=True)
+
+
 def test_results_are_kept_and_nothing_runs_twice(drawn: dict[str, Any], tmp_path: Path) -> None:
     file = tmp_path / 'results.json'
     spoken: list[str] = []
+    both, count = list(named(drawn)), len(drawn)
     for _ in range(2):
-        run.run(['coin'], *zip(drawn['single'], strict=True), file, 5, say=spoken.append)
-    assert [line.split(',')[0] for line in spoken] == ['coin: 0 of 1 right', 'coin: 0 of 0 right']
+        run.run(['coin'], *both, file, 5, say=spoken.append, workers=2)
+    lines = [line.split(',')[0] for line in spoken]
+    assert lines == [f'coin: 0 of {count} right', 'coin: 0 of 0 right']
     found = json.loads(file.read_text(encoding='utf-8'))
-    assert len(found['entries']['coin']) == 1
+    assert len(found['entries']['coin']) == count
     with pytest.raises(ValueError, match='seed'):
         run.keep(file, 'coin', [], 6)
 
@@ -92,11 +100,7 @@ def test_the_page_states_every_entry_and_where_the_suite_is_behind(
     drawn: dict[str, Any], tmp_path: Path
 ) -> None:
     file = tmp_path / 'results.json'
-    both = zip(
-        *([replace(x, identifier=kind) for x in pair] for kind, pair in drawn.items()),
-        strict=True,
-    )
-    run.run(['coin', 'always_none'], *both, file, 5, say=lambda line: None)
+    run.run(['coin', 'always_none'], *named(drawn), file, 5, say=lambda line: None)
     results = run.read(file)
     results['entries']['suite'] = results['entries']['coin']
     text = report.page(results, [{**results, 'examiner': 'somebody'}])
