@@ -49,7 +49,7 @@ class Case:
     name: str
     fitted: str
     until: float
-    judged: tuple[str, ...]
+    evaluated: tuple[str, ...]
     baselines: tuple[str, ...]
     slow: float  # time in which a drift or a loss reaches its size [s]
     delay: float  # largest delay or lag [s]
@@ -245,7 +245,7 @@ def compared(
 ) -> tuple[ModelFile, list[Record], Case]:
     """Return what is known from a reference, the records to hide effects in, and their times."""
     if how == 'repeated':
-        before = load([data / file for file in case.judged])
+        before = load([data / file for file in case.evaluated])
         known = as_on(before, chain(word), workers=workers)
         return known, noisy(before, case.noise, (*seed, 1)), case
     whole = load([data / case.fitted])[0]
@@ -262,7 +262,7 @@ def examined(
     if reference:
         known, records, case = compared(case, word, data, reference, seed, how.workers)
     else:
-        known, records = baseline_of(case, word, data), load([data / f for f in case.judged])
+        known, records = baseline_of(case, word, data), load([data / f for f in case.evaluated])
     generator = np.random.default_rng(seed)
     rows: list[Row] = []
     control = float('nan')
@@ -370,7 +370,7 @@ def everything(arguments: argparse.Namespace, data: Path) -> list[Row]:
     how = Search(arguments.workers, arguments.time_limit, arguments.effects)
     rows: list[Row] = []
     for case in CASES:
-        if all((data / file).exists() for file in (case.fitted, *case.judged)):
+        if all((data / file).exists() for file in (case.fitted, *case.evaluated)):
             for place, word in enumerate(case.baselines[: arguments.baselines]):
                 drawn = arguments.seed, CASES.index(case), place
                 rows += examined(case, word, data, drawn, how, arguments.reference)
@@ -389,7 +389,7 @@ def main() -> None:
     parser.add_argument('--effects', type=int, default=len(HIDDEN), help='so many, and none')
     parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
     arguments = parsed(parser, data=None, baselines=1, effects=2, time_limit=2.0)
-    files = {file for case in CASES[:1] for file in (case.fitted, *case.judged)}
+    files = {file for case in CASES[:1] for file in (case.fitted, *case.evaluated)}
     with records_in(arguments.data, sorted(files)) as data:
         rows = everything(arguments, data)
     if not rows:

@@ -28,7 +28,7 @@ from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.data.dataset import HELD_OUT
-from piezo_hysteresis.discovery.selection.candidate_fit import judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import evaluated_on
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named
@@ -181,7 +181,7 @@ def ours(found: Discovery, tests: Sequence[tuple[Record, bool]]) -> list[Row]:
     verdict = found.verdict
     names = ', '.join(effect.name for effect in verdict.effects)
     if not names:
-        closest = ', '.join(doubt.name for doubt in verdict.suspects)
+        closest = ', '.join(excess_deviation.name for excess_deviation in verdict.suspects)
         names = f'{verdict.verdict} (closest: {closest})' if closest else verdict.verdict
     rows = []
     for tool, text, trial, held in (
@@ -191,7 +191,7 @@ def ours(found: Discovery, tests: Sequence[tuple[Record, bool]]) -> list[Row]:
         errors = {'last quarter': held}
         for record, _ in tests:
             views = views_of(trial.model, trial.values, [record], trial.sampling_offset)
-            errors[record.name] = judged_on(trial, views).rms
+            errors[record.name] = evaluated_on(trial, views).rms
         rows.append(Row(tool, text, trial.parameters, errors))
     return rows
 

@@ -21,7 +21,11 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    evaluated_on,
+)
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
@@ -124,7 +128,7 @@ def free(kind: str, content: Mapping[str, Any] | None = None) -> tuple[Evaluator
     data = split(annotated(records(kind, loop, ((1, 1.0), (7, 1.0), (20, 0.5)))))
     evaluator = FreeEvaluator(data, 1, 1)
     model = named('classical')
-    start = judged_on(ModelSpec(model, model.defaults()), evaluator.views)
+    start = evaluated_on(ModelSpec(model, model.defaults()), evaluator.views)
     if content is None:
         return evaluator, evaluator.refit(start)
     return evaluator, unpacked(evaluator, start, content)
@@ -149,7 +153,7 @@ def unpacked(evaluator: Evaluator, base: CandidateFit, content: Mapping[str, Any
         )
         spec = spec.with_candidate(candidate, candidate.values(spec.values))
     moved = replace(spec, values=dict(content['values']), sampling_offset=content['offset'])
-    return replace(evaluator.judged(moved), parameters=content['parameters'])
+    return replace(evaluator.evaluated(moved), parameters=content['parameters'])
 
 
 def frozen(evaluator: Evaluator, base: CandidateFit) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def astray(records: list[Record]) -> CandidateFit:
     """Return a baseline fitted from a loop far off."""
     model = suited(named('classical'), records)
     evaluator = FreeEvaluator(split(records), 0, 1)
-    return evaluator.refit(evaluator.judged(ModelSpec(model, model.defaults() | ASTRAY)))
+    return evaluator.refit(evaluator.evaluated(ModelSpec(model, model.defaults() | ASTRAY)))
 
 
 class Counted(FreeEvaluator):

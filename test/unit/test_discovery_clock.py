@@ -10,7 +10,11 @@ import pytest
 
 from piezo_hysteresis.discovery.data.dataset import part_of, split
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    evaluated_on,
+)
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.screen import Screen
@@ -95,10 +99,10 @@ def test_a_tone_is_guessed_on_the_clock_of_the_model(late: float) -> None:
     hum = {'hum_frequency': 90.0, 'hum_sine': 2e-7, 'hum_cosine': 1e-7}
     spec, truth = with_effect('mains_hum', hum)
     views: list[Target] = [whole(r) for r in measured(spec.model, truth, late, noise=0.0)]
-    before = judged_on(ModelSpec(MODEL, VALUES, (), late), views)
+    before = evaluated_on(ModelSpec(MODEL, VALUES, (), late), views)
     promise = Screen(before, views, ()).score(add_effect(MODEL, described('mains_hum')[0]))
     best = promise.starts[0]
-    after = judged_on(replace(spec, values=best, sampling_offset=late), views)
+    after = evaluated_on(replace(spec, values=best, sampling_offset=late), views)
     assert promise.explained > 0.999
     assert after.rms < 0.05 * before.rms
     for name, value in hum.items():
@@ -110,19 +114,21 @@ def test_a_tone_is_guessed_on_the_clock_of_the_model(late: float) -> None:
 def test_a_clock_that_is_not_that_of_the_file_costs_a_parameter(late: float) -> None:
     records = list(on_time())
     (here, base), (there, _) = held_by(kept(0.0), records), held_by(kept(late), records)
-    still = here.judged(replace(base, sampling_offset=0.0))
-    moved = here.judged(replace(base, sampling_offset=late))
+    still = here.evaluated(replace(base, sampling_offset=0.0))
+    moved = here.evaluated(replace(base, sampling_offset=late))
     assert here.score(moved) - there.score(moved) == pytest.approx(HELD.price)
     assert there.score(still) - here.score(still) == pytest.approx(HELD.price)
 
 
 def test_a_clock_within_what_a_fit_can_tell_is_that_of_the_file() -> None:
-    judge, base = held_by(kept(0.0), list(on_time()))
+    evaluator, base = held_by(kept(0.0), list(on_time()))
 
     def price(late: float) -> float:
         # what is left stays below what the file is known to miss, and is no evidence itself
-        moved, still = (judge.judged(replace(base, sampling_offset=at)) for at in (late, 0.0))
-        return judge.score(moved) - judge.score(still)
+        moved, still = (
+            evaluator.evaluated(replace(base, sampling_offset=at)) for at in (late, 0.0)
+        )
+        return evaluator.score(moved) - evaluator.score(still)
 
     assert price(STILL) == pytest.approx(0.0, abs=1e-6)
     assert price(10.0 * STILL) == pytest.approx(HELD.price, abs=0.1)
@@ -131,8 +137,8 @@ def test_a_clock_within_what_a_fit_can_tell_is_that_of_the_file() -> None:
 @pytest.mark.parametrize('late', [0.0, 0.3 * DT])
 @pytest.mark.parametrize('started', [-0.5 * DT, 0.5 * DT])
 def test_a_fit_leaves_the_clock_to_noise_where_it_is(late: float, started: float) -> None:
-    judge, base = held_by(kept(late), measured(MODEL, VALUES, late, noise=MISSED))
-    found = judge.fit(replace(base, sampling_offset=late + started))
+    evaluator, base = held_by(kept(late), measured(MODEL, VALUES, late, noise=MISSED))
+    found = evaluator.fit(replace(base, sampling_offset=late + started))
     assert found is not None
     assert found.sampling_offset == pytest.approx(late, abs=1.1 * STILL)
 
@@ -141,8 +147,8 @@ def test_a_fit_leaves_the_clock_to_noise_where_it_is(late: float, started: float
 def test_a_fit_gives_a_delay_to_the_delay_and_not_to_the_clock(late: float) -> None:
     """The voltage is held: what comes late by less than two ticks is one tick late, or early."""
     spec, truth = with_effect('transport_delay', {'delay': 1.5 * DT})
-    judge, _ = held_by(kept(late), measured(spec.model, truth, late, noise=MISSED))
-    found = judge.fit(replace(spec, sampling_offset=late - 0.5 * DT))
+    evaluator, _ = held_by(kept(late), measured(spec.model, truth, late, noise=MISSED))
+    found = evaluator.fit(replace(spec, sampling_offset=late - 0.5 * DT))
     assert found is not None
     assert found.sampling_offset == pytest.approx(late, abs=1.1 * STILL)
     assert 1.0 <= found.values['delay'] / DT < 2.0
@@ -150,8 +156,8 @@ def test_a_fit_gives_a_delay_to_the_delay_and_not_to_the_clock(late: float) -> N
 
 @pytest.mark.parametrize('late', [0.4 * DT, -0.4 * DT])
 def test_a_fit_follows_a_clock_that_moved(late: float) -> None:
-    judge, base = held_by(kept(0.0), measured(MODEL, VALUES, late, noise=NOISE))
-    found = judge.fit(replace(base, sampling_offset=0.0))
+    evaluator, base = held_by(kept(0.0), measured(MODEL, VALUES, late, noise=NOISE))
+    found = evaluator.fit(replace(base, sampling_offset=0.0))
     assert found is not None
     assert found.sampling_offset == pytest.approx(late, abs=0.02 * DT)
 
@@ -186,11 +192,13 @@ def test_discover_and_validate_agree_that_a_tick_is_a_delay(ticks: int) -> None:
     clock = clock_of(file, views)
     assert abs(clock) <= 1.001 * JITTER * DT
     left = residuals_of(MODEL, VALUES, late, views, clock)
-    judge, base = held_by(file, late)
+    evaluator, base = held_by(file, late)
     assert file.discrepancy is not None
-    assert judge.shows_news(base) == any(c.news for c in compared(left, file.discrepancy))
-    assert judge.shows_news(base) == (ticks > 0)
-    assert judge.unseen_delay == pytest.approx(JITTER * DT)
+    assert evaluator.exceeds_discrepancy(base) == any(
+        c.new_deviation for c in compared(left, file.discrepancy)
+    )
+    assert evaluator.exceeds_discrepancy(base) == (ticks > 0)
+    assert evaluator.unseen_delay == pytest.approx(JITTER * DT)
 
 
 @pytest.mark.component

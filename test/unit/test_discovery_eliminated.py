@@ -9,7 +9,7 @@ import pytest
 
 from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, split
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
-from piezo_hysteresis.discovery.selection.elimination import Step, judged_again
+from piezo_hysteresis.discovery.selection.elimination import Step, retested
 from piezo_hysteresis.discovery.selection.finalist_starts import led_by_best_start
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.rounds import round_of
@@ -65,7 +65,7 @@ def scene() -> tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit]:
     """Return the baseline in motion, and it with a delay, with a lag and with both."""
     evaluator = FreeEvaluator(in_motion(split(records())), 0, 1, choices=Choices())
     base = named('bouc_wen_mode')
-    start = evaluator.judged(ModelSpec(base, base.defaults() | OWN))
+    start = evaluator.evaluated(ModelSpec(base, base.defaults() | OWN))
     delay = given(evaluator, start, 'transport_delay', 'transport_delay', DELAY)
     lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
     both = given(evaluator, lag, 'transport_delay', 'transport_delay', 0.7 * DELAY)
@@ -81,10 +81,10 @@ def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(
     assert not evaluator.is_as_good(delay, both)
     first = round_of(evaluator, start, [lag, delay], 2, start)
     last = round_of(evaluator, lag, [both], 1, start)
-    judge, steps, final = judged_again(evaluator, start, [Step(first, lag), Step(last, both)])
+    chosen, steps, final = retested(evaluator, start, [Step(first, lag), Step(last, both)])
     assert [added.effect for added in final.added] == ['transport_delay']
     assert [step.fit.effect for step in steps] == ['transport_delay']
-    assert {view.begins.kind for view in judge.views} == {'step'}
+    assert {view.begins.kind for view in chosen.views} == {'step'}
     assert final.floors < 1.05
     late = final.values['delay'] - final.sampling_offset
     assert late == pytest.approx(DELAY, rel=0.02)
@@ -97,12 +97,12 @@ def test_a_rival_wins_that_tells_better_how_records_begin(
     evaluator, start, delay, _ = scene
     lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
     first = round_of(evaluator, start, [lag, delay], 2, start)
-    judge, contest = led_by_best_start(evaluator, replace(first, accepted=accepted), start)
-    assert contest.accepted
-    assert contest.best.effect == 'transport_delay'
-    assert contest.best.floors < 1.05
-    assert {fit.effect for fit in contest.finalists} == {'transport_delay', 'amplifier_lag'}
-    assert {view.begins.kind for view in judge.views} == {'step'}
+    chosen, round_ = led_by_best_start(evaluator, replace(first, accepted=accepted), start)
+    assert round_.accepted
+    assert round_.best.effect == 'transport_delay'
+    assert round_.best.floors < 1.05
+    assert {fit.effect for fit in round_.finalists} == {'transport_delay', 'amplifier_lag'}
+    assert {view.begins.kind for view in chosen.views} == {'step'}
     # knowing that, no rival tells anything else
-    same, again = led_by_best_start(judge, contest, start)
-    assert (same, again) == (judge, contest)
+    same, again = led_by_best_start(chosen, round_, start)
+    assert (same, again) == (chosen, round_)

@@ -49,8 +49,8 @@ def test_what_repeats_itself_is_told_by_the_phase_of_the_drive() -> None:
     assert np.std(left) < 0.05 * np.std(third())
     assert expected.octaves == 0.0
     # an eighth of what is missed would be news in phase, all of it is none without
-    assert expected.news(expected.powers(third(0.123) - 0.3 * expected.repeated))
-    assert not expected.out_of_phase().news(expected.powers(third(0.02)))
+    assert expected.new_deviation(expected.powers(third(0.123) - 0.3 * expected.repeated))
+    assert not expected.out_of_phase().new_deviation(expected.powers(third(0.02)))
 
 
 def test_a_file_and_new_records_are_split_alike_where_the_drive_grows() -> None:
@@ -99,10 +99,10 @@ def test_what_differs_from_part_to_part_is_no_news_in_one_of_them(grows: np.ndar
     view = replace(whole(record(voltage, error)), noise=1e-9)
     last = cut(view, 0.75)[1]
 
-    def news(known: Condition, size: float = 1.0) -> bool:
+    def new_deviation(known: Condition, size: float = 1.0) -> bool:
         expected = expectation(last, Discrepancy(False, (known,)), STROKE)
-        return expected.news(expected.powers(size * error[-last.measured.size :]))
+        return expected.new_deviation(expected.powers(size * error[-last.measured.size :]))
 
-    assert not news(found)
-    assert news(found, 4.0)
-    assert news(replace(found, scatter={}))
+    assert not new_deviation(found)
+    assert new_deviation(found, 4.0)
+    assert new_deviation(replace(found, scatter={}))

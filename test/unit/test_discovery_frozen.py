@@ -40,7 +40,7 @@ class Round:
         fits = [unpacked(self.evaluator, self.start, each) for each in content['finalists']]
         self.finalists = ranked(self.evaluator, fits)
 
-    def judged(self) -> SelectionRound:
+    def evaluated(self) -> SelectionRound:
         return round_of(self.evaluator, self.before, self.finalists, self.tried, self.start)
 
 
@@ -57,15 +57,15 @@ def test_the_file_has_every_actuator() -> None:
 @pytest.mark.parametrize('world', [world for world, names in NAMES.items() if not names])
 def test_an_actuator_that_misses_nothing_opens_no_search(world: str) -> None:
     evaluator, base = setting(world)
-    assert not evaluator.lacks_something(base, base)
+    assert not evaluator.has_significant_residual(base, base)
     assert not evaluator.remainder(base, base).significant
 
 
 @pytest.mark.parametrize('world', HIDDEN)
 def test_the_hidden_effect_wins_its_round(world: str, first: dict[str, Round]) -> None:
     made = first[world]
-    assert made.evaluator.lacks_something(made.before, made.start)
-    won = made.judged()
+    assert made.evaluator.has_significant_residual(made.before, made.start)
+    won = made.evaluated()
     assert won.accepted
     assert won.best.effect == NAMES[world][0]
     assert won.gain.p_value < 1e-3
@@ -77,16 +77,16 @@ def test_the_hidden_effect_wins_its_round(world: str, first: dict[str, Round]) -
 @pytest.mark.parametrize('world', HIDDEN)
 def test_with_the_effect_in_the_model_nothing_is_left(world: str, first: dict[str, Round]) -> None:
     made = first[world]
-    best = made.judged().best
+    best = made.evaluated().best
     assert made.evaluator.excess(best) < 0.1 * made.evaluator.excess(made.before)
     if world.startswith('held'):
-        assert not made.evaluator.lacks_something(best, made.start)
+        assert not made.evaluator.has_significant_residual(best, made.start)
 
 
 @pytest.mark.parametrize('world', HIDDEN)
 def test_an_effect_at_its_neutral_values_is_none(world: str, first: dict[str, Round]) -> None:
     made = first[world]
-    nothing = replace(made.judged().best, errors=made.before.errors)
+    nothing = replace(made.evaluated().best, errors=made.before.errors)
     lost = round_of(made.evaluator, made.before, [nothing], made.tried, made.start)
     assert not lost.accepted
 
@@ -96,29 +96,31 @@ def test_an_effect_that_spoils_held_out_records_is_vetoed(
     world: str, first: dict[str, Round]
 ) -> None:
     made = first[world]
-    best = made.judged().best
+    best = made.evaluated().best
     (name, *_) = best.added[-1].names.values()
     spoiled = replace(best, values={**best.values, name: 5.0 * best.values[name]})
-    assert made.evaluator.is_worthy(made.before, best, made.start)
+    assert made.evaluator.explains_enough(made.before, best, made.start)
     # the training errors are those of the good fit, so that the veto alone can refuse it
-    assert not made.evaluator.is_worthy(made.before, spoiled, made.start)
+    assert not made.evaluator.explains_enough(made.before, spoiled, made.start)
 
 
 def test_more_candidates_ask_for_more_evidence(first: dict[str, Round]) -> None:
     made = first['held delay']
-    gain = made.evaluator.score(made.before) - made.evaluator.score(made.judged().best)
+    gain = made.evaluator.score(made.before) - made.evaluator.score(made.evaluated().best)
     enough = int(np.exp(min(gain - HELD_POLICY.sure, 30.0)))
-    best = made.judged().best
-    assert made.evaluator.is_sure(made.before, best, max(enough // 2, 1))
-    assert not made.evaluator.is_sure(made.before, made.before, 1)
+    best = made.evaluated().best
+    assert made.evaluator.is_significant(made.before, best, max(enough // 2, 1))
+    assert not made.evaluator.is_significant(made.before, made.before, 1)
 
 
 def test_a_better_model_without_news_needs_no_further_evidence(first: dict[str, Round]) -> None:
     made = first['held delay']
-    evaluator, best, many = made.evaluator, made.judged().best, 10**15
+    evaluator, best, many = made.evaluator, made.evaluated().best, 10**15
     assert isinstance(evaluator, HeldEvaluator)
-    assert evaluator.shows_news(made.before)
-    adequate = not (evaluator.shows_news(best) or evaluator.shows_news_held_out(best))
-    assert evaluator.is_sure(made.before, best, many) is adequate
+    assert evaluator.exceeds_discrepancy(made.before)
+    adequate = not (
+        evaluator.exceeds_discrepancy(best) or evaluator.held_out_exceeds_discrepancy(best)
+    )
+    assert evaluator.is_significant(made.before, best, many) is adequate
     # nothing was known to be missing before
-    assert not evaluator.is_sure(best, best, many)
+    assert not evaluator.is_significant(best, best, many)

@@ -19,8 +19,8 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     Added,
     CandidateFit,
     ModelSpec,
-    judged_on,
-    takes_no_time,
+    evaluated_on,
+    has_zero_time_constant,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.policy import HELD
@@ -150,8 +150,10 @@ def test_a_value_costs_what_its_file_says_until_it_is_another_one(known: ModelFi
     def moved(by: float) -> float:
         std = known.deviations['A1']
         values = {**base.values, 'A1': base.values['A1'] + by * std}
-        fit = judged_on(base.with_candidate(change, values), seen.training)
-        alone = judged_on(ModelSpec(base.model, values, (), base.sampling_offset), seen.training)
+        fit = evaluated_on(base.with_candidate(change, values), seen.training)
+        alone = evaluated_on(
+            ModelSpec(base.model, values, (), base.sampling_offset), seen.training
+        )
         return held.score(fit) - held.score(alone)
 
     assert moved(0.0) == pytest.approx(0.0)
@@ -188,9 +190,9 @@ def test_what_takes_no_time_is_a_gain() -> None:
     def fit(seconds: float) -> CandidateFit:
         return CandidateFit(model, {**model.defaults(), 'creep_time': seconds}, added)
 
-    assert takes_no_time(fit(1e-4), DT)
-    assert takes_no_time(fit(DT), DT)
-    assert not takes_no_time(fit(10 * DT), DT)
+    assert has_zero_time_constant(fit(1e-4), DT)
+    assert has_zero_time_constant(fit(DT), DT)
+    assert not has_zero_time_constant(fit(10 * DT), DT)
 
 
 def test_what_a_model_always_missed_is_no_evidence() -> None:
@@ -244,9 +246,9 @@ def test_the_same_drive_again_is_compared_sample_by_sample() -> None:
     for each in (once, twice):
         assert each.repeated == pytest.approx(left)
     # what the reference does not repeat is no news, and what it does is none that is expected
-    assert once.news(once.powers(wander))
-    assert not twice.news(twice.powers(wander))
-    assert once.news(once.powers(drift))
+    assert once.new_deviation(once.powers(wander))
+    assert not twice.new_deviation(twice.powers(wander))
+    assert once.new_deviation(once.powers(drift))
     assert once.total < elsewhere.total
 
 
@@ -258,11 +260,11 @@ def test_a_residual_is_compared_part_by_part() -> None:
     second = 4e-7 * np.sqrt(2.0) * np.cos(4 * np.pi * t)
     noise = 1e-8 * np.random.default_rng(1).standard_normal(t.size)
     tone = 4e-7 * np.sin(2 * np.pi * 37.3 * t)
-    assert not expected.news(expected.powers(second + noise))
+    assert not expected.new_deviation(expected.powers(second + noise))
     assert expected.powers(second)[2] == pytest.approx(1.6e-13, rel=0.01)
     # a tone adds a fifth to the rms, and is news where no harmonic is
-    assert expected.news(expected.powers(second + noise + tone))
-    assert expected.news(expected.powers(2.0 * second))
+    assert expected.new_deviation(expected.powers(second + noise + tone))
+    assert expected.new_deviation(expected.powers(2.0 * second))
     gain = expected.cost(expected.powers(second + noise + tone)) - expected.cost(
         expected.powers(second + noise)
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.selection.candidate_fit import judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import evaluated_on
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import load
@@ -40,7 +40,7 @@ def test_a_linear_mode_lacks_hysteresis_of_the_restoring_force() -> None:
     # a sweep from rest that nothing was fitted to, noise-free, its resonance 0.6 mm
     (record,) = load([SWEEP])
     before, after = (
-        judged_on(trial, [whole(record)]).rms for trial in (found.baselines.joint, found.final)
+        evaluated_on(trial, [whole(record)]).rms for trial in (found.baselines.joint, found.final)
     )
     assert after < 0.05 * before
 

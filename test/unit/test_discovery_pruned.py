@@ -8,7 +8,7 @@ import pytest
 
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.selection.baseline import fitted_baselines
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.selection.elimination import pruned
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
@@ -42,8 +42,8 @@ def given(
     effect = next(e for e in described(name) if e.variant == variant)
     found = add_effect(fit.model, effect)
     known = found.values(fit.values, {found.renamed[k]: v for k, v in values.items()})
-    judged = judged_on(fit.with_candidate(found, known), evaluator.views)
-    return replace(judged, parameters=fit.parameters + 1)
+    evaluated = evaluated_on(fit.with_candidate(found, known), evaluator.views)
+    return replace(evaluated, parameters=fit.parameters + 1)
 
 
 def test_what_changes_nothing_goes_and_takes_what_it_made_needless_along(scene: Scene) -> None:

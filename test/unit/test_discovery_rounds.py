@@ -83,7 +83,7 @@ def test_trials_that_went_best_go_on() -> None:
         map=lambda function, items: [function(each) for each in items],
         policy=POLICY.but(first_fits=2),
         score=lambda each: each.square,
-        first_judged=lambda each: each,
+        evaluated_for_ranking=lambda each: each,
     )
     assert rounds.choose_first_fits(cast(Any, evaluator), tried) == [tried[1], tried[2]]
 
@@ -103,15 +103,19 @@ def test_who_follows_need_only_come_near_the_one_that_goes_ahead() -> None:
             enough=lambda best, within: within * best.square,
         ),
     )
-    assert FreeEvaluator.raced(evaluator, gone_on, fits, 4.0) == [fits[0], fits[2]]
+    assert FreeEvaluator.with_early_stopping(evaluator, gone_on, fits, 4.0) == [fits[0], fits[2]]
     assert asked == [np.inf, 4.0 * fits[0].square, 4.0 * fits[0].square]
     asked.clear()
-    assert FreeEvaluator.raced(evaluator, gone_on, fits[2:], 2.0, fits[0]) == [fits[2]]
+    assert FreeEvaluator.with_early_stopping(evaluator, gone_on, fits[2:], 2.0, fits[0]) == [
+        fits[2]
+    ]
     assert asked == [2.0 * fits[0].square]
-    assert FreeEvaluator.raced(evaluator, gone_on, [], 2.0) == []
+    assert FreeEvaluator.with_early_stopping(evaluator, gone_on, [], 2.0) == []
     # one that is no effect sets no measure
     asked.clear()
-    FreeEvaluator.raced(evaluator, gone_on, fits, 4.0, wins=lambda best: best is not fits[0])
+    FreeEvaluator.with_early_stopping(
+        evaluator, gone_on, fits, 4.0, wins=lambda best: best is not fits[0]
+    )
     assert asked == [np.inf, np.inf, np.inf]
 
 
@@ -129,10 +133,12 @@ class Made:
         self.sure, self.explaining = sure, explaining
         self.policy = POLICY
 
-    def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
+    def is_significant(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         return after.effect in self.sure
 
-    def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
+    def explains_enough(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit
+    ) -> bool:
         return after.effect in self.explaining
 
     def shares(self, before: CandidateFit, finalists: Any) -> tuple[float, ...]:

@@ -57,7 +57,7 @@ def test_the_coarsest_law_says_what_is_left_of_the_actuator() -> None:
     ],
 )
 def test_what_is_worth_a_name(before: float, after: float, known: float, worth: bool) -> None:
-    assert rules.is_worth_a_name(before, after, known, POLICY) is worth
+    assert rules.explains_enough(before, after, known, POLICY) is worth
 
 
 def test_what_promises_to_become_worth_a_name_is_fitted_on() -> None:
@@ -69,18 +69,18 @@ def test_what_promises_to_become_worth_a_name_is_fitted_on() -> None:
 
 
 def test_a_candidate_must_promise_a_part_of_what_a_name_asks_for() -> None:
-    policy = POLICY.but(min_share=0.2, promised=0.05, min_promise=1e-4)
-    assert rules.least_promise(1e6, policy) == pytest.approx(0.01)
-    assert rules.least_promise(1.0, policy) == pytest.approx(0.005)
+    policy = POLICY.but(min_share=0.2, required_score_share=0.05, min_score=1e-4)
+    assert rules.min_screening_score(1e6, policy) == pytest.approx(0.01)
+    assert rules.min_screening_score(1.0, policy) == pytest.approx(0.005)
     # nothing above the noise, or nothing that can be told, asks for the least there is
-    assert [rules.least_promise(each, policy) for each in (0.0, -0.5, nan)] == [1e-4] * 3
+    assert [rules.min_screening_score(each, policy) for each in (0.0, -0.5, nan)] == [1e-4] * 3
 
 
 def test_what_is_sure_is_none_of_chance_and_pays_for_its_parameters() -> None:
-    assert rules.is_sure(5.1, 0.01, POLICY)
-    assert not rules.is_sure(4.9, 1.0, POLICY)
-    assert not rules.is_sure(9.0, -0.01, POLICY)
-    assert not rules.is_sure(nan, 1.0, POLICY)
+    assert rules.is_significant(5.1, 0.01, POLICY)
+    assert not rules.is_significant(4.9, 1.0, POLICY)
+    assert not rules.is_significant(9.0, -0.01, POLICY)
+    assert not rules.is_significant(nan, 1.0, POLICY)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_half_of_the_excess_is_half() -> None:
     [(0, False, 'none'), (0, True, 'unknown'), (1, True, 'named'), (2, False, 'named')],
 )
 def test_the_word(named: int, left: bool, word: str) -> None:
-    assert rules.verdict_word(named, left) == word
+    assert rules.verdict_name(named, left) == word
 
 
 def test_every_number_says_its_unit_meaning_and_source() -> None:
@@ -148,8 +148,8 @@ def test_a_law_that_is_coarse_says_so_itself() -> None:
 
 
 def test_what_takes_less_than_a_tenth_of_the_gap_is_no_headline() -> None:
-    assert not rules.takes_its_share(9642.0, 9486.0, POLICY)
-    assert rules.takes_its_share(9642.0, 6399.0, POLICY)
-    assert rules.takes_its_share(0.1, 0.0, POLICY)  # all of what is beyond the noise
-    assert not rules.takes_its_share(8.0, 8.6, POLICY)
-    assert rules.takes_its_share(9642.0, 9486.0, POLICY.but(least_gap=0.001))
+    assert not rules.reduces_gap_enough(9642.0, 9486.0, POLICY)
+    assert rules.reduces_gap_enough(9642.0, 6399.0, POLICY)
+    assert rules.reduces_gap_enough(0.1, 0.0, POLICY)  # all of what is beyond the noise
+    assert not rules.reduces_gap_enough(8.0, 8.6, POLICY)
+    assert rules.reduces_gap_enough(9642.0, 9486.0, POLICY.but(least_gap=0.001))

@@ -8,7 +8,7 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery.data.dataset import split, thinned
-from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, evaluated_on
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.identification.free_run import StageCache, simulated
 from piezo_hysteresis.identification.targets import whole
@@ -24,7 +24,7 @@ def answer(model: Model, values: dict[str, float], u: FloatArray) -> FloatArray:
     return model.respond(u, model.pack(values), DT, state=model.initial_state(DT))
 
 
-def promised(name: str, variant: str, hidden: dict[str, float]) -> ScreeningScore:
+def required_score_share(name: str, variant: str, hidden: dict[str, float]) -> ScreeningScore:
     """Screen one effect on drives of an actuator that has it."""
     base = named('bouc_wen_mode')
     own = base.defaults() | MODE
@@ -37,13 +37,13 @@ def promised(name: str, variant: str, hidden: dict[str, float]) -> ScreeningScor
         info = RecordInfo(excitation='sine', frequency=frequency)
         y = answer(candidate.model, truth, u)
         views.append(whole(Record(f'{frequency}', DT, u, y, info=info)))
-    before = judged_on(ModelSpec(base, own), views)
+    before = evaluated_on(ModelSpec(base, own), views)
     return Screen(before, views).score(candidate)
 
 
 def test_a_second_mode_is_found_whatever_the_drives_are() -> None:
     hidden = {'resonance_frequency': 150.0, 'resonance_damping': 0.02, 'resonance_share': 0.16}
-    promise = promised('resonance', 'mode_pair', hidden)
+    promise = required_score_share('resonance', 'mode_pair', hidden)
     assert promise.explained > 0.3
     first, second = (start['resonance_frequency'] for start in promise.starts[:2])
     assert first == pytest.approx(150.0, rel=0.13)
@@ -54,7 +54,7 @@ def test_a_second_mode_is_found_whatever_the_drives_are() -> None:
 @pytest.mark.parametrize('cubic', [4e6, -4e6])
 def test_a_sensor_that_is_bent_both_ways_is_seen(cubic: float) -> None:
     hidden = {'sensor_quadratic': 0.0, 'sensor_cubic': cubic}
-    promise = promised('sensor_nonlinearity', 'sensor_nonlinearity', hidden)
+    promise = required_score_share('sensor_nonlinearity', 'sensor_nonlinearity', hidden)
     assert promise.explained > 0.1
     assert promise.starts[0]['sensor_quadratic'] == 0.0
     assert promise.starts[0]['sensor_cubic'] != 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery.data.dataset import split
-from piezo_hysteresis.discovery.data.tones import find_tone, on_one_clock, phasor
+from piezo_hysteresis.discovery.data.tones import find_tone, phasor, with_aligned_phases
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.harmonics import (
     harmonics,
@@ -65,7 +65,7 @@ def test_a_tone_gets_one_phase_on_the_clock_of_all_records() -> None:
     assert found.amplitude == pytest.approx(SIZE, rel=1e-3)
 
     on_the_clock = []
-    aligned = on_one_clock(data, errors, (), ()).training
+    aligned = with_aligned_phases(data, errors, (), ()).training
     for view, error in zip(aligned, errors, strict=True):
         phase = np.angle(phasor(view, error, found.frequency))
         on_the_clock.append(phase - 2.0 * np.pi * found.frequency * view.start)
@@ -78,7 +78,7 @@ def test_where_nothing_stands_out_no_clock_is_moved() -> None:
     data = split(records())
     generator = np.random.default_rng(6)
     noise = [generator.normal(0.0, 1e-8, v.measured.size) for v in data.training]
-    assert on_one_clock(data, noise, (), ()) is data
+    assert with_aligned_phases(data, noise, (), ()) is data
 
 
 @pytest.mark.parametrize('hum', [39.57, 50.0, 31.3])

@@ -12,7 +12,7 @@ import pytest
 
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.comparison import compared, comparison_words
+from piezo_hysteresis.identification.comparison import compared, comparison_text
 from piezo_hysteresis.identification.discrepancy import (
     RecordResidual,
     condition_of,
@@ -91,17 +91,17 @@ def test_only_what_is_larger_than_known_is_news() -> None:
     known = discrepancy_of([residual(waves(h1=1e-7))], held_out=False)
     assert known is not None
     usual, larger = compared([residual(waves(h3=1.2e-7)), residual(waves(h1=2e-7))], known)
-    assert not usual.news
+    assert not usual.new_deviation
     assert usual.ratio == pytest.approx(1.2)
-    assert larger.news
+    assert larger.new_deviation
     assert larger.ratio == pytest.approx(2.0)
-    assert 'at most' in comparison_words([usual], known)
-    assert 'on 1 of 2 records; most on r: 2 times the 0.1 µm' in comparison_words(
+    assert 'at most' in comparison_text([usual], known)
+    assert 'on 1 of 2 records; most on r: 2 times the 0.1 µm' in comparison_text(
         [usual, larger], known
     )
     (diverged,) = compared([residual(np.full(9, np.nan))], known)
-    assert diverged.news
-    assert 'has no discrepancy' in comparison_words([], None)
+    assert diverged.new_deviation
+    assert 'has no discrepancy' in comparison_text([], None)
 
 
 # --- in the verbs -------------------------------------------------------------------------------
@@ -204,10 +204,10 @@ def test_validate_says_whether_more_is_missed_than_known(
     assert content['crept']['larger']
     (row,) = content['crept']['records']
     assert row['ratio'] > 3
-    judged = ModelFile.load(tmp_path / 'crept' / 'model.yaml').discrepancy
-    assert judged is not None
-    assert judged.held_out
-    assert judged.rms > 3 * row['expected_rms_m']
+    evaluated = ModelFile.load(tmp_path / 'crept' / 'model.yaml').discrepancy
+    assert evaluated is not None
+    assert evaluated.held_out
+    assert evaluated.rms > 3 * row['expected_rms_m']
 
 
 @pytest.mark.slow
@@ -220,6 +220,6 @@ def test_validate_of_a_model_that_says_nothing(
     assert main([*words, '--out', str(tmp_path / 'out')]) == 0
     assert 'the model has no discrepancy' in capsys.readouterr().out
     assert json.loads((tmp_path / 'out' / 'summary.json').read_text())['discrepancy'] is None
-    judged = ModelFile.load(tmp_path / 'out' / 'model.yaml')
-    assert judged.discrepancy is not None
-    assert judged.values == saved.values
+    evaluated = ModelFile.load(tmp_path / 'out' / 'model.yaml')
+    assert evaluated.discrepancy is not None
+    assert evaluated.values == saved.values

@@ -48,8 +48,8 @@ def sweep(add: FloatArray | float = 0.0) -> list[Any]:
 
 def test_it_is_as_sure_as_it_says() -> None:
     found = floor_of(sweep())
-    assert 0.0 < found.doubt < 0.06
-    assert (found.rms / NOISE) ** 2 == pytest.approx(1.0, abs=3.0 * found.doubt)
+    assert 0.0 < found.excess_deviation < 0.06
+    assert (found.rms / NOISE) ** 2 == pytest.approx(1.0, abs=3.0 * found.excess_deviation)
 
 
 def test_tones_and_drift_are_no_noise() -> None:
@@ -170,8 +170,8 @@ def test_a_period_need_not_be_a_whole_number_of_samples(
 ) -> None:
     found = noise_of(driven(period, slow=slow, jump=jump))
     # few lines hold most of slow noise
-    assert found.rms == pytest.approx(NOISE, rel=4.0 * found.doubt / 2.0)
-    assert found.doubt < 0.2
+    assert found.rms == pytest.approx(NOISE, rel=4.0 * found.excess_deviation / 2.0)
+    assert found.excess_deviation < 0.2
     assert found.colour == pytest.approx(0.9 if slow else 0.0, abs=0.06)
 
 
@@ -300,7 +300,7 @@ def test_noise_that_follows_the_drive_is_shared_by_none_of_another_drive() -> No
     found = noises_of(records)
     for amplitude, own, noise in zip(amplitudes, map(noise_of, records), found, strict=True):
         assert noise.rms == own.rms
-        assert noise.rms == pytest.approx(amplitude * NOISE, rel=3.0 * 0.5 * own.doubt)
+        assert noise.rms == pytest.approx(amplitude * NOISE, rel=3.0 * 0.5 * own.excess_deviation)
     alike = noises_of([amplitude_record(a, k, grows=False) for k, a in enumerate(amplitudes)])
     assert len({noise.rms for noise in alike}) == 1
 

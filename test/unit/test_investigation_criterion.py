@@ -8,7 +8,7 @@ import pytest
 from piezo_hysteresis.investigation.criterion import (
     LARGEST,
     SMALLEST,
-    chance_of_news,
+    detection_probability,
     discrimination,
     entropy,
     hidden_share,
@@ -48,8 +48,8 @@ def test_sizes_are_hidden_by_their_logarithm() -> None:
 
 def test_an_experiment_that_would_show_no_smaller_sizes_has_no_news() -> None:
     weights, seen = np.array([0.3, 0.2]), np.array([0.2, np.inf])
-    assert chance_of_news(weights, seen, np.array([0.2, np.inf]), 0.5) == 0.0
-    assert chance_of_news(weights, seen, np.array([0.5, SMALLEST]), 0.5) > 0.2
+    assert detection_probability(weights, seen, np.array([0.2, np.inf]), 0.5) == 0.0
+    assert detection_probability(weights, seen, np.array([0.5, SMALLEST]), 0.5) > 0.2
 
 
 def test_a_rival_that_is_out_of_the_question_asks_nothing() -> None:

@@ -92,7 +92,7 @@ def test_where_nothing_shows_every_effect_was_looked_for(course: Investigation) 
     assert 1 < number < 30
     assert course.spent < course.rules.budget
     # an experiment that might show something new is never left out
-    assert all(each.news < course.rules.quiet for each in course.ranked())
+    assert all(each.first_detection < course.rules.quiet for each in course.ranked())
 
 
 def test_what_has_no_name_is_given_up_after_some_experiments(course: Investigation) -> None:

@@ -52,7 +52,7 @@ def test_the_nearest_stretches_of_all_records_come_first_and_are_not_too_many() 
 
 def test_a_record_began_so_where_drive_and_way_are_the_same() -> None:
     known, voltage = trace(begins='estimate'), trace(8).voltage
-    assert known.began_so(voltage, DT, 'estimate')
-    assert not known.began_so(voltage, DT, 'step')
-    assert not known.began_so(voltage[PERIOD // 4 :], DT, 'estimate')
-    assert not known.began_so(voltage, 2 * DT, 'estimate')
+    assert known.began_similarly(voltage, DT, 'estimate')
+    assert not known.began_similarly(voltage, DT, 'step')
+    assert not known.began_similarly(voltage[PERIOD // 4 :], DT, 'estimate')
+    assert not known.began_similarly(voltage, 2 * DT, 'estimate')

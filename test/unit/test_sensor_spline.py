@@ -10,7 +10,7 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery.data.dataset import split
-from piezo_hysteresis.discovery.selection.candidate_filter import competing
+from piezo_hysteresis.discovery.selection.candidate_filter import refined_candidates
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.rounds import select
@@ -75,11 +75,11 @@ def scene(curve: Callable[[FloatArray], FloatArray]) -> tuple[FreeEvaluator, Can
         info = RecordInfo(excitation='sine', frequency=frequency)
         records.append(Record(f'{frequency:g} Hz', DT, u, y, info=info))
     evaluator = FreeEvaluator(split(records), 0, 1)
-    return evaluator, evaluator.refit(evaluator.judged(ModelSpec(base, values)))
+    return evaluator, evaluator.refit(evaluator.evaluated(ModelSpec(base, values)))
 
 
 def fitted(variant: str, evaluator: FreeEvaluator, start: CandidateFit) -> CandidateFit:
-    (found,) = [c for c in competing(evaluator, start) if c.effect.variant == variant]
+    (found,) = [c for c in refined_candidates(evaluator, start) if c.effect.variant == variant]
     fit = evaluator.fit(start.with_candidate(found, found.values(start.values, found.starts[0])))
     assert fit is not None
     return fit
@@ -102,7 +102,7 @@ def test_what_a_cubic_curve_leaves_a_spline_takes(
     assert contest.best.variant == 'sensor_spline'
     assert contest.best.floors < 1.1
     # and then no plainer way of it competes
-    names = [c.effect.variant for c in competing(evaluator, contest.best)]
+    names = [c.effect.variant for c in refined_candidates(evaluator, contest.best)]
     assert 'sensor_nonlinearity' not in names
     assert 'sensor_spline' not in names
 

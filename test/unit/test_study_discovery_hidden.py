@@ -54,7 +54,7 @@ def test_records_taken_again_have_noise_of_their_own() -> None:
 
 def test_what_is_judged_begins_where_its_reference_ends(tmp_path: Path) -> None:
     whole = measured()
-    case = replace(CASES[0], fitted='one.csv', judged=('one.csv',), parted=0.5 * whole.duration)
+    case = replace(CASES[0], fitted='one.csv', evaluated=('one.csv',), parted=0.5 * whole.duration)
     write_csv(tmp_path / 'one.csv', whole)
     known, (after,), within = compared(case, 'classical', tmp_path, 'parts', (1,), 1)
     assert known.discrepancy is not None

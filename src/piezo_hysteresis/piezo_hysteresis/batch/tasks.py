@@ -118,7 +118,7 @@ class Identify:
             If data, settings or folder cannot be used.
         """
         from piezo_hysteresis.identification import identify
-        from piezo_hysteresis.identification.identify import judged_on
+        from piezo_hysteresis.identification.identify import evaluated_on
         from piezo_hysteresis.identification.initial_conditions.record_start import preceded
         from piezo_hysteresis.identification.methods import base_of
         from piezo_hysteresis.identification.settings import driven_at, warmed
@@ -147,7 +147,7 @@ class Identify:
         )
         if self.held_out:
             unseen = warmed(load(self.held_out, actuator=self.actuator), self.warm_up)
-            found = judged_on(found, driven_at(unseen, self.frequency))
+            found = evaluated_on(found, driven_at(unseen, self.frequency))
         write_identification(out, found, records, data)
         return found
 

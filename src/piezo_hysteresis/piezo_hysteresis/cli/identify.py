@@ -166,12 +166,12 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _tell(found: Any, data: Sequence[str], out: str) -> None:
     """Print parameters with their significant digits, errors and warnings."""
-    from piezo_hysteresis.identification.discrepancy import discrepancy_words
+    from piezo_hysteresis.identification.discrepancy import discrepancy_text
     from piezo_hysteresis.identification.uncertainty import digits
     from piezo_hysteresis.reporting.display_units import shown
     from piezo_hysteresis.reporting.identification_report import (
         discover_command,
-        lacks_something,
+        error_exceeds_noise,
     )
 
     print(f'{found.model.name} by {found.method}: {found.message} ({found.seconds:.2f} s)')
@@ -194,9 +194,9 @@ def _tell(found: Any, data: Sequence[str], out: str) -> None:
     if found.noise_floor > 0:
         print(f'  noise floor {1e6 * found.noise_floor:.4g} µm')
     if found.discrepancy is not None:
-        print('  ' + discrepancy_words(found.discrepancy))
+        print('  ' + discrepancy_text(found.discrepancy))
     print(f'written to {out}; open {out}/report.html')
     for warning in found.warnings:
         verbosity.warn(str(warning))
-    if lacks_something(found):
+    if error_exceeds_noise(found):
         print(f'next: {discover_command(found.model, data)}')

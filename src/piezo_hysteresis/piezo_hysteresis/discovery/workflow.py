@@ -22,7 +22,7 @@ from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 from piezo_hysteresis.discovery.selection.start import Searching, find, unsearched
-from piezo_hysteresis.discovery.verdict.build_verdict import tell
+from piezo_hysteresis.discovery.verdict.build_verdict import build_verdict
 from piezo_hysteresis.discovery.verdict.final_model import final_model
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
@@ -190,7 +190,7 @@ def discover(
         if not end.skips('effects that look alike')
     }
     title = name or base.joint.model.name
-    verdict = tell(coverage, base, outcome, proof, title, seed, own, limits, alike)
+    verdict = build_verdict(coverage, base, outcome, proof, title, seed, own, limits, alike)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
         measured,

@@ -135,7 +135,7 @@ def _fatal(sentence: str) -> list[tuple[bool, str]]:
     return [(True, sentence)]
 
 
-def _doubtful(sentence: str) -> list[tuple[bool, str]]:
+def _uncertain(sentence: str) -> list[tuple[bool, str]]:
     return [(False, sentence)]
 
 
@@ -172,7 +172,7 @@ def _clipping(x: FloatArray, what: str, cause: str) -> list[tuple[bool, str]]:
         resting = float(np.mean(~changing))
         share = float(long.sum()) / x.size
         if long.size >= 2 and share > 0.02 and resting < 3 * share:
-            return _doubtful(
+            return _uncertain(
                 f'the {what} lies flat at {extreme:.4g} in {long.size} places: clipped at the '
                 f'{cause}; lower the amplitude'
             )
@@ -195,7 +195,7 @@ def _coverage(record: Record) -> list[tuple[bool, str]]:
             f'{periods:.2f} of a period of {frequency:.4g} Hz is too short; record at least two'
         )
     if periods < 1.95:
-        return _doubtful(
+        return _uncertain(
             f'less than two periods of {frequency:.4g} Hz: the noise floor stays unknown'
         )
     return []
@@ -240,7 +240,7 @@ def _synchrony(record: Record, kind: str) -> list[tuple[bool, str]]:
             'record both with one clock and check the channels'
         )
     if float(u @ y) < _OPPOSED * norm:
-        return _doubtful(f'the displacement runs against the {kind}; check the polarity')
+        return _uncertain(f'the displacement runs against the {kind}; check the polarity')
     frequency = main_frequency(record)
     if frequency > 0:
         return _phase(record, u, y, frequency, kind)
@@ -257,7 +257,7 @@ def _phase(
         lead -= np.sign(lead) * np.pi
     seconds = lead / (2 * np.pi * frequency)
     if seconds > 1.5 * record.dt and lead > 0.02:
-        return _doubtful(
+        return _uncertain(
             f'the displacement runs {1e3 * seconds:.3g} ms ahead of the {kind}: the channels '
             'are not synchronised; record both with one clock'
         )

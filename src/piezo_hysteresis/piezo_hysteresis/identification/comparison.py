@@ -16,7 +16,7 @@ from piezo_hysteresis.models import Discrepancy
 # not known to miss. Repeats of the fitted sweeps of two simulated actuators with two models each
 # gave 1.00 to 1.02, frequencies and amplitudes between the fitted ones up to 1.31, a chirp 0.7 to
 # 1.4 where it stayed in the swept band; creep that the model lacked 15.8.
-NEWS = 1.5
+NEW_DEVIATION = 1.5
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class Comparison:
         return self.rms / self.expected if self.expected > 0.0 else float('inf')
 
     @property
-    def news(self) -> bool:
+    def new_deviation(self) -> bool:
         """Whether the record shows more than the model is known to miss."""
-        return not self.ratio <= NEWS
+        return not self.ratio <= NEW_DEVIATION
 
 
 def compared(residuals: Iterable[RecordResidual], known: Discrepancy) -> list[Comparison]:
@@ -63,7 +63,7 @@ def compared(residuals: Iterable[RecordResidual], known: Discrepancy) -> list[Co
     ]
 
 
-def comparison_words(found: Sequence[Comparison], known: Discrepancy | None) -> str:
+def comparison_text(found: Sequence[Comparison], known: Discrepancy | None) -> str:
     """Return in a sentence whether records show more than a model is known to miss."""
     if known is None or not found:
         return 'the model has no discrepancy; the model.yaml written here has one'
@@ -73,10 +73,10 @@ def comparison_words(found: Sequence[Comparison], known: Discrepancy | None) -> 
         f'{worst.record}: {worst.ratio:.3g} times the {1e6 * worst.expected:.3g} µm expected from '
         f'{where}'
     )
-    news = sum(each.news for each in found)
-    if not news:
+    new_deviation = sum(each.new_deviation for each in found)
+    if not new_deviation:
         return f'within the known discrepancy of the model; at most {text}'
-    count = f'{news} of {len(found)} records'
+    count = f'{new_deviation} of {len(found)} records'
     return f'beyond the known discrepancy of the model on {count}; most on {text}'
 
 
@@ -88,13 +88,13 @@ def comparison_summary(
         return None
     return {
         'judged_on': 'held-out' if known.held_out else 'fitted',
-        'larger': any(each.news for each in found),
+        'larger': any(each.new_deviation for each in found),
         'records': [
             {
                 'record': each.record,
                 'expected_rms_m': each.expected,
                 'ratio': each.ratio if isfinite(each.ratio) else None,
-                'larger': each.news,
+                'larger': each.new_deviation,
             }
             for each in found
         ],

@@ -297,7 +297,7 @@ def _mean(sizes: Iterable[float]) -> float:
     return float(np.sqrt(np.mean(np.square(list(sizes)))))
 
 
-def discrepancy_words(known: Discrepancy) -> str:
+def discrepancy_text(known: Discrepancy) -> str:
     """Return in a sentence how much a model misses, and on what that was judged."""
     where = 'records that were not fitted' if known.held_out else 'fitted records'
     return (

@@ -158,10 +158,10 @@ def errors_of(
 ) -> tuple[RecordErrors, ...]:
     """Return the errors of a model over records, each after its warm-up; see `views_of`."""
     views = views_of(model, values, records, sampling_offset, choices, checked=checked)
-    return judged(model, values, views, sampling_offset, checked=checked)
+    return evaluated(model, values, views, sampling_offset, checked=checked)
 
 
-def judged(
+def evaluated(
     model: Model,
     values: Mapping[str, float],
     views: Sequence[Target],

@@ -17,9 +17,9 @@ from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
-from piezo_hysteresis.identification.errors import RecordErrors, judged, views_of
+from piezo_hysteresis.identification.errors import RecordErrors, evaluated, views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
-from piezo_hysteresis.identification.methods import base_of, settled_by
+from piezo_hysteresis.identification.methods import base_of, options_implied_by
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
@@ -279,7 +279,7 @@ def identify(
     base = base_of(method)
     model, known = chain_of(model)
     require_options(method, options)
-    options = {**settled_by(method), **options}
+    options = {**options_implied_by(method), **options}
     started = time.perf_counter()
     require_settings(
         seed=seed,
@@ -338,7 +338,7 @@ def from_fit(
     """
     started = time.perf_counter() if started is None else started
     views = views_of(fit.model, fit.values, records, fit.sampling_offset, choices)
-    rows = judged(fit.model, fit.values, views, fit.sampling_offset)
+    rows = evaluated(fit.model, fit.values, views, fit.sampling_offset)
     floor = floor_of(records).rms
     return Identification(
         model=fit.model,
@@ -378,7 +378,7 @@ def _discrepancy(
     return discrepancy_of(left, held_out=held_out)
 
 
-def judged_on(found: Identification, records: Sequence[Record]) -> Identification:
+def evaluated_on(found: Identification, records: Sequence[Record]) -> Identification:
     """Return an identification whose discrepancy is that on records that it has not seen.
 
     Raises
@@ -443,7 +443,7 @@ def _online(
         remarks = (*remarks, _MEAN_APART)
     late = run.sampling_offset
     views = views_of(chain, values, records, late, checked=False)
-    rows = judged(chain, values, views, late, checked=False)
+    rows = evaluated(chain, values, views, late, checked=False)
     return Identification(
         model=chain,
         method=method,

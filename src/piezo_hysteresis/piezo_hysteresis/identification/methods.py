@@ -84,6 +84,6 @@ def base_of(method: str) -> str:
     return PAPERS[method].base if method in PAPERS else method
 
 
-def settled_by(method: str) -> Mapping[str, Any]:
+def options_implied_by(method: str) -> Mapping[str, Any]:
     """Return the options that the name of a method settles."""
     return PAPERS[method].options if method in PAPERS else {}

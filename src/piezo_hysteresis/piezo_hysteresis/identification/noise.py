@@ -17,8 +17,8 @@ from scipy.ndimage import median_filter
 from scipy.optimize import brentq
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
-from piezo_hysteresis.identification.outliers import mended, outliers
-from piezo_hysteresis.identification.periods import period_of, periodic_from, remembered
+from piezo_hysteresis.identification.outliers import interpolated, outliers
+from piezo_hysteresis.identification.periods import cached_per_record, period_of, periodic_from
 from piezo_hysteresis.identification.repeats import (
     Repeat,
     gain_of_difference,
@@ -90,7 +90,7 @@ class Noise:
     hidden: bool = False
 
     @property
-    def doubt(self) -> float:
+    def excess_deviation(self) -> float:
         """Standard deviation of the mean square, as a share of it."""
         return hypot(2.0 * SPREAD / sqrt(self.lines), self.rounding / SURE)
 
@@ -117,10 +117,10 @@ def independent(samples: int, memory: float) -> float:
     return samples * (1.0 - memory**2) / (1.0 + memory**2)
 
 
-NOT_TOLD = Noise(float('nan'), 0)
+UNKNOWN_NOISE = Noise(float('nan'), 0)
 
 
-@remembered
+@cached_per_record
 def noise_of(record: Record) -> Noise:
     """Return the noise of one record after its warm-up, robust to spikes and drop-outs.
 
@@ -130,14 +130,14 @@ def noise_of(record: Record) -> Noise:
     seen, repeats = _seen_noise(record)
     step = converter_step(record.displacement)
     if not seen.lines or not max(seen.rms, step) > 0.0:
-        return NOT_TOLD
+        return UNKNOWN_NOISE
     with_repeated = _with_repeated_rounding(seen.rms, step)
     least = with_repeated if repeats else max(seen.rms**2, step**2 / 12.0)
     mean = 0.5 * (least + with_repeated)
     order = seen.order if seen.rms**2 >= step**2 / 12.0 else 0
     hidden = seen.order > 0 and seen.rms < step
-    doubt = (with_repeated - mean) / mean
-    return replace(seen, rms=sqrt(mean), order=order, rounding=doubt, hidden=hidden)
+    excess_deviation = (with_repeated - mean) / mean
+    return replace(seen, rms=sqrt(mean), order=order, rounding=excess_deviation, hidden=hidden)
 
 
 def _with_repeated_rounding(seen: float, step: float) -> float:
@@ -172,7 +172,7 @@ def converter_step(measured: FloatArray) -> float:
     return float(np.diff(levels).min()) if levels.size >= _LEVELS else 0.0
 
 
-@remembered
+@cached_per_record
 def bad_samples(record: Record) -> BoolArray:
     """Return which samples of a record are spikes or drop-outs, see `outliers`."""
     period = period_of(record)
@@ -183,7 +183,7 @@ def bad_samples(record: Record) -> BoolArray:
 def _seen_noise(record: Record) -> tuple[Noise, bool]:
     """Return the noise by its non-periodic part, and whether periodic errors are excluded."""
     period = period_of(record)
-    measured = mended(record.displacement, bad_samples(record), period)
+    measured = interpolated(record.displacement, bad_samples(record), period)
     if float(np.ptp(record.voltage)) == 0.0:
         return robust_noise(measured[record.warm_up_samples :]), True
     steady = _steady(record, measured, period) if period else measured[:0]
@@ -235,7 +235,7 @@ def _of_one_colour(records: Sequence[Record]) -> list[Noise]:
     """
     found = [noise_of(record) for record in records]
     if not all(noise.hidden for noise in found if noise.lines):
-        found = [NOT_TOLD if noise.hidden else noise for noise in found]
+        found = [UNKNOWN_NOISE if noise.hidden else noise for noise in found]
     known = pooled(found)
     if not isfinite(known.colour):
         return found
@@ -255,7 +255,7 @@ def consensus(found: Sequence[Noise]) -> tuple[Noise, float]:
     """Return the noise on which most records agree, and the rms about which they do [m]."""
     known = [noise for noise in found if noise.lines]
     if not known:
-        return NOT_TOLD, float('nan')
+        return UNKNOWN_NOISE, float('nan')
     rms = np.array([noise.rms for noise in known])
     lines = np.array([noise.lines for noise in known])
     order = np.argsort(rms)
@@ -274,7 +274,9 @@ def _scatter_by_chance(found: Sequence[Noise], rms: float) -> bool:
     """Return whether values scatter about `rms` within their uncertainty, by chi-square."""
     doubts = [hypot(AGREE, SPREAD / sqrt(noise.lines)) for noise in found]
     pairs = zip(found, doubts, strict=True)
-    squares = sum(((noise.rms / rms - 1.0) / doubt) ** 2 for noise, doubt in pairs)
+    squares = sum(
+        ((noise.rms / rms - 1.0) / excess_deviation) ** 2 for noise, excess_deviation in pairs
+    )
     freedom = max(len(found) - 1, 1)
     return squares <= freedom + SURE * sqrt(2.0 * freedom)
 
@@ -300,7 +302,7 @@ def pooled(found: Sequence[Noise]) -> Noise:
     """Return the noise of several records together, weighted by their information."""
     known = [noise for noise in found if noise.lines]
     if not known:
-        return NOT_TOLD
+        return UNKNOWN_NOISE
     lines = np.array([noise.lines for noise in known])
     square = float(np.average([noise.rms**2 for noise in known], weights=lines))
     colours = [noise.colour for noise in known if np.isfinite(noise.colour)]
@@ -329,7 +331,7 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
     """
     if signal.size < 4 * WIDTH:
         if signal.size <= 8:
-            return NOT_TOLD
+            return UNKNOWN_NOISE
         # Too short for a running median; half the median of squares is robust enough.
         mean_square = np.median(signal**2) / 0.4549 / (2.0 if period else 1.0)
         return Noise(float(np.sqrt(mean_square)), signal.size // 4)
@@ -360,7 +362,7 @@ def differences_noise(measured: FloatArray) -> Noise:
     length = max(measured.size // _WINDOWS, _SHORTEST_WINDOW)
     count = measured.size // length
     if count < 2:
-        return NOT_TOLD
+        return UNKNOWN_NOISE
     found = []
     for order in _ORDERS:
         change = np.diff(measured, order)[: count * length - order]

@@ -134,7 +134,7 @@ def frozen(y: FloatArray) -> BoolArray:
     return found
 
 
-def mended(displacement: FloatArray, bad: BoolArray, period: int = 0) -> FloatArray:
+def interpolated(displacement: FloatArray, bad: BoolArray, period: int = 0) -> FloatArray:
     """Return the displacement with what is `bad` filled in.
 
     Where the drive repeats, by what the same phase of the period before or behind reads; else by a

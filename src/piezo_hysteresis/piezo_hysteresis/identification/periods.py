@@ -12,16 +12,16 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.records import Record
 
-Remembered = TypeVar('Remembered')
+Result = TypeVar('Result')
 
 PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
 
 
-def remembered(function: Callable[[Record], Remembered]) -> Callable[[Record], Remembered]:
+def cached_per_record(function: Callable[[Record], Result]) -> Callable[[Record], Result]:
     """Return `function` that works once on each record: records never change."""
-    known: WeakKeyDictionary[Record, Remembered] = WeakKeyDictionary()
+    known: WeakKeyDictionary[Record, Result] = WeakKeyDictionary()
 
-    def cached(record: Record) -> Remembered:
+    def cached(record: Record) -> Result:
         if record not in known:
             known[record] = function(record)
         return known[record]
@@ -30,7 +30,7 @@ def remembered(function: Callable[[Record], Remembered]) -> Callable[[Record], R
     return cached
 
 
-@remembered
+@cached_per_record
 def period_of(record: Record) -> int:
     """Return the smallest period of the voltage in samples, 0 where it is not periodic.
 

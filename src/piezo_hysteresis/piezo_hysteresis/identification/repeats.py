@@ -14,7 +14,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.periods import PERIODIC, remembered
+from piezo_hysteresis.identification.periods import PERIODIC, cached_per_record
 from piezo_hysteresis.records import Record
 
 # Taps to either side between which a signal is read, and the window that ends them.
@@ -54,7 +54,7 @@ class Repeat:
         return left >= max(_PERIODS * self.period, 4 * _HALF)
 
 
-@remembered
+@cached_per_record
 def repeat_of(record: Record) -> Repeat | None:
     """Return the longest stretch in which the drive repeats, None where there is none."""
     u = record.voltage

@@ -73,7 +73,7 @@ def starts(
     base = {**model.defaults(), **known}
     scanned = [name for name in free if name not in known and name not in linear]
 
-    def judged(values: Mapping[str, float]) -> Start:
+    def evaluated(values: Mapping[str, float]) -> Start:
         solved = solve_linear(model, seen, values, linear)
         x = np.array([solved[name] for name in free])
         return Start(solved, Objective(model, seen, free, solved).cost(x))
@@ -83,11 +83,11 @@ def starts(
     def stated(values: Mapping[str, float], move: Mapping[str, float]) -> Mapping[str, float]:
         return move if otherwise is None else otherwise(values, move)
 
-    pool = [judged(base)]
+    pool = [evaluated(base)]
     for kept, moves in _rounds(model, scanned, amplitude, seen):
         for start in _distinct(pool, scanned, kept):
             pool += [
-                judged({**start.values, **stated(start.values, move)})
+                evaluated({**start.values, **stated(start.values, move)})
                 for move in moves
                 if not stopped()
             ]

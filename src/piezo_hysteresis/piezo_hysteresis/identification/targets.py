@@ -27,7 +27,7 @@ from piezo_hysteresis.identification.noise import (
     noise_of,
     noises_of,
 )
-from piezo_hysteresis.identification.outliers import mended
+from piezo_hysteresis.identification.outliers import interpolated
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.records import Record
@@ -110,7 +110,7 @@ class Target:
         return sqrt(self.repeats) * self.precision
 
     @property
-    def doubt(self) -> float:
+    def excess_deviation(self) -> float:
         """Standard deviation of the mean square that noise leaves, as a share of it."""
         numbers = independent(self.measured.size, self.noise_colour)
         return hypot(sqrt(2.0 / numbers), self.rounding / SURE)
@@ -165,7 +165,7 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     if count < 2:
         return []
     first = len(record) - count * period
-    measured = mended(record.displacement, bad_samples(record), period)
+    measured = interpolated(record.displacement, bad_samples(record), period)
     periods = measured[first:].reshape(count, period)
     steady = _steady(periods)
     if steady is None:

@@ -21,12 +21,12 @@ _SHARES = 2
 
 
 @cache
-def _crew(count: int) -> ThreadPoolExecutor:
+def _shared_pool(count: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(count, thread_name_prefix='records')
 
 
 if hasattr(os, 'register_at_fork'):  # threads stay behind in the parent
-    os.register_at_fork(after_in_child=_crew.cache_clear)
+    os.register_at_fork(after_in_child=_shared_pool.cache_clear)
 
 
 def of_each(
@@ -47,7 +47,7 @@ def of_each(
         return [function(each) for each in items]
     shares = range(min(_SHARES * workers, len(items)))
     done = list(
-        _crew(workers).map(
+        _shared_pool(workers).map(
             lambda first: [function(each) for each in items[first :: len(shares)]], shares
         )
     )

@@ -24,7 +24,7 @@ from piezo_hysteresis.records import Record
 
 # A value whose deviation is a larger part of it than this, and a frequency with fewer samples per
 # period, put a block to the test. Chosen, and they only open the test.
-_DOUBTFUL, _SAMPLES_PER_PERIOD = 0.25, 10.0
+_UNCERTAIN, _SAMPLES_PER_PERIOD = 0.25, 10.0
 
 _NONE: Mapping[str, float] = {}
 
@@ -56,8 +56,8 @@ def without_unseen(
     more = {k: v for k, v in options.items() if k not in ('start', 'count', 'free', 'guesses')}
     clock = more.get('sampling_offset', True)
     for block in found.model.blocks:
-        doubtful = _doubtful(block, found)
-        if block.slot is Slot.HYSTERESIS or block.part is Part.ZERO or not doubtful:
+        uncertain = _uncertain(block, found)
+        if block.slot is Slot.HYSTERESIS or block.part is Part.ZERO or not uncertain:
             continue
         less = _refitted(found.model.without(block), found, clock)
         if not _explains(found, less):
@@ -66,25 +66,25 @@ def without_unseen(
             plain = replace(less.model, name=name_of(less.model) or less.model.name)
             found = output_error(plain, records, start=start, count=1, **more)
             continue
-        held = _with_one_held(block, found, doubtful, clock)
+        held = _with_one_held(block, found, uncertain, clock)
         if held is not None:
             (name,) = set(held.model.held) - set(found.model.held)
             remarks.append(
-                f'the records do not separate {" and ".join(doubtful)}: {name} is held at '
+                f'the records do not separate {" and ".join(uncertain)}: {name} is held at '
                 f'{held.values[name]:.4g} {_unit(name, found)}, and the other values hold for '
-                f'it only; {help_for(doubtful)}.'.replace(' ,', ',')
+                f'it only; {help_for(uncertain)}.'.replace(' ,', ',')
             )
             found = held
     return found, tuple(remarks)
 
 
-def _doubtful(block: Block, found: FitResult) -> list[str]:
+def _uncertain(block: Block, found: FitResult) -> list[str]:
     """Return which fitted values of a block the records hardly show, the least known first."""
     unsure: dict[str, float] = {}
     for name in found.model.names_of(block).values():
         size = abs(found.values[name])
         if name in found.std and (
-            _too_fast(name, found) or not found.std[name] <= _DOUBTFUL * size
+            _too_fast(name, found) or not found.std[name] <= _UNCERTAIN * size
         ):
             unsure[name] = found.std[name] / size if size > 0.0 else float('inf')
     return sorted(unsure, key=lambda name: -unsure[name])
@@ -96,13 +96,13 @@ def _too_fast(name: str, found: FitResult) -> bool:
 
 
 def _with_one_held(
-    block: Block, found: FitResult, doubtful: Sequence[str], clock: bool | float
+    block: Block, found: FitResult, uncertain: Sequence[str], clock: bool | float
 ) -> FitResult | None:
     """Return the fit with one of some values held, where that takes nothing from it."""
-    if len(doubtful) < 2:  # one value alone is as uncertain as the fit says
+    if len(uncertain) < 2:  # one value alone is as uncertain as the fit says
         return None
     half = 0.5 / min(target.dt for target in found.targets)
-    for name in doubtful:
+    for name in uncertain:
         most = half if _unit(name, found) == 'Hz' else float('inf')
         for value in (found.model.defaults()[name], found.values[name]):
             held = min(value, most)
@@ -113,12 +113,12 @@ def _with_one_held(
                     found.model.hold(**{name: held}),
                     found,
                     clock,
-                    {other: factor * found.values[other] for other in doubtful if other != name},
+                    {other: factor * found.values[other] for other in uncertain if other != name},
                 )
                 for factor in {1.0, ratio}
             ]
             less = min(fits, key=lambda each: each.cost)
-            fast = any(_too_fast(each, less) for each in _doubtful(block, less))
+            fast = any(_too_fast(each, less) for each in _uncertain(block, less))
             if not fast and not _explains(found, less):
                 return less
     return None

@@ -16,10 +16,10 @@ from piezo_hysteresis.identification.comparison import (
     Comparison,
     compared,
     comparison_summary,
-    comparison_words,
+    comparison_text,
 )
 from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
-from piezo_hysteresis.identification.errors import RecordErrors, free_run_of, judged, views_of
+from piezo_hysteresis.identification.errors import RecordErrors, evaluated, free_run_of, views_of
 from piezo_hysteresis.identification.identify import record_summary
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.noise import floor_of
@@ -83,7 +83,7 @@ class Validation(Reportable, Modelled):
     @property
     def remark(self) -> str:
         """One sentence on whether the errors are larger than the discrepancy of the model."""
-        return comparison_words(self.comparisons, self.given.discrepancy)
+        return comparison_text(self.comparisons, self.given.discrepancy)
 
     @property
     def worst(self) -> RecordErrors:
@@ -176,7 +176,7 @@ def validate(
     return Validation(
         given=given,
         updated=updated,
-        records=judged(given.model, given.values, views, late),
+        records=evaluated(given.model, given.values, views, late),
         simulated={v.name: free_run_of(given.model, given.values, v, late) for v in views},
         noise_floor=floor_of(records).rms,
         sampling_offset=late,

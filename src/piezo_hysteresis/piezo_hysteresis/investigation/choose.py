@@ -30,7 +30,7 @@ class ExperimentChoice:
         The selected experiment.
     discrimination : float
         Expected decrease of the entropy of the candidate names [nats].
-    news : float
+    first_detection : float
         Probability that it shows an effect that no record so far has shown.
     why : str
         Reason, in one sentence.
@@ -38,13 +38,13 @@ class ExperimentChoice:
 
     experiment: PlannedExperiment
     discrimination: float
-    news: float
+    first_detection: float
     why: str
 
     @property
     def worth(self) -> float:
         """Expected information [nats]."""
-        return self.discrimination + binary_entropy(self.news)
+        return self.discrimination + binary_entropy(self.first_detection)
 
     @property
     def rate(self) -> float:
@@ -80,7 +80,7 @@ def choices(
         for each in outlooks
         if each.experiment.seconds <= seconds and runs[each.experiment.name] < MOST_RUNS
     ]
-    found = [_judged(each, belief, hidden, done) for each in possible]
+    found = [_evaluated(each, belief, hidden, done) for each in possible]
     return sorted(found, key=lambda each: (-each.rate, each.experiment.name))
 
 
@@ -104,7 +104,7 @@ def unseen(
     ]
 
 
-def _judged(
+def _evaluated(
     seen: Outlook, belief: Belief, hidden: Hidden, done: Sequence[str]
 ) -> ExperimentChoice:
     names = [rival.name for rival in belief.rivals]
@@ -114,8 +114,10 @@ def _judged(
         chances = np.array([rival.chance for rival in belief.rivals])
         apart = discrimination(chances, names, nats)
         pair = _best_pair(chances, names, nats)
-    news = hidden.news(done, seen.experiment.name, belief.names)
-    return ExperimentChoice(seen.experiment, apart, news, _why(apart, pair, news))
+    first_detection = hidden.first_detection(done, seen.experiment.name, belief.names)
+    return ExperimentChoice(
+        seen.experiment, apart, first_detection, _why(apart, pair, first_detection)
+    )
 
 
 def nats_between(rivals: Sequence[Rival], seen: Outlook) -> FloatArray:
@@ -140,12 +142,10 @@ def _best_pair(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> t
     return names[int(one)], names[int(other)]
 
 
-def _why(apart: float, pair: tuple[str, str], news: float) -> str:
+def _why(apart: float, pair: tuple[str, str], first_detection: float) -> str:
     reasons = []
     if apart > 0.0:
         reasons.append(f'distinguishes {pair[0]} and {pair[1]} ({apart:.2g} nats expected)')
-    if news > 0.0:
-        reasons.append(
-            f'has a probability of {news:.1%} to show an effect that no record has shown'
-        )
+    if first_detection > 0.0:
+        reasons.append(f'has a probability of {first_detection:.1%} to show a new effect')
     return ' and '.join(reasons) or 'is the only remaining experiment'

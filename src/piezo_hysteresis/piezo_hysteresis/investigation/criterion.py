@@ -58,7 +58,7 @@ def hidden_share(size: FloatArray) -> FloatArray:
     return np.asarray(np.log(bounded / SMALLEST) / span)
 
 
-def chance_of_news(
+def detection_probability(
     weights: FloatArray, seen: FloatArray, new: FloatArray, nothing: float
 ) -> float:
     """Return the probability that an experiment shows an effect that no record has shown.

@@ -189,7 +189,7 @@ def line_of(
         'seconds': choice.experiment.seconds,
         'why': choice.why,
         'discrimination_nats': choice.discrimination,
-        'news': choice.news,
+        'first_detection': choice.first_detection,
         'bag': f'{BAGS}/{number:02}',
         'follows': follows,
         'budget': budget,

@@ -122,7 +122,7 @@ class Outlook:
         known = self.expected.expected
         for size in sizes:
             more = powers * size**2
-            if self.expected.news(known + more) and self._cost(more) >= sure:
+            if self.expected.new_deviation(known + more) and self._cost(more) >= sure:
                 return float(size)
         return np.inf
 

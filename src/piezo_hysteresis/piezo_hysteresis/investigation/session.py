@@ -242,25 +242,27 @@ class Investigation:
 
     def _tells(self, choice: ExperimentChoice) -> bool:
         """Return whether the expected information of an experiment justifies its run."""
-        return choice.news >= self.rules.quiet or choice.discrimination >= self.rules.least
+        return (
+            choice.first_detection >= self.rules.quiet or choice.discrimination >= self.rules.least
+        )
 
     def _sure(self) -> Stop:
         names = ' and '.join(self.belief.names)
         rest = '; the remaining residual is unexplained' if self.belief.left else ''
         return Stop('sure', f'{names}: sure, and confirmed by another experiment{rest}')
 
-    def _is_sure(self) -> bool:
+    def _is_significant(self) -> bool:
         return bool(self.belief.names) and self.belief.surest[1] >= self.rules.sure
 
     def _confirming(self) -> bool:
         """Return whether a certain name still needs confirmation by another experiment."""
-        return self._is_sure() and not self._settled()
+        return self._is_significant() and not self._settled()
 
     def _settled(self) -> bool:
         """Return whether the names are certain and confirmed."""
         before = [answer.after.names for answer in self.answers[-1 - self.rules.confirmed :]]
         same = all(names == self.belief.names for names in before)
-        return self._is_sure() and len(before) > self.rules.confirmed and same
+        return self._is_significant() and len(before) > self.rules.confirmed and same
 
     def take(
         self,

@@ -15,7 +15,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.investigation.criterion import (
     LARGEST,
     SMALLEST,
-    chance_of_news,
+    detection_probability,
     hidden_share,
 )
 from piezo_hysteresis.investigation.predict import Outlook, answer_of
@@ -53,7 +53,7 @@ class Hidden:
         rows = [self.smallest[name] for name in done if name in self.smallest]
         return np.min(rows, axis=0) if rows else np.full(len(self.names), np.inf)
 
-    def news(self, done: Sequence[str], name: str, known: Sequence[str] = ()) -> float:
+    def first_detection(self, done: Sequence[str], name: str, known: Sequence[str] = ()) -> float:
         """Return the probability that an experiment shows an effect for the first time.
 
         Parameters
@@ -66,7 +66,7 @@ class Hidden:
             Effects that are already named.
         """
         weights = self.weights * [each not in known for each in self.names]
-        return chance_of_news(weights, self.seen(done), self.smallest[name], NOTHING)
+        return detection_probability(weights, self.seen(done), self.smallest[name], NOTHING)
 
     def chances(self, done: Sequence[str]) -> dict[str, float]:
         """Return the probability of no and of each hidden effect, given no visible residual."""

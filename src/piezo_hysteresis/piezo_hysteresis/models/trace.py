@@ -42,7 +42,7 @@ class Trace:
     dt: float
     begins: str = ''
 
-    def began_so(self, voltage: FloatArray, dt: float, begins: str) -> bool:
+    def began_similarly(self, voltage: FloatArray, dt: float, begins: str) -> bool:
         """Return whether the record began in a way, with a voltage as far off as in `stretches`.
 
         What is constant in it counts for nothing here.

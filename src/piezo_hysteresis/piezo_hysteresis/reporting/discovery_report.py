@@ -10,7 +10,7 @@ import numpy as np
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES
 from piezo_hysteresis.discovery import Discovery, Verdict
 from piezo_hysteresis.discovery.data.check import Check
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
 from piezo_hysteresis.identification.targets import Target
@@ -168,7 +168,7 @@ def _pictures(found: Discovery) -> tuple[Plot, ...]:
     measured, before, after = (np.full_like(view.voltage, np.nan) for _ in range(3))
     measured[view.first :] = view.measured
     for row, trial in ((before, found.baselines.joint), (after, found.final)):
-        (error,) = judged_on(trial, [view]).errors
+        (error,) = evaluated_on(trial, [view]).errors
         row[view.first :] = view.measured - error
     time = np.arange(view.voltage.size, dtype=np.float64) * view.dt
     unit = found.data.records[0].info.input_unit
@@ -248,8 +248,12 @@ def _effects(verdict: Verdict) -> PageSection | None:
     if not verdict.effects:
         if verdict.verdict == 'none':
             return None
-        doubts = ', '.join(f'{s.name} ({s.probability:.0%})' for s in verdict.suspects)
-        more = f' It resembles {doubts}, but no effect is significant.' if doubts else ''
+        excess_deviations = ', '.join(f'{s.name} ({s.probability:.0%})' for s in verdict.suspects)
+        more = (
+            f' It resembles {excess_deviations}, but no effect is significant.'
+            if excess_deviations
+            else ''
+        )
         return PageSection('Residual', verdict.unexplained.description + more)
     parts = []
     rows: list[tuple[str, str, str]] = []

@@ -171,7 +171,7 @@ def next_section(found: Identification, data: Sequence[str] = (), folder: str = 
     lines = []
     if not found.converged:
         lines.append('The fit did not converge: record more, or use a simpler model.')
-    lacks = lacks_something(found)
+    lacks = error_exceeds_noise(found)
     discover = (
         f'`{discover_command(found.model, data)}` reports what the model lacks, with '
         'probabilities and alternatives; it refits the model with every effect.'
@@ -193,7 +193,7 @@ def next_section(found: Identification, data: Sequence[str] = (), folder: str = 
     return PageSection('Next steps', '\n'.join(f'- {line}' for line in lines))
 
 
-def lacks_something(found: Identification) -> bool:
+def error_exceeds_noise(found: Identification) -> bool:
     """Return whether the error far exceeds the noise in the worst record."""
     worst = max(largest_if_unknown(row.free_run_rms) for row in found.records)
     return found.noise_floor > 0 and worst > _MANY_FLOORS * found.noise_floor

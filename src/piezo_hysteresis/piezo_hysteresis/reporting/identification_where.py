@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
-from piezo_hysteresis.identification.discrepancy import discrepancy_words
+from piezo_hysteresis.identification.discrepancy import discrepancy_text
 from piezo_hysteresis.identification.errors import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.numerics.harmonics import phase_of
@@ -49,7 +49,7 @@ def where_section(
             'measurement that does not repeat from period to period.'
         )
     if found.discrepancy is not None:
-        text += f' Discrepancy in `model.yaml`: the model {discrepancy_words(found.discrepancy)}.'
+        text += f' Discrepancy in `model.yaml`: the model {discrepancy_text(found.discrepancy)}.'
     return PageSection('Error by record and harmonic', text, tuple(figures), (_table(rows),))
 
 

@@ -128,7 +128,7 @@ class Ladder:
     def memory(self, name: str) -> Rung:
         """Fit a named model without starting values."""
         chain = suited(named(name), self._records)
-        return self._judged(
+        return self._evaluated(
             output_error(
                 chain,
                 self._training,
@@ -156,15 +156,17 @@ class Ladder:
         """Return whether the records can distinguish the effect from the model's static curves."""
         if not (self.one_amplitude and _is_static(effect.block)):
             return True
-        rivals = {d.block.name for name in effect.mistaken_for for d in described(name) if d.block}
-        return not any(_is_static(each) and each.name in rivals for each in model.blocks)
+        alternatives = {
+            d.block.name for name in effect.mistaken_for for d in described(name) if d.block
+        }
+        return not any(_is_static(each) and each.name in alternatives for each in model.blocks)
 
     def _with_block(self, before: Rung, name: str) -> Rung:
         """Fit the previous model with a block whose frequency is searched globally."""
         block = named_block(name)
         model = before.fit.model.with_block(block)
         known = before.values()
-        return self._judged(
+        return self._evaluated(
             output_error(
                 model,
                 self._training,
@@ -221,9 +223,9 @@ class Ladder:
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             ends = list(pool.map(polished, views))
-        return self._judged(min(ends, key=_left), neutral)
+        return self._evaluated(min(ends, key=_left), neutral)
 
-    def _judged(self, found: FitResult, neutral: Mapping[str, float] | None = None) -> Rung:
+    def _evaluated(self, found: FitResult, neutral: Mapping[str, float] | None = None) -> Rung:
         """Return a fit with its errors on the whole records, before and after the cuts.
 
         `neutral` are the parameter values for which the last effect is inactive.
@@ -240,10 +242,10 @@ class Ladder:
             parts[1].append(error[before:])
             rows.append(_held_out(view, error, before))
         trained, held_out = (float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for p in parts)
-        return Rung(found, trained, held_out, tuple(rows), _is_sure(found, neutral or {}))
+        return Rung(found, trained, held_out, tuple(rows), _is_significant(found, neutral or {}))
 
 
-def _is_sure(found: FitResult, neutral: Mapping[str, float]) -> bool:
+def _is_significant(found: FitResult, neutral: Mapping[str, float]) -> bool:
     """Return whether the covariance of the fit excludes the values of `neutral` jointly."""
     places = [found.free.index(name) for name in neutral if name in found.free]
     away = np.array([found.values[found.free[k]] - neutral[found.free[k]] for k in places])

@@ -95,7 +95,7 @@ def _clear(seen: Sequence[_Seen], tone: float) -> list[_Seen]:
     return kept
 
 
-def on_one_clock(
+def with_aligned_phases(
     data: Dataset,
     errors: Sequence[FloatArray],
     others: Sequence[Target],

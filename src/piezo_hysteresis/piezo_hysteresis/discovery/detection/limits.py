@@ -27,7 +27,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
     errors_of,
-    judged_on,
+    evaluated_on,
     nudged,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
@@ -151,12 +151,12 @@ class Records:
             evaluator = evaluator.with_data(replace(data, training=views))
         self._evaluator, self._views = evaluator, views
         # a fixed baseline was evaluated on views that still contain its known discrepancy
-        self._final = judged_on(final, views)
-        chance = self._final if residual is None else judged_on(residual, views)
+        self._final = evaluated_on(final, views)
+        chance = self._final if residual is None else evaluated_on(residual, views)
         self._whitening = Whitening(chance.errors, chance.noises)
         self._cache = StageCache(final.model, final.model.pack(final.values), views)
         self._nuisances = self._directions()
-        self._opening = evaluator.opening(self._final, start)
+        self._detection_test = evaluator.detection_test(self._final, start)
 
     def limits(self) -> tuple[DetectionLimit, ...]:
         """Return the limit of every effect, see `detection_limits`."""
@@ -302,7 +302,7 @@ class Records:
         low, high = DETECTED / away if away > 0.0 else np.inf, _LARGEST
         if low > high:
             return np.inf
-        shows = self._opening(self._whitening.inverse(found.whitened))
+        shows = self._detection_test(self._whitening.inverse(found.whitened))
         low = max(low, _SMALLEST)
         if shows(low):
             return float(low)

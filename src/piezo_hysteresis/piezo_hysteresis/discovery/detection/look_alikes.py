@@ -61,10 +61,10 @@ def look_alikes(evaluator: Evaluator, step: Step, start: CandidateFit) -> tuple[
         for values in candidate.starts
     ]
     nearest: dict[str, float] = {}
-    for (candidate, _), rival in zip(pairs, records.signatures(pairs), strict=True):
-        if rival is not None:
+    for (candidate, _), alternative in zip(pairs, records.signatures(pairs), strict=True):
+        if alternative is not None:
             name = candidate.effect.name
-            away = records.all_samples * distance(found, rival, one_sided(candidate))
+            away = records.all_samples * distance(found, alternative, one_sided(candidate))
             nearest[name] = min(away, nearest.get(name, np.inf))
     alike = [LookAlike(name, away) for name, away in nearest.items() if away < APART]
     return tuple(sorted(alike, key=lambda each: each.distance))

@@ -27,7 +27,7 @@ PART_RATIO, PART = 1.5, 0.3
 NOISE_DEVIATIONS = 3.0
 # Share of the power that determines the family of causes; for harmonics a small share suffices.
 MOST = 0.5
-TELLING = 0.02
+MIN_POWER_SHARE = 0.02
 # Power of even harmonics, relative to the mean, from which both have the same cause: 1/2 for a
 # square law, more for a higher even law.
 WITH_EVEN = 0.1
@@ -276,9 +276,9 @@ def family_of(
         return 'mains_hum or another disturbance'
     if mean > MOST * power and even < WITH_EVEN * mean:
         return OF_THE_MEAN
-    if even > TELLING * power and even > odd:
+    if even > MIN_POWER_SHARE * power and even > odd:
         return 'electrostriction, sensor_nonlinearity or asymmetry'
-    if odd > TELLING * power:
+    if odd > MIN_POWER_SHARE * power:
         return 'resonance, saturation, stiffness, friction or the shape of the hysteresis'
     return (
         'a gain that has changed, transport_delay, amplifier_lag, creep, gain_decay, '

@@ -25,11 +25,11 @@ from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
-    judged_on,
-    takes_no_time,
+    evaluated_on,
+    has_zero_time_constant,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Opening, Remainder
+from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change, widened
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, costs, expectation
@@ -37,7 +37,7 @@ from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.clock import clock_about
-from piezo_hysteresis.identification.discrepancy import discrepancy_words
+from piezo_hysteresis.identification.discrepancy import discrepancy_text
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import (
     Candidate,
@@ -81,7 +81,7 @@ class HeldEvaluator(Evaluator):
         deadline: Deadline | None = None,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
-        self.base, self.given, self.known = base, given, known_to_miss(given)
+        self.base, self.given, self.known = base, given, known_discrepancy(given)
         self._fixed = frozenset(base.model.free_names)
         self.late = given.sampling_offset
         self.clock = clock_about(given, self.views[0].dt, policy.jitter)
@@ -100,7 +100,7 @@ class HeldEvaluator(Evaluator):
 
     def as_measured(self, fit: CandidateFit) -> CandidateFit:
         """Return a model evaluated on training views that include the known discrepancy."""
-        return replace(judged_on(fit, self.measured.training), fitted=fit.fitted)
+        return replace(evaluated_on(fit, self.measured.training), fitted=fit.fitted)
 
     def with_data(self, data: Dataset) -> HeldEvaluator:
         """Return an evaluator with the same settings on other data."""
@@ -120,9 +120,9 @@ class HeldEvaluator(Evaluator):
             return found
         return (*found, shifted(spec.model, spec.values, own))
 
-    def first_judged(self, fit: CandidateFit) -> CandidateFit:
+    def evaluated_for_ranking(self, fit: CandidateFit) -> CandidateFit:
         """Return a first fit on all training samples; expectations refer to whole records."""
-        return self.judged(fit)
+        return self.evaluated(fit)
 
     def score(self, fit: CandidateFit) -> float:
         """Return the penalized negative log likelihood on the training views [nats]."""
@@ -209,23 +209,23 @@ class HeldEvaluator(Evaluator):
         """Return the mean square beyond the expectation over all records, relative to it."""
         return costs(fit.errors, self.expected)[1]
 
-    def shows_news(self, fit: CandidateFit) -> bool:
+    def exceeds_discrepancy(self, fit: CandidateFit) -> bool:
         """Return whether the training residuals exceed the known discrepancy."""
         return costs(fit.errors, _beside(fit, self.expected))[2]
 
-    def shows_news_held_out(self, spec: ModelSpec) -> bool:
+    def held_out_exceeds_discrepancy(self, spec: ModelSpec) -> bool:
         """Return whether the held-out residuals exceed the known discrepancy.
 
         Held-out views can start the search but select no effect.
         """
-        errors = judged_on(spec, self.data.held_out).errors
+        errors = evaluated_on(spec, self.data.held_out).errors
         return costs(errors, _beside(spec, self.expected_held_out))[2]
 
-    def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
+    def has_significant_residual(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether a training or held-out residual exceeds the known discrepancy."""
-        return self.shows_news(fit) or self.shows_news_held_out(fit)
+        return self.exceeds_discrepancy(fit) or self.held_out_exceeds_discrepancy(fit)
 
-    def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
+    def detection_test(self, fit: CandidateFit, start: CandidateFit) -> DetectionTest:
         """Return a function that decides whether response changes exceed the known discrepancy."""
         expected = _beside(fit, self.expected)
         own = [each.powers(error) for each, error in zip(expected, fit.errors, strict=True)]
@@ -233,13 +233,13 @@ class HeldEvaluator(Evaluator):
         def of(changes: Sequence[FloatArray]) -> Callable[[float], bool]:
             more = [each.powers(change) for each, change in zip(expected, changes, strict=True)]
             return lambda factor: any(
-                each.news(power + factor**2 * added)
+                each.new_deviation(power + factor**2 * added)
                 for each, power, added in zip(expected, own, more, strict=True)
             )
 
         return of
 
-    def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
+    def is_significant(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         """Return whether `after` is significantly better, given the number of `tried` candidates.
 
         A residual of `before` beyond the known discrepancy is a sufficient proof that an effect is
@@ -249,20 +249,22 @@ class HeldEvaluator(Evaluator):
         gain = self.score(before) - self.score(after)
         if gain >= self.policy.sure + float(np.log(tried)):
             return True
-        missing = self.lacks_something
+        missing = self.has_significant_residual
         return gain > 0.0 and not missing(after, before) and missing(before, before)
 
-    def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
+    def explains_enough(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit
+    ) -> bool:
         """Return whether the last effect has a visible time constant and explains enough.
 
         The effect must also reduce the gap and must not increase the error on held-out records.
         """
-        if takes_no_time(after, self.views[0].dt):
+        if has_zero_time_constant(after, self.views[0].dt):
             return False
-        if not rules.is_worth_a_name(self.excess(before), self.excess(after), 0.0, self.policy):
+        if not rules.explains_enough(self.excess(before), self.excess(after), 0.0, self.policy):
             return False
         if not any(
-            rules.takes_its_share(excess(before), excess(after), self.policy)
+            rules.reduces_gap_enough(excess(before), excess(after), self.policy)
             for excess in (self.excess, self.held_out_excess)
         ):
             return False
@@ -270,11 +272,11 @@ class HeldEvaluator(Evaluator):
 
     def held_out_excess(self, spec: ModelSpec) -> float:
         """Return the mean square beyond the expected one on held-out views, in units of it."""
-        return costs(judged_on(spec, self.data.held_out).errors, self.expected_held_out)[1]
+        return costs(evaluated_on(spec, self.data.held_out).errors, self.expected_held_out)[1]
 
     def _held_out(self, spec: ModelSpec) -> float:
         """Return the mean square error on held-out views, relative to the expected one."""
-        errors = judged_on(spec, self.data.held_out).errors
+        errors = evaluated_on(spec, self.data.held_out).errors
         pairs = list(zip(errors, self.expected_held_out, strict=True))
         if not all(np.all(np.isfinite(error)) for error, _ in pairs):
             return float('inf')
@@ -311,12 +313,12 @@ class HeldEvaluator(Evaluator):
 
     def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
         """Return the residual beyond the known discrepancy of the baseline."""
-        if self.shows_news(final):
+        if self.exceeds_discrepancy(final):
             return Remainder(True, self.views, final)
         held_out = self.data.held_out
-        if self.shows_news_held_out(final):
-            return Remainder(True, held_out, judged_on(final, held_out))
-        known = f'As it was identified it {discrepancy_words(self.known)}.'
+        if self.held_out_exceeds_discrepancy(final):
+            return Remainder(True, held_out, evaluated_on(final, held_out))
+        known = f'As it was identified it {discrepancy_text(self.known)}.'
         return Remainder(False, self.views, final, known)
 
 
@@ -343,7 +345,7 @@ def expectations(
     return tuple(map(expected, views))
 
 
-def known_to_miss(given: ModelFile) -> Discrepancy:
+def known_discrepancy(given: ModelFile) -> Discrepancy:
     """Return the known discrepancy of a model file.
 
     Raises

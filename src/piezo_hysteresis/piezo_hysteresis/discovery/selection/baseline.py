@@ -13,8 +13,8 @@ from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, thi
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
+    evaluated_on,
     fitted_to,
-    judged_on,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.errors import IdentificationError
@@ -94,9 +94,9 @@ def fitted_baselines(
             f'the baseline {model.name} cannot be fitted to these records: choose another one'
         )
     best = min(found, key=lambda each: each[0].floors)
-    joint, seen = _rested(*best, data, choices, workers, end)
+    joint, seen = _converged(*best, data, choices, workers, end)
     views = seen.training
-    as_given = None if nominal is None else judged_on(nominal, views)
+    as_given = None if nominal is None else evaluated_on(nominal, views)
     return Baselines(joint, _slow(joint, views, workers, end), as_given), seen
 
 
@@ -109,7 +109,7 @@ def _first_fit(
     return None if fit is None else (fit, seen)
 
 
-def _rested(
+def _converged(
     fit: CandidateFit,
     seen: Dataset,
     data: Dataset,
@@ -118,15 +118,15 @@ def _rested(
     end: Deadline,
 ) -> tuple[CandidateFit, Dataset]:
     """Return the converged fit to all samples and the data with its initial conditions."""
-    fit = _fitted(fit, seen.training, workers, end) or judged_on(fit, seen.training)
+    fit = _fitted(fit, seen.training, workers, end) or evaluated_on(fit, seen.training)
     for _ in range(_REVISIONS):
         if end.passed:
             break
         renewed = with_revised_starts(fit, data, choices, workers)
-        if begin_alike(seen, renewed):
+        if same_initial_conditions(seen, renewed):
             break
         seen = renewed
-        fit = _fitted(fit, seen.training, workers, end) or judged_on(fit, seen.training)
+        fit = _fitted(fit, seen.training, workers, end) or evaluated_on(fit, seen.training)
     return fit, seen
 
 
@@ -150,7 +150,7 @@ def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, flo
     return {name: found[0].values[name] for name in joint.values}
 
 
-def begin_alike(one: Dataset, other: Dataset) -> bool:
+def same_initial_conditions(one: Dataset, other: Dataset) -> bool:
     """Return whether initial conditions and zero offsets of two datasets are equal."""
     pairs = zip(one.training, other.training, strict=True)
     return all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in pairs)
@@ -163,7 +163,7 @@ def _slow(
     if len(slowest) == len(views) or end.skips('the baseline on the slowest records'):
         return None
     fit = _fitted(joint, slowest, workers, end)
-    return None if fit is None else judged_on(ModelSpec(joint.model, fit.values), views)
+    return None if fit is None else evaluated_on(ModelSpec(joint.model, fit.values), views)
 
 
 def with_revised_starts(

@@ -7,7 +7,7 @@ from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.models import Candidate, described
 
 
-def competing(evaluator: Evaluator, before: ModelSpec) -> tuple[Candidate, ...]:
+def refined_candidates(evaluator: Evaluator, before: ModelSpec) -> tuple[Candidate, ...]:
     """Return the model extended by each candidate, without simpler variants of its effects.
 
     Parameters

@@ -114,7 +114,7 @@ class CandidateFit(ModelSpec):
     errors: tuple[FloatArray, ...] = ()
     noises: tuple[float, ...] = ()
     precisions: tuple[float, ...] = ()
-    doubts: tuple[float, ...] = ()
+    excess_deviations: tuple[float, ...] = ()
     parameters: int = 0
     fitted: FitResult | None = None
 
@@ -180,7 +180,7 @@ def errors_of(
     return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
 
 
-def judged_on(spec: ModelSpec, views: Sequence[Target]) -> CandidateFit:
+def evaluated_on(spec: ModelSpec, views: Sequence[Target]) -> CandidateFit:
     """Return the model evaluated on views with its present values, without a fit."""
     parameters = spec.parameters if isinstance(spec, CandidateFit) else 0
     return CandidateFit(
@@ -308,7 +308,7 @@ def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers]:
     return (
         tuple(view.noise for view in views),
         tuple(view.precision for view in views),
-        tuple(view.doubt for view in views),
+        tuple(view.excess_deviation for view in views),
     )
 
 
@@ -316,7 +316,7 @@ def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers]:
 _SHORT = 2.0
 
 
-def takes_no_time(fit: CandidateFit, dt: float) -> bool:
+def has_zero_time_constant(fit: CandidateFit, dt: float) -> bool:
     """Return whether a time constant of the last added effect was fitted as practically zero.
 
     Creep without a time constant is a gain; it would be mistaken for one if the gain is fixed.

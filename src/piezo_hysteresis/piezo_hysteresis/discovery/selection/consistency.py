@@ -23,7 +23,7 @@ def explained_together(training: CandidateFit, both: CandidateFit) -> str:
     training, both : CandidateFit
         The model fitted to the training records, and to all records.
     """
-    names = _better_known(training, both)
+    names = _better_determined(training, both)
     which = f' ({", ".join(names)})' if names else ''
     return (
         'One set of values explains all records to the floor: the residual on held-out records '
@@ -31,7 +31,7 @@ def explained_together(training: CandidateFit, both: CandidateFit) -> str:
     )
 
 
-def _better_known(training: CandidateFit, both: CandidateFit) -> list[str]:
+def _better_determined(training: CandidateFit, both: CandidateFit) -> list[str]:
     """Return the parameters that all records determine much better than training, worst first."""
     if training.fitted is None or both.fitted is None:
         return []

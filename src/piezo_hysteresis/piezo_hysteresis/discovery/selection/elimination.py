@@ -37,7 +37,7 @@ class Step:
     fit: CandidateFit
 
 
-def judged_again(
+def retested(
     evaluator: Evaluator, start: CandidateFit, steps: Sequence[Step]
 ) -> tuple[Evaluator, list[Step], CandidateFit]:
     """Test every effect again until the model does not change.
@@ -71,11 +71,11 @@ def judged_again(
         without = _without(evaluator, final, start, name, compared=clear)
         if without is None:
             continue
-        judge, bare = evaluator, without
+        chosen, bare = evaluator, without
         if not evaluator.is_as_good(without, final):
-            judge, bare = evaluator.with_own_starts(without)
-        if judge.is_as_good(bare, final):
-            evaluator, kept, final, done = judge, _less(kept, name), bare, set()
+            chosen, bare = evaluator.with_own_starts(without)
+        if chosen.is_as_good(bare, final):
+            evaluator, kept, final, done = chosen, _less(kept, name), bare, set()
             continue
         if clear:
             continue
@@ -99,7 +99,7 @@ def pruned(evaluator: Evaluator, final: CandidateFit, start: CandidateFit) -> Ca
     """
     idle = _with_only(evaluator, final, start, final.added[:-1])
     limit = (1.0 + evaluator.policy.idle) * final.square
-    if idle is None or evaluator.judged(idle).square > limit:
+    if idle is None or evaluator.evaluated(idle).square > limit:
         return final
     for place in reversed(range(len(final.added))):
         kept = [*final.added[:place], *final.added[place + 1 :]]
@@ -136,7 +136,7 @@ def _without(
     """
     kept = [added for added in final.added if added.effect != name]
     bare = _with_only(evaluator, final, start, kept)
-    enough = evaluator.enough(final, evaluator.policy.rival_within) if compared else inf
+    enough = evaluator.enough(final, evaluator.policy.alternative_within) if compared else inf
     return None if bare is None else evaluator.fit(bare, enough=enough)
 
 

@@ -13,14 +13,14 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset, thinned
-from piezo_hysteresis.discovery.data.tones import on_one_clock
+from piezo_hysteresis.discovery.data.tones import with_aligned_phases
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
     errors_of,
+    evaluated_on,
     fitted_to,
-    judged_on,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
@@ -28,7 +28,7 @@ from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate, candidates
 
-Opening = Callable[[Sequence[FloatArray]], Callable[[float], bool]]
+DetectionTest = Callable[[Sequence[FloatArray]], Callable[[float], bool]]
 """``opening(changes)(factor)``: whether scaled response changes [m] start a search."""
 
 Item = TypeVar('Item')
@@ -114,11 +114,11 @@ class Evaluator(ABC):
         """Return the mean square beyond the expected one on held-out views, in units of it."""
 
     @abstractmethod
-    def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
+    def has_significant_residual(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether a significant residual remains; `start` is the baseline."""
 
     @abstractmethod
-    def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
+    def detection_test(self, fit: CandidateFit, start: CandidateFit) -> DetectionTest:
         """Return a function that decides whether response changes of a model would start a search.
 
         Changes and errors are uncorrelated, so their powers add. The function returns True if the
@@ -126,11 +126,13 @@ class Evaluator(ABC):
         """
 
     @abstractmethod
-    def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
+    def is_significant(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         """Return whether `after` is significantly better, given `tried` candidates."""
 
     @abstractmethod
-    def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
+    def explains_enough(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit
+    ) -> bool:
         """Return whether the last effect of `after` explains enough, also on held-out records."""
 
     @abstractmethod
@@ -192,7 +194,7 @@ class Evaluator(ABC):
         """Return an evaluator and a fit whose initial conditions the model itself estimates."""
         return self, fit
 
-    def first_judged(self, fit: CandidateFit) -> CandidateFit:
+    def evaluated_for_ranking(self, fit: CandidateFit) -> CandidateFit:
         """Return a first fit evaluated on the samples on which first fits are ranked."""
         return fit
 
@@ -200,7 +202,7 @@ class Evaluator(ABC):
         self, before: CandidateFit, fits: Sequence[CandidateFit], start: CandidateFit
     ) -> list[CandidateFit]:
         """Return the first fits that explain enough to justify a final fit."""
-        old = self.excess(self.first_judged(judged_on(before, self.short)))
+        old = self.excess(self.evaluated_for_ranking(evaluated_on(before, self.short)))
         known = self.discrepancy(before, start)
         return [
             fit for fit in fits if rules.is_promising(old, self.excess(fit), known, self.policy)
@@ -277,9 +279,9 @@ class Evaluator(ABC):
         again = self.fit(fit, evaluations=evaluations)
         return fit if again is None or again.square > fit.square else again
 
-    def judged(self, spec: ModelSpec) -> CandidateFit:
+    def evaluated(self, spec: ModelSpec) -> CandidateFit:
         """Return the model evaluated on all training views."""
-        return judged_on(spec, self.views)
+        return evaluated_on(spec, self.views)
 
     def with_tones_aligned(self, fit: CandidateFit) -> Evaluator:
         """Return an evaluator with the phases of a fixed tone aligned over all records.
@@ -290,7 +292,7 @@ class Evaluator(ABC):
             return self
         names = {view.name for view in self.views}
         others = [view for view in self.data.held_out if view.name not in names]
-        aligned = on_one_clock(self.data, fit.errors, others, errors_of(fit, others))
+        aligned = with_aligned_phases(self.data, fit.errors, others, errors_of(fit, others))
         return self if aligned is self.data else self.with_data(aligned)
 
     def stays_finite(self, spec: ModelSpec) -> bool:
@@ -302,7 +304,7 @@ class Evaluator(ABC):
         errors = errors_of(spec, self.data.held_out)
         return all(bool(np.all(np.abs(e) < limit)) for e in errors)
 
-    def raced(
+    def with_early_stopping(
         self,
         function: Callable[[CandidateFit, float], CandidateFit | None],
         fits: Sequence[CandidateFit],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.selection.evaluator import Remainder
 from piezo_hysteresis.discovery.selection.search import Found
 
@@ -47,7 +47,7 @@ def with_headlines_only(found: Found) -> Found:
     if not found.steps:
         return found
     before, after = map(found.evaluator.held_out_excess, (found.start, found.final))
-    if rules.takes_its_share(before, after, found.evaluator.policy):
+    if rules.reduces_gap_enough(before, after, found.evaluator.policy):
         return found
     last = found.last or found.steps[-1].round
     return replace(found, steps=(), final=found.start, last=last)
@@ -57,8 +57,8 @@ def outcome_of(found: Found) -> Outcome:
     """Return the result of a search, evaluated on held-out records."""
     found = with_headlines_only(found)
     evaluator, views = found.evaluator, found.evaluator.measured.held_out
-    before = judged_on(found.start, views)
-    after = judged_on(found.final, views) if found.steps else before
+    before = evaluated_on(found.start, views)
+    after = evaluated_on(found.final, views) if found.steps else before
     remainder = evaluator.remainder(found.final, found.start)
     start, final = evaluator.as_measured(found.start), evaluator.as_measured(found.final)
     return Outcome(

@@ -16,7 +16,7 @@ from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 
 
 def led_by_best_start(
-    evaluator: Evaluator, contest: SelectionRound, start: CandidateFit
+    evaluator: Evaluator, round_: SelectionRound, start: CandidateFit
 ) -> tuple[Evaluator, SelectionRound]:
     """Return the round with the finalist first that is best with its own initial conditions.
 
@@ -40,34 +40,34 @@ def led_by_best_start(
     """
     free = any(v.begins.kind == 'estimate' or v.begins.levels for v in evaluator.views)
     if not free or evaluator.deadline.skips('starts of rivals'):
-        return evaluator, contest
-    judge, first, replaced = evaluator, contest.best, contest.best
-    best_of_each = {fit.effect: fit for fit in reversed(contest.finalists)}
+        return evaluator, round_
+    chosen, first, replaced = evaluator, round_.best, round_.best
+    best_of_each = {fit.effect: fit for fit in reversed(round_.finalists)}
     for fit in best_of_each.values():
         other, again = evaluator.with_own_starts(fit)
         if other is evaluator:
             continue
-        before = other.judged(contest.before)
+        before = other.evaluated(round_.before)
         if (
-            other.score(again) < judge.score(first) - evaluator.policy.better
-            and other.is_worthy(before, again, start)
-            and other.is_sure(before, again, contest.tried)
+            other.score(again) < chosen.score(first) - evaluator.policy.better
+            and other.explains_enough(before, again, start)
+            and other.is_significant(before, again, round_.tried)
         ):
-            judge, first, replaced = other, again, fit
-    if judge is evaluator:
-        return evaluator, contest
-    return judge, _led(judge, contest, first, replaced)
+            chosen, first, replaced = other, again, fit
+    if chosen is evaluator:
+        return evaluator, round_
+    return chosen, _led(chosen, round_, first, replaced)
 
 
 def _led(
-    judge: Evaluator, contest: SelectionRound, first: CandidateFit, replaced: CandidateFit
+    chosen: Evaluator, round_: SelectionRound, first: CandidateFit, replaced: CandidateFit
 ) -> SelectionRound:
     """Return the round with `first` in the lead, instead of the finalist `replaced`."""
-    order = (first, *(fit for fit in contest.finalists if fit is not replaced))
+    order = (first, *(fit for fit in round_.finalists if fit is not replaced))
     return replace(
-        contest,
+        round_,
         accepted=True,
         finalists=order,
-        shares=judge.shares(contest.before, order),
-        gain=judge.improvement(contest.before, first, contest.tried),
+        shares=chosen.shares(round_.before, order),
+        gain=chosen.improvement(round_.before, first, round_.tried),
     )

@@ -13,14 +13,18 @@ from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import (
-    begin_alike,
     first_values,
+    same_initial_conditions,
     with_renewed_starts,
 )
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, judged_on
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    evaluated_on,
+)
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.deadline import Deadline
-from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Opening, Remainder
+from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import (
     Improvement,
@@ -57,7 +61,7 @@ class FreeEvaluator(Evaluator):
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
         self.choices = choices
-        self.negligible = policy.negligible + policy.noise_doubts * data.noise.doubt
+        self.negligible = policy.negligible + policy.noise_deviations * data.noise.excess_deviation
         self.edges = block_edges(
             [v.measured.size for v in self.views],
             [data.periods[v.name] for v in self.views],
@@ -79,7 +83,7 @@ class FreeEvaluator(Evaluator):
     def with_own_starts(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
         """Return the fit with initial conditions that the model estimates, if it is better."""
         seen = with_renewed_starts(fit, self.data, self.choices, self.workers)
-        if begin_alike(self.data, seen):
+        if same_initial_conditions(self.data, seen):
             return self, fit
         renewed = self.with_data(seen)
         again = renewed.fit(fit)
@@ -100,7 +104,7 @@ class FreeEvaluator(Evaluator):
         fraction of it.
         """
         known = isinstance(spec, CandidateFit) and spec.errors
-        seen = spec if isinstance(spec, CandidateFit) and known else self.judged(spec)
+        seen = spec if isinstance(spec, CandidateFit) and known else self.evaluated(spec)
         missing = 1.0 - 1.0 / (1.0 + max(self.excess(seen), 0.0))
         return max(self.policy.final_tolerance, self.policy.first_tolerance * missing)
 
@@ -126,32 +130,36 @@ class FreeEvaluator(Evaluator):
         return self._shows_a_gap(fit, _excesses(fit))
 
     def _shows_a_gap(self, fit: CandidateFit, excesses: Sequence[float]) -> bool:
-        excess, doubt = _over_all(fit, excesses), self.data.noise.doubt
-        return rules.shows_a_gap(excess, excesses, fit.doubts, doubt, self.policy)
+        excess, excess_deviation = _over_all(fit, excesses), self.data.noise.excess_deviation
+        return rules.shows_a_gap(
+            excess, excesses, fit.excess_deviations, excess_deviation, self.policy
+        )
 
     def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
         """Return the excess that the inexact laws of the added effects can leave."""
         inexact = [added.inexactness for added in fit.added]
         return rules.model_discrepancy(inexact, self.excess(start))
 
-    def lacks_something(self, fit: CandidateFit, start: CandidateFit) -> bool:
+    def has_significant_residual(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether the residual exceeds the noise and the known inexactness of the laws."""
-        return self._lacks(fit, _excesses(fit), self._trace(fit, start))
+        return self._exceeds_noise(fit, _excesses(fit), self._trace(fit, start))
 
-    def _lacks(self, fit: CandidateFit, excesses: Sequence[float], trace: float) -> bool:
+    def _exceeds_noise(self, fit: CandidateFit, excesses: Sequence[float], trace: float) -> bool:
         return self._shows_a_gap(fit, excesses) and _over_all(fit, excesses) >= trace
 
     def _trace(self, fit: CandidateFit, start: CandidateFit) -> float:
         """Return the excess that the inexact laws of a model explain, up to the negligible one."""
         return min(self.negligible, self.discrepancy(fit, start))
 
-    def opening(self, fit: CandidateFit, start: CandidateFit) -> Opening:
+    def detection_test(self, fit: CandidateFit, start: CandidateFit) -> DetectionTest:
         """Return a function that decides whether response changes exceed the noise.
 
         It uses the 5 % quantile of the noise mean square, so that the decision holds with 95 %
         probability.
         """
-        low = 1.0 - _ONE_IN_TWENTY * hypot(self.data.noise.doubt, sqrt(2.0 / fit.samples))
+        low = 1.0 - _ONE_IN_TWENTY * hypot(
+            self.data.noise.excess_deviation, sqrt(2.0 / fit.samples)
+        )
         trace = self._trace(fit, start)
 
         def of(changes: Sequence[FloatArray]) -> Callable[[float], bool]:
@@ -159,22 +167,24 @@ class FreeEvaluator(Evaluator):
                 float(c @ c) / c.size / noise**2
                 for c, noise in zip(changes, fit.noises, strict=True)
             ]
-            return lambda factor: self._lacks(
+            return lambda factor: self._exceeds_noise(
                 fit, [max(low, 0.0) + factor**2 * square - 1.0 for square in squares], trace
             )
 
         return of
 
-    def is_sure(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
+    def is_significant(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         """Return whether `after` is significantly better than `before`."""
         errors = self.improvement(before, after, 1).ratio
-        return rules.is_sure(errors, self.score(before) - self.score(after), self.policy)
+        return rules.is_significant(errors, self.score(before) - self.score(after), self.policy)
 
-    def is_worthy(self, before: CandidateFit, after: CandidateFit, start: CandidateFit) -> bool:
+    def explains_enough(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit
+    ) -> bool:
         """Return whether the last effect of `after` explains enough, also on held-out records."""
         old, new = self.excess(before), self.excess(after)
         known = self.discrepancy(before, start)
-        if not rules.is_worth_a_name(old, new, known, self.policy):
+        if not rules.explains_enough(old, new, known, self.policy):
             return False
         return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
 
@@ -184,7 +194,7 @@ class FreeEvaluator(Evaluator):
 
     def _held_out(self, spec: ModelSpec) -> float:
         """Return the mean square error on held-out views, relative to that of the noise."""
-        return judged_on(spec, self.data.held_out).floors ** 2
+        return evaluated_on(spec, self.data.held_out).floors ** 2
 
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
         """Return the size and significance of the improvement from the residual spectrum."""
@@ -215,13 +225,15 @@ class FreeEvaluator(Evaluator):
         if self.shows_a_gap(final):
             return Remainder(True, self.views, final)
         held_out = self.data.held_out
-        seen, note = judged_on(final, held_out), ''
+        seen, note = evaluated_on(final, held_out), ''
         left = self.shows_a_gap(seen)
         if left:
             views = [replace(v, name=f'{v.name} (held out)') for v in held_out]
             both = self.fit(final, [*self.views, *views])
-            judged = [] if both is None else [self.judged(both), judged_on(both, held_out)]
-            if both is not None and not any(map(self.shows_a_gap, judged)):
+            evaluated = (
+                [] if both is None else [self.evaluated(both), evaluated_on(both, held_out)]
+            )
+            if both is not None and not any(map(self.shows_a_gap, evaluated)):
                 note = explained_together(final, both)
         return Remainder(left and not note, held_out, seen, note)
 

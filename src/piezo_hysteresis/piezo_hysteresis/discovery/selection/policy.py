@@ -65,7 +65,7 @@ class SelectionPolicy:
         4, '1', 'Evaluations of each starting point before the best one is continued.', 'effort'
     )
     first_evaluations: int = number(16, '1', 'Evaluations of a first fit.', 'effort')
-    afresh_evaluations: int = number(
+    restart_evaluations: int = number(
         24,
         '1',
         'Additional evaluations of a first fit from the starting values of the baseline.',
@@ -125,13 +125,13 @@ class SelectionPolicy:
     max_effects: int = number(
         5, '1', 'Effects that are searched for, one after another.', 'effort'
     )
-    min_promise: float = number(
+    min_score: float = number(
         1e-4,
         '1',
         'Share of the squared residual that a candidate must explain to first order to be fitted.',
         'effort',
     )
-    promised: float = number(
+    required_score_share: float = number(
         0.1,
         '1',
         'Share of the required improvement that a candidate must also explain to first order.',
@@ -148,7 +148,7 @@ class SelectionPolicy:
     negligible_in_record: float = number(
         0.2, '1', 'The same in one record.', 'chosen: 10 % of the rms of its noise'
     )
-    noise_doubts: float = number(
+    noise_deviations: float = number(
         3.0,
         'standard deviations',
         'Random deviation of a mean square that is accepted.',
@@ -209,7 +209,7 @@ class SelectionPolicy:
         'effort',
     )
     restarts: int = number(2, '1', 'Restarts of the search from another first effect.', 'effort')
-    rival_within: float = number(
+    alternative_within: float = number(
         2.0,
         '1',
         'Sum of squares of another effect, relative to the winner, up to which it is tried '
@@ -258,7 +258,7 @@ class SelectionPolicy:
     )
 
     # --- relative to the known discrepancy (fixed baseline) ----------------------------
-    news: float = number(
+    new_deviation: float = number(
         1.5,
         '1',
         'Rms relative to the known discrepancy under these conditions, from which a record is '

@@ -109,12 +109,12 @@ class Expectation:
         whole = policy.whole * float(np.log1p(max(powers[1:].sum() / self.total, 1.0)))
         return float(self.independent @ np.log1p(parts)) + whole
 
-    def news(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> bool:
+    def new_deviation(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> bool:
         """Return whether the residual powers exceed the known discrepancy (a new deviation)."""
-        if not powers[1:].sum() <= policy.news**2 * self.total:
+        if not powers[1:].sum() <= policy.new_deviation**2 * self.total:
             return True
         chance = 1.0 + 3.0 / np.sqrt(np.maximum(self.independent, 1.0))
-        large = powers > chance * policy.news**2 * self.expected
+        large = powers > chance * policy.new_deviation**2 * self.expected
         # an expected part that is absent from the residual must not mask a new deviation
         there = min(float(powers[1:].sum()), self.total)
         return bool(np.any(large & (powers - self.expected > policy.part * there)))
@@ -272,5 +272,5 @@ def costs(
     return (
         sum(e.cost(p) for e, p in pairs),
         sum(e.excess(p) for e, p in pairs),
-        any(e.news(p) for e, p in pairs),
+        any(e.new_deviation(p) for e, p in pairs),
     )

@@ -55,8 +55,8 @@ def better_of_both(
         near = evaluator.fit_briefly(spec, evaluator.policy.first_evaluations)
         if near is None:
             return None
-        fit = evaluator.fit_briefly(near, evaluator.policy.afresh_evaluations, enough)
-        return evaluator.first_judged(fit or near)
+        fit = evaluator.fit_briefly(near, evaluator.policy.restart_evaluations, enough)
+        return evaluator.evaluated_for_ranking(fit or near)
 
     best = {(fit.effect, fit.variant): fit for fit in fitted}
     for fit in evaluator.map(again, chosen):

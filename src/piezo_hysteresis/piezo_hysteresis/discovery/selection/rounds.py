@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.candidate_filter import competing
+from piezo_hysteresis.discovery.selection.candidate_filter import refined_candidates
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
@@ -53,7 +53,7 @@ class SelectionRound:
 
     def won_clearly(self, policy: SelectionPolicy) -> bool:
         """Return whether no finalist of another effect has a comparable sum of squares."""
-        limit = policy.rival_within * self.best.square
+        limit = policy.alternative_within * self.best.square
         return all(fit.effect == self.best.effect or fit.square > limit for fit in self.finalists)
 
     def probabilities(self) -> dict[str, float]:
@@ -78,20 +78,20 @@ def select(
     progress : callable
         Called with ``(fraction, message)``.
     """
-    every = competing(evaluator, before)
+    every = refined_candidates(evaluator, before)
     free = evaluator.free_of(before)
     screen = Screen(before, evaluator.screened, free, evaluator.workers)
     screened = evaluator.map(lambda each: _screened(evaluator, screen, each), every)
     scores = [each for each in screened if each is not None]
     progress(0.2, f'{len(every)} candidates screened')
-    least = rules.least_promise(evaluator.excess(before), evaluator.policy)
+    least = rules.min_screening_score(evaluator.excess(before), evaluator.policy)
     chosen = choose_trials(scores, least, evaluator.policy)
     tried = evaluator.map(lambda each: _trial(evaluator, before, each), chosen)
     progress(0.4, f'{len(chosen)} candidates tried')
-    hopeful = choose_first_fits(evaluator, [fit for fit in tried if fit is not None])
-    first = evaluator.raced(
+    promising = choose_first_fits(evaluator, [fit for fit in tried if fit is not None])
+    first = evaluator.with_early_stopping(
         lambda each, enough: _first_fit(evaluator, each, enough),
-        hopeful,
+        promising,
         evaluator.policy.final_within,
     )
     fitted = ranked(evaluator, better_of_both(evaluator, before, chosen, ranked(evaluator, first)))
@@ -120,16 +120,16 @@ def _finalists(
     If no first fit is promising, no final fit is made; the nearest first fits are returned,
     evaluated on all samples.
     """
-    hopeful = evaluator.promising(before, fitted, start)
-    if not hopeful:
+    promising = evaluator.promising(before, fitted, start)
+    if not promising:
         nearest = of_different_places(fitted, evaluator.policy)
-        return ranked(evaluator, _finite(evaluator, evaluator.map(evaluator.judged, nearest)))
+        return ranked(evaluator, _finite(evaluator, evaluator.map(evaluator.evaluated, nearest)))
 
     def wins(fit: CandidateFit) -> bool:
-        worthy = evaluator.stays_finite(fit) and evaluator.is_worthy(before, fit, start)
-        return worthy and evaluator.is_sure(before, fit, tried)
+        sufficient = evaluator.stays_finite(fit) and evaluator.explains_enough(before, fit, start)
+        return sufficient and evaluator.is_significant(before, fit, tried)
 
-    leaders = _final_fits(evaluator, of_different_places(hopeful, evaluator.policy), wins)
+    leaders = _final_fits(evaluator, of_different_places(promising, evaluator.policy), wins)
     if not leaders:
         return []
     variants = [
@@ -151,12 +151,16 @@ def round_of(
     Only finalists that explain enough compete. The other finalists get the share 0: they explain
     little, or they increase the error on held-out records.
     """
-    worthy = [fit for fit in finalists if evaluator.is_worthy(before, fit, start)]
-    winner = next((fit for fit in worthy if evaluator.is_sure(before, fit, tried)), None)
-    rivals = worthy or list(finalists)
-    first = rivals[0] if winner is None else winner
-    order = (first, *(fit for fit in rivals if fit is not first))
-    others = tuple(fit for fit in finalists if all(fit is not rival for rival in rivals))
+    sufficient = [fit for fit in finalists if evaluator.explains_enough(before, fit, start)]
+    winner = next(
+        (fit for fit in sufficient if evaluator.is_significant(before, fit, tried)), None
+    )
+    alternatives = sufficient or list(finalists)
+    first = alternatives[0] if winner is None else winner
+    order = (first, *(fit for fit in alternatives if fit is not first))
+    others = tuple(
+        fit for fit in finalists if all(fit is not alternative for alternative in alternatives)
+    )
     shares = (*evaluator.shares(before, order), *(0.0 for _ in others))
     gain = evaluator.improvement(before, first, tried)
     return SelectionRound(before, (*order, *others), shares, gain, tried, winner is not None)
@@ -207,8 +211,8 @@ def _trial(
 
 def choose_first_fits(evaluator: Evaluator, tried: Sequence[CandidateFit]) -> list[CandidateFit]:
     """Return the trials with the best scores; all trials use the same samples."""
-    judged = evaluator.map(evaluator.first_judged, tried)
-    return ranked(evaluator, judged)[: evaluator.policy.first_fits]
+    evaluated = evaluator.map(evaluator.evaluated_for_ranking, tried)
+    return ranked(evaluator, evaluated)[: evaluator.policy.first_fits]
 
 
 def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> CandidateFit | None:
@@ -217,7 +221,7 @@ def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> Cand
         return None
     evaluations, workers = evaluator.policy.first_evaluations, evaluator.workers
     fit = evaluator.fit_briefly(trial, evaluations, enough, workers)
-    return None if fit is None else evaluator.first_judged(fit)
+    return None if fit is None else evaluator.evaluated_for_ranking(fit)
 
 
 def _final_fits(
@@ -235,11 +239,11 @@ def _final_fits(
 
     def ended(fit: CandidateFit, enough: float) -> CandidateFit | None:
         if evaluator.deadline.passed:
-            return evaluator.judged(fit)
+            return evaluator.evaluated(fit)
         return evaluator.fit(fit, enough=enough)
 
-    within = evaluator.policy.rival_within if best is None else 1.0
-    final = evaluator.raced(ended, fits, within, best, wins)
+    within = evaluator.policy.alternative_within if best is None else 1.0
+    final = evaluator.with_early_stopping(ended, fits, within, best, wins)
     return ranked(evaluator, _finite(evaluator, final))
 
 
@@ -263,8 +267,8 @@ def _nearer(
     starts = (known, {k: neutral.get(k, v) for k, v in known.items()})
     moved = [replace(fit, values=start | shared, sampling_offset=leader.sampling_offset)
              for start in starts]  # fmt: skip
-    judged = evaluator.map(evaluator.judged, [fit, *moved])
-    return min(judged, key=lambda each: each.square)
+    evaluated = evaluator.map(evaluator.evaluated, [fit, *moved])
+    return min(evaluated, key=lambda each: each.square)
 
 
 def _finite(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:

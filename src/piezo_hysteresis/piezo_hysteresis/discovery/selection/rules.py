@@ -13,7 +13,8 @@ from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 
 
 def shows_a_gap(
-    excess: float, by_record: Sequence[float], doubts: Sequence[float], doubt: float,
+    excess: float, by_record: Sequence[float], excess_deviations: Sequence[float],
+    excess_deviation: float,
     policy: SelectionPolicy,
 ) -> bool:  # fmt: skip
     """Return whether the residual exceeds the noise by more than a negligible amount.
@@ -31,11 +32,11 @@ def shows_a_gap(
     policy : SelectionPolicy
         Decision thresholds.
     """
-    if not excess <= policy.negligible + policy.noise_doubts * doubt:
+    if not excess <= policy.negligible + policy.noise_deviations * excess_deviation:
         return True
     return any(
-        not each <= policy.negligible_in_record + policy.noise_doubts * chance
-        for each, chance in zip(by_record, doubts, strict=True)
+        not each <= policy.negligible_in_record + policy.noise_deviations * chance
+        for each, chance in zip(by_record, excess_deviations, strict=True)
     )
 
 
@@ -52,7 +53,7 @@ def model_discrepancy(inexactness: Sequence[float], excess_at_start: float) -> f
     return max(inexactness, default=0.0) ** 2 * max(excess_at_start, 0.0)
 
 
-def is_worth_a_name(
+def explains_enough(
     before: float, after: float, discrepancy: float, policy: SelectionPolicy
 ) -> bool:
     """Return whether an effect that reduces the excess from `before` to `after` explains enough.
@@ -68,7 +69,7 @@ def is_promising(before: float, after: float, discrepancy: float, policy: Select
     return before - after >= policy.promising * (policy.min_share * before + discrepancy)
 
 
-def least_promise(excess: float, policy: SelectionPolicy) -> float:
+def min_screening_score(excess: float, policy: SelectionPolicy) -> float:
     """Return the least screening score with which a candidate is fitted.
 
     The score is a share of the squared residual.
@@ -81,10 +82,10 @@ def least_promise(excess: float, policy: SelectionPolicy) -> float:
         Decision thresholds.
     """
     asked = policy.min_share * max(excess, 0.0) / (1.0 + max(excess, 0.0))
-    return max(policy.min_promise, policy.promised * asked)
+    return max(policy.min_score, policy.required_score_share * asked)
 
 
-def is_sure(standard_errors: float, score_gain: float, policy: SelectionPolicy) -> bool:
+def is_significant(standard_errors: float, score_gain: float, policy: SelectionPolicy) -> bool:
     """Return whether an improvement is significant and outweighs the parameter penalty."""
     return standard_errors >= policy.min_standard_errors and score_gain > 0.0
 
@@ -119,7 +120,7 @@ def is_no_worse(before: float, after: float, policy: SelectionPolicy) -> bool:
     return after <= (1.0 + policy.worse) * before
 
 
-def takes_its_share(before: float, after: float, policy: SelectionPolicy) -> bool:
+def reduces_gap_enough(before: float, after: float, policy: SelectionPolicy) -> bool:
     """Return whether the gap has decreased by enough to report the effects.
 
     Parameters
@@ -142,7 +143,7 @@ def explained(before: float, after: float) -> float:
     return min(max((before**2 - after**2) / excess, 0.0), 1.0) if after < inf else 0.0
 
 
-def verdict_word(named: int, left: bool) -> str:
+def verdict_name(named: int, left: bool) -> str:
     """Return the word of the verdict: ``named``, ``none`` or ``unknown``.
 
     A significant effect is named, even if a large residual remains. The word is ``none`` if the

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
-from piezo_hysteresis.discovery.selection.elimination import Step, judged_again, pruned
+from piezo_hysteresis.discovery.selection.elimination import Step, pruned, retested
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.finalist_starts import led_by_best_start
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, select
@@ -37,7 +37,7 @@ class Found:
     def leaves_much(self) -> bool:
         """Whether the residual of the final model is far above the noise."""
         far = self.final.floors > self.evaluator.policy.explained_gap
-        return far and self.evaluator.lacks_something(self.final, self.start)
+        return far and self.evaluator.has_significant_residual(self.final, self.start)
 
 
 def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Found:
@@ -52,26 +52,26 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
         return found
     first = found.steps[0].round
     progress(0.85, 'judging every effect knowing the others')
-    best = _judged_again(found)
+    best = _retested(found)
     for step in _others(evaluator, first):
         if not best.leaves_much or evaluator.deadline.skips(f'{step.fit.effect} first'):
             break
         progress(0.9, f'beginning again with {step.fit.effect}')
         again = replace(step, fit=_finished(evaluator, step.fit))
         seen = evaluator.with_tones_aligned(first.before)
-        other = _judged_again(_forward(seen, start, [again], lambda fraction, message: None))
+        other = _retested(_forward(seen, start, [again], lambda fraction, message: None))
         policy = evaluator.policy
         if other.evaluator.score(other.final) < best.evaluator.score(best.final) - policy.better:
             best = other
     return best
 
 
-def _judged_again(found: Found) -> Found:
+def _retested(found: Found) -> Found:
     if found.evaluator.policy.elimination_rounds == 0 or not found.steps:
         return found
     if len(found.steps) > 1 and found.evaluator.deadline.skips('effects judged again'):
         return found
-    evaluator, steps, final = judged_again(found.evaluator, found.start, found.steps)
+    evaluator, steps, final = retested(found.evaluator, found.start, found.steps)
     return replace(found, evaluator=evaluator, steps=tuple(steps), final=final)
 
 
@@ -81,17 +81,20 @@ def _others(evaluator: Evaluator, first: SelectionRound) -> list[Step]:
     taken = {first.best.effect}
     share_of = dict(zip(map(id, first.finalists), first.shares, strict=True))
     for fit in first.finalists:
-        if fit.effect in taken or fit.square > evaluator.policy.rival_within * first.best.square:
+        if (
+            fit.effect in taken
+            or fit.square > evaluator.policy.alternative_within * first.best.square
+        ):
             continue
         taken.add(fit.effect)
         order = (fit, *(each for each in first.finalists if each is not fit))
-        contest = replace(
+        round_ = replace(
             first,
             finalists=order,
             shares=tuple(share_of[id(each)] for each in order),
             gain=evaluator.improvement(first.before, fit, first.tried),
         )
-        found.append(Step(contest, fit))
+        found.append(Step(round_, fit))
     return found[: evaluator.policy.restarts]
 
 
@@ -109,12 +112,12 @@ def _forward(
     most = evaluator.policy.max_effects
     last: SelectionRound | None = None
     for place in range(len(steps), most):
-        if not evaluator.lacks_something(current, start):
+        if not evaluator.has_significant_residual(current, start):
             return Found(evaluator, start, current, tuple(steps))
         if steps and evaluator.deadline.skips('one effect more'):
             return Found(evaluator, start, current, tuple(steps))
         evaluator = evaluator.with_tones_aligned(current)
-        current = replace(evaluator.judged(current), fitted=current.fitted)
+        current = replace(evaluator.evaluated(current), fitted=current.fitted)
         begin, share = 0.12 + 0.7 * place / most, 0.7 / most
 
         def report(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection.anchored_evaluator import (
     HeldEvaluator,
-    known_to_miss,
+    known_discrepancy,
     without_repeated,
 )
 from piezo_hysteresis.discovery.selection.baseline import (
@@ -18,8 +18,8 @@ from piezo_hysteresis.discovery.selection.baseline import (
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
+    evaluated_on,
     fitted_to,
-    judged_on,
 )
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.final_evaluation import (
@@ -91,7 +91,7 @@ def find(
             held = unsearched(data, given, how)
         else:
             held = _find_held(data, given, how, progress)
-        outcome = _judged(held, progress)
+        outcome = _evaluated(held, progress)
         nominal = outcome.found.start
         if nothing_new:
             left = replace(outcome.remainder, significant=False, note='')
@@ -103,10 +103,10 @@ def find(
     evaluator = FreeEvaluator(
         seen, how.seed, how.workers, how.policy(POLICY), how.deadline, choices
     )
-    return base, _judged(search(evaluator, base.joint, progress), progress)
+    return base, _evaluated(search(evaluator, base.joint, progress), progress)
 
 
-def _judged(found: Found, progress: Progress) -> Outcome:
+def _evaluated(found: Found, progress: Progress) -> Outcome:
     progress(0.95, 'proving on held-out records')
     return outcome_of(found)
 
@@ -141,16 +141,16 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
     for searched in (True, False):
         if not searched and (
             how.choices.start != 'auto'
-            or not _invented(data, found[0][1].evaluator.data, given)
+            or not _assigned_parameters(data, found[0][1].evaluator.data, given)
             or how.deadline.skips('records that begin as they say')
         ):
             break
         base, seen = held_data(data, given, how, searched=searched)
         evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given, policy, how.deadline)
-        still = evaluator.judged(replace(base, sampling_offset=evaluator.late))
+        still = evaluator.evaluated(replace(base, sampling_offset=evaluator.late))
         base = min(base, still, key=evaluator.score)
         each = with_headlines_only(search(evaluator, base, progress))
-        levels = _invented(data, each.evaluator.data, given)
+        levels = _assigned_parameters(data, each.evaluator.data, given)
         found.append((each.evaluator.score(each.final) + policy.price * levels, each))
     return min(found, key=lambda pair: pair[0])[1]
 
@@ -172,7 +172,7 @@ def held_data(
     zeroed = known.with_each(
         lambda view: replace(view, own_zero=own, precision=1.0, influence=None)
     )
-    seen = without_repeated(zeroed, known_to_miss(given), policy)
+    seen = without_repeated(zeroed, known_discrepancy(given), policy)
     clocked = fitted_to(
         nominal,
         seen.training,
@@ -182,10 +182,10 @@ def held_data(
         clock=clock_about(given, data.training[0].dt, policy.jitter),
         workers=how.workers,
     )
-    return judged_on(clocked or nominal, seen.training), seen
+    return evaluated_on(clocked or nominal, seen.training), seen
 
 
-def _invented(data: Dataset, seen: Dataset, given: ModelFile) -> int:
+def _assigned_parameters(data: Dataset, seen: Dataset, given: ModelFile) -> int:
     """Return the number of parameters of assigned initial conditions of records at rest at 0 V.
 
     A record does not count if a reference record with the same drive has the same initial
@@ -197,6 +197,6 @@ def _invented(data: Dataset, seen: Dataset, given: ModelFile) -> int:
         voltage, kind = after.voltage[after.first :], after.begins.kind
         if before.begins.kind != STEP.kind or after.begins == before.begins:
             continue
-        if not any(trace.began_so(voltage, after.dt, kind) for trace in traces):
+        if not any(trace.began_similarly(voltage, after.dt, kind) for trace in traces):
             count += 1 + len(after.begins.levels)
     return count

@@ -11,7 +11,7 @@ from piezo_hysteresis.models import Model, described, name_of
 if TYPE_CHECKING:
     from piezo_hysteresis.discovery.selection.elimination import Step
 
-RIVAL_PROBABILITY = 0.02
+ALTERNATIVE_PROBABILITY = 0.02
 
 
 def instead(model: Model) -> tuple[str, ...]:
@@ -27,12 +27,14 @@ def advise(check: Check, steps: Sequence[Step], left: bool, description: str) ->
     sentences: list[str] = []
     for step in steps:
         chances = step.round.probabilities()
-        rivals = [name for name, chance in chances.items() if chance > RIVAL_PROBABILITY]
-        if len(rivals) < 2:
+        alternatives = [
+            name for name, chance in chances.items() if chance > ALTERNATIVE_PROBABILITY
+        ]
+        if len(alternatives) < 2:
             continue
-        for name in rivals:
+        for name in alternatives:
             experiment = described(name)[0].experiment
-            sentences.append(f'To distinguish {", ".join(rivals)}: {experiment}')
+            sentences.append(f'To distinguish {", ".join(alternatives)}: {experiment}')
     named = {step.fit.effect for step in steps}
     for names, advice in check.confounded:
         if named & set(names) or (left and not steps):

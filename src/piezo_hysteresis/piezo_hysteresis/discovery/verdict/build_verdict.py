@@ -26,7 +26,7 @@ from piezo_hysteresis.identification.targets import Target
 _MOST_PLACES = 20
 
 
-def tell(
+def build_verdict(
     coverage: Check,
     base: Baselines,
     outcome: Outcome,
@@ -68,7 +68,7 @@ def tell(
     description = (
         describe(data, left.views, seen, floor, on_held_out) if left.significant else left.note
     )
-    kind = rules.verdict_word(len(found.steps), left.significant)
+    kind = rules.verdict_name(len(found.steps), left.significant)
     if kind == 'none':
         short = f'{1e3 * found.evaluator.unseen_delay:.2g} ms'
         clock = f'A delay of up to {short} cannot be distinguished from a clock offset.'

@@ -39,16 +39,16 @@ def final_model(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
             notes={
                 'effects': effects,
                 OFFSET_NOTE: float(final.sampling_offset),
-                **_clock_known(found),
+                **_clock_note(found),
             },
             records=_seen(found),
         ),
         together,
-        what_is_left(found),
+        remaining_discrepancy(found),
     )
 
 
-def _clock_known(found: Discovery) -> dict[str, float]:
+def _clock_note(found: Discovery) -> dict[str, float]:
     """Return the note on the standard deviation of the sampling offset.
 
     It comes from the fit, or from the file of a baseline with the same offset.
@@ -93,7 +93,7 @@ def _uncertainty(
     return fitted, Correlation.among(final.fitted.free, final.fitted.correlation, renewed)
 
 
-def what_is_left(found: Discovery) -> Discrepancy | None:
+def remaining_discrepancy(found: Discovery) -> Discrepancy | None:
     """Return the discrepancy of the final model by frequency, harmonic and amplitude."""
     records = {r.name: r for r in found.data.records}
     views = found.data.training

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from piezo_hysteresis.discovery.selection.elimination import Step
 
 # Probability below which an alternative is omitted.
-WORTH_SAYING = 0.005
+MIN_PROBABILITY = 0.005
 # Probability from which an alternative is stated in the summary.
 MENTIONED = POLICY.alternative
 # Change in standard deviations from which a parameter counts as changed.
-CHANGED = POLICY.noise_doubts
+CHANGED = POLICY.noise_deviations
 # Relative distance of a drive harmonic from a mode up to which the drive is listed. Within 4 % a
 # lightly damped mode amplifies at least twelve times, 1 / (1 - (1 - 0.04)^2), and a harmonic of
 # one per cent reaches an eighth of the drive. Chosen; it affects only this sentence.
@@ -84,7 +84,7 @@ def _named(
     others = tuple(
         Alternative(name, certainty * chance)
         for name, chance in chances.items()
-        if name != winner and chance > WORTH_SAYING
+        if name != winner and chance > MIN_PROBABILITY
     )
     # The winner of the round may be another variant of the effect than that in the final model.
     elements = [added for added in final.added if added.effect == winner]
@@ -218,7 +218,7 @@ def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Altern
         for name, chance in found_in.probabilities().items():
             found[name] = max(found.get(name, 0.0), chance)
     ordered = sorted(found.items(), key=lambda each: -each[1])
-    return tuple(Alternative(name, chance) for name, chance in ordered if chance > WORTH_SAYING)
+    return tuple(Alternative(name, chance) for name, chance in ordered if chance > MIN_PROBABILITY)
 
 
 def summary_of(verdict: Verdict) -> str:
@@ -235,8 +235,8 @@ def summary_of(verdict: Verdict) -> str:
 
 
 def _only_own(verdict: Verdict) -> bool:
-    judged = {name for names in verdict.records.values() for name in names}
-    return judged <= set(verdict.identified_from)
+    evaluated = {name for names in verdict.records.values() for name in names}
+    return evaluated <= set(verdict.identified_from)
 
 
 def _summary(verdict: Verdict) -> str:
@@ -264,14 +264,14 @@ def _summary(verdict: Verdict) -> str:
     shifts = [each for each in verdict.effects if each.name == PARAMETER_SHIFT.name]
     missed = [_with_chance(each) for each in verdict.effects if each not in shifts]
     them = 'it' if len(missed) == 1 else 'them'
-    news = [f'misses {" and ".join(missed)}'] if missed else []
+    findings = [f'misses {" and ".join(missed)}'] if missed else []
     done = [f'adding {them}'] if missed else []
     for shift in shifts:
         others = [a.name for a in shift.alternatives if a.probability > MENTIONED]
-        news.append(f'has parameters that do not fit these records{_or(others)}')
+        findings.append(f'has parameters that do not fit these records{_or(others)}')
         done.append('refitting them')
     return (
-        f'The model {verdict.baseline} {" and ".join(news)}; {" and ".join(done)} lowers the '
+        f'The model {verdict.baseline} {" and ".join(findings)}; {" and ".join(done)} lowers the '
         f'held-out gap from {gap}.{more}'
     )
 

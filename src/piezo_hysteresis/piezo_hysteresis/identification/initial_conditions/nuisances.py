@@ -127,7 +127,7 @@ def _settled(
     rows, prior = nuisances.rows * weight, nuisances.prior
     explained = BestFit(rows, prior)
 
-    def judged(shares: FloatArray) -> tuple[float, FloatArray]:
+    def evaluated(shares: FloatArray) -> tuple[float, FloatArray]:
         error = left() * weight
         if not np.all(np.isfinite(error)):
             return float('inf'), shares
@@ -136,7 +136,7 @@ def _settled(
         return inner(rest, rest) + float(held @ held), more
 
     shares = np.zeros(len(rows))
-    cost, more = judged(shares)
+    cost, more = evaluated(shares)
     every = np.arange(len(most))
     straight = np.array([k for k, each in enumerate(most) if motion.in_proportion(each)], int)
     for _ in range(_TURNS if most else 0):
@@ -147,7 +147,7 @@ def _settled(
             moved = shares.copy()
             moved[places] += more[places]
             motion.go(_amounts(most, moved))
-            new, further = judged(moved)
+            new, further = evaluated(moved)
             if new <= cost * (1.0 + 1e-9):
                 found = moved
                 break

@@ -30,7 +30,7 @@ from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import free_states
 from piezo_hysteresis.records import Record
 
-Judged = tuple[float, RecordStart]
+Hypothesis = tuple[float, RecordStart]
 
 # Another start takes over when it takes this share of what is left, more where the record shows
 # how it begins, and this many times the square of the noise: five standard deviations.
@@ -124,7 +124,7 @@ class StartSearch:
             return target
         free = replace(target, own_zero=zero != 'common')
         kept = best = self.square(free), target.begins
-        others: list[Judged] = []
+        others: list[Hypothesis] = []
         if self._is_free(record):
             others = [
                 self._tried(free, record, each)
@@ -217,10 +217,12 @@ class StartSearch:
             return None
         return record.section(0, target.voltage.size - target.origin)
 
-    def _tried(self, target: Target, record: Record, start: RecordStart) -> Judged:
+    def _tried(self, target: Target, record: Record, start: RecordStart) -> Hypothesis:
         return self.square(led_in(target, record, start)), start
 
-    def _with_levels(self, target: Target, record: Record, best: Judged, enough: float) -> Judged:
+    def _with_levels(
+        self, target: Target, record: Record, best: Hypothesis, enough: float
+    ) -> Hypothesis:
         """Return a start with refined levels, and with more where the residual needs them."""
         if not best[1].levels:
             return best
@@ -235,8 +237,13 @@ class StartSearch:
         return best
 
     def _levels_instead(
-        self, target: Target, record: Record, best: Judged, others: Sequence[Judged], enough: float
-    ) -> Judged:
+        self,
+        target: Target,
+        record: Record,
+        best: Hypothesis,
+        others: Sequence[Hypothesis],
+        enough: float,
+    ) -> Hypothesis:
         """Return levels before the record where they fit as well as an initial state."""
         levels = [each for each in others if each[1].levels]
         if not levels:
@@ -244,14 +251,14 @@ class StartSearch:
         levelled = self._with_levels(target, record, min(levels, key=_cost), enough)
         return levelled if levelled[0] <= _AS_WELL * best[0] else best
 
-    def _refined(self, target: Target, record: Record, best: Judged) -> Judged:
+    def _refined(self, target: Target, record: Record, best: Hypothesis) -> Hypothesis:
         """Return a start with its last level refined by search, then all by Gauss-Newton steps."""
         for share in _STEPS:
             near = refined(best[1], record, share)
             best = min([best, *(self._tried(target, record, each) for each in near)], key=_cost)
         return self._sharpened(target, record, best)
 
-    def _sharpened(self, target: Target, record: Record, best: Judged) -> Judged:
+    def _sharpened(self, target: Target, record: Record, best: Hypothesis) -> Hypothesis:
         """Return a start with its levels refined by Gauss-Newton steps."""
         for _ in range(_TURNS):
             led = led_in(target, record, best[1])
@@ -265,7 +272,9 @@ class StartSearch:
             best = closer
         return best
 
-    def _plainest(self, kept: Judged, others: Sequence[Judged], samples: int) -> Judged:
+    def _plainest(
+        self, kept: Hypothesis, others: Sequence[Hypothesis], samples: int
+    ) -> Hypothesis:
         """Return a start without nuisance parameters where it fits as well as one with them.
 
         Each parameter must reduce the cost as the Bayesian information criterion demands.
@@ -277,8 +286,8 @@ class StartSearch:
         return min(plain, key=_cost, default=kept)
 
 
-def _cost(judged: Judged) -> float:
-    return judged[0]
+def _cost(evaluated: Hypothesis) -> float:
+    return evaluated[0]
 
 
 def search_by(
