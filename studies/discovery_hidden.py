@@ -175,12 +175,21 @@ class Row:
         return [effect.name for effect in self.verdict.effects]
 
     @property
+    def classes(self) -> list[tuple[str, ...]]:
+        """The class of each named effect, in order."""
+        return [effect.effect_class for effect in self.verdict.effects]
+
+    @property
+    def truth(self) -> str:
+        """Name of what is hidden, empty for nothing."""
+        return HIDDEN[self.hidden][1]
+
+    @property
     def right(self) -> bool:
         """Whether the right name came first, or nothing where nothing was hidden."""
-        truth = HIDDEN[self.hidden][1]
-        return self.names[:1] == ([truth] if truth else []) and (
-            bool(truth) or self.verdict.verdict == 'none'
-        )
+        if not self.truth:
+            return self.verdict.verdict == 'none'
+        return self.names[:1] == [self.truth]
 
     @property
     def told(self) -> str:
@@ -328,20 +337,18 @@ def page(
     hidden = [row for row in rows if row.hidden != 'nothing']
     controls = [row for row in rows if row.hidden == 'nothing']
     right = sum(row.right for row in hidden)
-    among = sum(
-        HIDDEN[r.hidden][1]
-        in (*r.names, *(a.name for e in r.verdict.effects for a in e.alternatives))
-        for r in hidden
-    )
-    besides = sum(len(set(row.names) - {HIDDEN[row.hidden][1]}) > 0 for row in hidden)
+    among = sum(any(row.truth in names for names in row.classes) for row in hidden)
+    false = sum(any(row.truth not in names for names in row.classes) for row in hidden)
+    besides = sum(len(set(row.names) - {row.truth}) > 0 for row in hidden)
     back = sum(row.ratio <= AS_CONTROL for row in hidden)
     lines = [
         *(line.format(seed=seed) for line in head),
         '',
         (
             f'- right effect ranked first: {right} of {len(hidden)}; '
-            f'first or among the alternatives: {among}'
+            f'first or in a stated class: {among}'
         ),
+        f'- sets with an effect whose class lacks the hidden one: {false} of {len(hidden)}',
         f'- sets with a wrong name: {besides} of {len(hidden)}',
         (
             f'- unchanged actuator reported as `none`: {sum(r.right for r in controls)} '

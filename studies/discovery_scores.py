@@ -12,15 +12,12 @@ from piezo_hysteresis.discovery import Verdict
 
 Row = Mapping[str, Any]
 
-#: Alternatives up to this probability are left out of a cell.
-LEAST = 0.05
-
 
 def in_a_cell(verdict: Verdict) -> str:
-    """Return a verdict for a cell of a table: alternatives in brackets."""
+    """Return a verdict for a cell of a table: the others of its class in brackets."""
     cells = []
     for effect in verdict.effects:
-        others = [a.name for a in effect.alternatives if a.probability > LEAST]
+        others = effect.effect_class[1:]
         more = f' (or {", ".join(others)})' if others else ''
         cells.append(f'{effect.name} {effect.probability:.2f}{more}')
     return '; '.join(cells) or verdict.verdict

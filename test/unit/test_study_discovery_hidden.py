@@ -69,7 +69,7 @@ def test_what_is_judged_begins_where_its_reference_ends(tmp_path: Path) -> None:
 
 def verdict(word: str, names: tuple[str, ...], after: float) -> Verdict:
     effects = tuple(
-        NamedEffect(n, '', 0.9, 1e-6, 2e-7, after, {}, (Alternative('creep', 0.1),), ())
+        NamedEffect(n, '', 0.9, 1e-6, 2e-7, after, {}, (Alternative('creep', 0.2),), ())
         for n in names
     )
     gap = HeldOut(2e-7, after, 4.0, 2.0)
@@ -88,7 +88,8 @@ def test_the_page_counts_what_was_right_wrong_and_taken_out() -> None:
         Row('P-885', 'classical', 'drift', 0.5, verdict('unknown', (), 1.5e-7), 1e-7, 3.0),
     ]
     text = page(rows, 7)
-    assert 'right effect ranked first: 1 of 3; first or among the alternatives: 1' in text
+    assert 'right effect ranked first: 1 of 3; first or in a stated class: 1' in text
+    assert 'an effect whose class lacks the hidden one: 1 of 3' in text
     assert 'sets with a wrong name: 1 of 3' in text
     assert 'unchanged actuator reported as `none`: 1 of 1' in text
     assert 'held-out error within 1.2 of the unchanged actuator: 1 of 3' in text

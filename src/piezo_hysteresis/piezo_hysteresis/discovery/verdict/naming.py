@@ -281,11 +281,8 @@ def _or(others: Sequence[str]) -> str:
 
 
 def _with_chance(effect: NamedEffect) -> str:
-    others = [a.name for a in effect.alternatives if a.probability > MENTIONED]
-    others += [each.name for each in effect.look_alikes if each.name not in others]
-    if others:
-        names = [effect.name, *others]
-        return f'{" or ".join(names)} (these records do not show which)'
+    if len(effect.effect_class) > 1:
+        return f'{" or ".join(effect.effect_class)} (these records do not show which)'
     modes = ' and '.join(f'{frequency:.4g} Hz' for frequency in _modes(effect))
     where = f'at {modes}' if modes else _where(effect)
     return f'{effect.name} {where}'.rstrip()

@@ -8,6 +8,7 @@ from typing import Any
 
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
 from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
+from piezo_hysteresis.discovery.selection.policy import POLICY
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,13 @@ class NamedEffect:
     evidence: tuple[str, ...]
     drives: tuple[dict[str, float], ...] = ()
     look_alikes: tuple[LookAlike, ...] = ()
+
+    @property
+    def effect_class(self) -> tuple[str, ...]:
+        """Names that the records leave: this one, alternatives worth a statement, look-alikes."""
+        likely = (a.name for a in self.alternatives if a.probability > POLICY.alternative)
+        alike = (each.name for each in self.look_alikes)
+        return tuple(dict.fromkeys((self.name, *likely, *alike)))
 
 
 @dataclass(frozen=True)
