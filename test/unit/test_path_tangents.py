@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.identification.sensitivities import StateOffset, sensitivities
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.simulation.plan import PathStage
+from piezo_hysteresis.models.simulation.plan import PathStage, free_states
 from piezo_hysteresis.models.simulation.state_space import run_path, run_path_four, step_of
 from piezo_hysteresis.models.simulation.substep_run import PathRun
 from piezo_hysteresis.models.simulation.substep_sensitivities import carried
 
 DT = 1e-3
+ORIGIN = 500  # sample at which states are offset
 # About where each lies; they are drawn around it.
 USUAL = {
     'A1': 180e-6,
@@ -71,24 +73,46 @@ def drive(count: int = 1200) -> np.ndarray:
     return np.asarray(slow + 0.3 * np.sin(2 * np.pi * 31.0 * t))
 
 
-def central(model: Model, p: np.ndarray, place: int, u: np.ndarray, share: float) -> np.ndarray:
+def central(
+    model: Model,
+    p: np.ndarray,
+    place: int,
+    u: np.ndarray,
+    share: float,
+    offsets: Sequence[StateOffset] = (),
+) -> np.ndarray:
     """Return the derivative by central differences on one grid."""
     q = model.parameters[place]
     step = share * max(abs(p[place]), 0.1 * q.scale)
     above, below = p.copy(), p.copy()
     above[place], below[place] = min(p[place] + step, q.high), max(p[place] - step, q.low)
-    answers = []
-    for moved in (above, below):
-        signal = u
-        for stage, state in zip(model.stages, model.initial_state(DT), strict=True):
-            grid = {}
-            if isinstance(stage, PathStage):
-                grid = {'steps': stage.run.steps(p[stage.columns], DT)}
-            signal = stage.respond(
-                signal, moved[stage.columns], DT, state=state, frequency=0.0, **grid
-            )
-        answers.append(signal)
+    answers = [run(model, moved, p, u, offsets) for moved in (above, below)]
     return np.asarray((answers[0] - answers[1]) / (above[place] - below[place]))
+
+
+def run(
+    model: Model,
+    p: np.ndarray,
+    around: np.ndarray,
+    u: np.ndarray,
+    offsets: Sequence[StateOffset] = (),
+) -> np.ndarray:
+    """Return the run on the grid of `around`, from states that are offset at `ORIGIN`."""
+    signal = u
+    for k, (stage, state) in enumerate(zip(model.stages, model.initial_state(DT), strict=True)):
+        grid = {}
+        if isinstance(stage, PathStage):
+            grid = {'steps': stage.run.steps(around[stage.columns], DT)}
+        parts = []
+        for part in (signal[:ORIGIN], signal[ORIGIN:]):
+            for each in offsets:
+                if parts and each.stage == k:
+                    state[each.place] += each.amount
+            parts.append(
+                stage.respond(part, p[stage.columns], DT, state=state, frequency=0.0, **grid)
+            )
+        signal = np.concatenate(parts)
+    return signal
 
 
 @pytest.mark.component
@@ -109,6 +133,31 @@ def test_derivatives_along_a_path_equal_central_differences(names: Any, seed: in
             difference = central(model, p, place, u, share)
             missed.append(np.abs(row - difference).max() / np.abs(difference).max())
         assert min(missed) < 5e-6, name
+
+
+@pytest.mark.component
+@pytest.mark.parametrize(
+    'names',
+    [*CHAINS[:4], ('transport_delay', 'amplifier_lag', 'bouc_wen_exact', 'mode', 'creep_pair')],
+    ids=' '.join,
+)
+def test_derivatives_from_other_initial_states_equal_central_differences(names: Any) -> None:
+    model, p = drawn(names, 5)
+    u, offsets, stages = drive(), [], enumerate(zip(model.stages, model.initial_state(DT), strict=True))
+    signal = u
+    for k, (stage, state) in stages:
+        signal = stage.respond(signal, p[stage.columns], DT, state=state, frequency=0.0)
+        places = free_states(stage, DT)
+        offsets += [StateOffset(k, place, 0.2 * abs(state[place]) + 1e-9) for place in places]
+    y, rows = sensitivities(model, p, model.free_names, u, DT, origin=ORIGIN, offsets=offsets)
+    np.testing.assert_array_equal(y, run(model, p, p, u, offsets))
+    for name, row in zip(model.free_names, rows, strict=True):
+        place = model.parameter_names.index(name)
+        missed = []
+        for share in (1e-5, 1e-6, 1e-7):
+            difference = central(model, p, place, u, share, offsets)
+            missed.append(np.abs(row - difference).max() / np.abs(difference).max())
+        assert min(missed) < 1e-4, name
 
 
 def test_a_parameter_costs_what_is_behind_it_and_not_the_whole_run(

@@ -182,12 +182,11 @@ def differentiated(
         Derivative by the sampling offset [m/s].
     """
     y, rows = sensitivities(
-        model, packed, free, target.drive, target.dt, target.frequency, target.start
-    )
+        model, packed, free, target.drive, target.dt, target.frequency, target.start,
+        origin=target.origin, offsets=() if motion is None else motion.moved,
+    )  # fmt: skip
     if motion is not None:
-        y = motion.signals[-1]
-        for place, more in motion.derivatives(free, rows).items():
-            rows[place] += more
+        y = motion.response
     late = samples_late(model, target.dt, sampling_offset)
     slope = (shifted(y, late + 1e-4) - shifted(y, late - 1e-4)) / (2e-4 * target.dt)
     return read(y, target, late), read(rows, target, late), slope[: target.voltage.size]

@@ -66,7 +66,7 @@ class Prediction:
         if run is None:
             return simulated(self._model, self._packed, self.target, self._offset, self._cache)
         late = samples_late(self._model, self.target.dt, self._offset)
-        return read(run.signals[-1], self.target, late)
+        return read(run.response, self.target, late)
 
     @property
     def displacement(self) -> FloatArray:

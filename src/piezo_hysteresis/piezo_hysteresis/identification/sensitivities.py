@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -14,11 +14,27 @@ from piezo_hysteresis.blocks.base import Between, Block, Parameter
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.block_sensitivities import At, side_by_side, through
 from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, Stage, TickStage
-from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
+from piezo_hysteresis.models.simulation.state_layout import PlacedBlock, StateJump
 from piezo_hysteresis.models.simulation.substep_sensitivities import carried
 
 _MOST_VALUES = 2_000_000  # derivatives times samples that are held along the way of each tick
 _STEP = 1e-6  # relative step of numerical differences; sqrt of the rounding, times some
+
+
+class StateOffset(NamedTuple):
+    """Offset of one initial state from its value by the lead-in.
+
+    Attributes
+    ----------
+    stage, place : int
+        Where the state stands in the chain.
+    amount : float
+        What is added to it at the first sample of the record.
+    """
+
+    stage: int
+    place: int
+    amount: float
 
 
 def sensitivities(
@@ -29,6 +45,9 @@ def sensitivities(
     dt: float,
     frequency: float = 0.0,
     start: float = 0.0,
+    *,
+    origin: int = 0,
+    offsets: Sequence[StateOffset] = (),
 ) -> tuple[FloatArray, FloatArray]:
     """Return the free run from rest and its derivatives.
 
@@ -48,6 +67,10 @@ def sensitivities(
     dt, frequency, start : float
         Sampling interval [s], fundamental frequency of the drive [Hz], time of the first sample
         [s].
+    origin : int
+        Sample before which `offsets` are added to states.
+    offsets : sequence of StateOffset
+        None for a run from rest.
 
     Returns
     -------
@@ -59,8 +82,13 @@ def sensitivities(
     signal = np.ascontiguousarray(voltage, dtype=np.float64)
     tangent = np.empty((0, signal.size))
     columns: list[str] = []
-    clock = _Clock(dt, frequency, start)
-    for stage in model.stages:
+    for k, stage in enumerate(model.stages):
+        amounts = np.zeros(stage.initial_state(dt, start).size)
+        for each in offsets:
+            if each.stage == k:
+                amounts[each.place] += each.amount
+        jump = StateJump(origin if np.any(amounts) else 0, amounts)
+        clock = _Clock(dt, frequency, start, jump)
         p = packed[stage.columns]
         places = np.arange(packed.size)[stage.columns]
         own = [model.parameters[place] for place in places]
@@ -82,6 +110,7 @@ class _Clock:
     dt: float
     frequency: float
     start: float
+    jump: StateJump
 
 
 def _alone(
@@ -97,10 +126,19 @@ def _alone(
     columns = [j for j, parameter in enumerate(own) if parameter.name in free]
     if moves_by_ticks(stage):
         return _differenced(stage, own, p, columns, signal, tangent, clock)
+    if stage.block.system is not None and len(tangent):  # whatever its state is
+        carried_on = _as_linear(stage.block).carried(tangent, p, clock.dt)
+        output, rows = _alone(stage, own, p, free, signal, tangent[:0], clock)
+        return output, np.vstack([carried_on, rows])
     state = stage.initial_state(clock.dt, clock.start)
     moved = np.zeros((len(tangent) + len(columns), state.size))
-    each, at = partial(_through, signal, tangent, clock), At(stage.block, p, columns)
-    return side_by_side(each, at, len(tangent), state, moved, clock.dt)
+    at, found = At(stage.block, p, columns), []
+    for chunk in clock.jump.chunks(signal.size, signal.size, state):
+        each = partial(_through, signal[chunk], tangent[:, chunk], clock)
+        found.append(side_by_side(each, at, len(tangent), state, moved, clock.dt))
+    if len(found) == 1:
+        return found[0]
+    return np.concatenate([y for y, _ in found]), np.concatenate([r for _, r in found], axis=1)
 
 
 def _is_quadrature(
@@ -129,26 +167,46 @@ def _by_quadrature(
     themselves are differenced.
     """
     assert isinstance(stage, PathStage)
-    run, dt = stage.run.by_quadrature, clock.dt
+    run, dt, layout = stage.run.by_quadrature, clock.dt, stage.run.layout(clock.dt)
     assert run is not None
     state = stage.initial_state(dt, clock.start)
-    nodes = run.node_values(signal, p, dt, state=state, layout=stage.run.layout(dt))
-    flat, rows = nodes.values.ravel(), np.empty((0, nodes.values.size))
+    middle: list[tuple[At, slice, FloatArray]] = []
     places: list[int] = []
-    free = [own[j].name for j in columns]
-    for part in run.middle:
-        inside = TickStage(part.block, part.span, ahead=True)
-        mine = [(j, own[j]) for j in range(part.span.start, part.span.stop)]
-        flat, rows = _alone(inside, [q for _, q in mine], p[part.span], free, flat, rows, clock)
-        places += [j for j, q in mine if q.name in free]
-    answers = run.integrated(np.vstack([flat, rows]), nodes, p, dt)
-    known = dict(zip(places, answers[1:], strict=True))
-    behind = {j for part in run.behind for j in range(part.span.start, part.span.stop)}
-    for j in behind & set(columns):
-        moved = p.copy()
-        moved[j] += parameter_step(stage, own[j], p[j], dt)
-        answer = run.integrated(flat[None], nodes, moved, dt)[0]
-        known[j] = (answer - answers[0]) / (moved[j] - p[j])
+    for part, place in zip(run.middle, layout.memories[1:], strict=False):
+        mine = [j for j in columns if part.span.start <= j < part.span.stop]
+        at = At(part.block, p[part.span], [j - part.span.start for j in mine])
+        places += mine
+        middle.append((at, place, np.zeros((len(places), state[place].size))))
+    behind = slice(layout.memories[1 + len(middle)].start, layout.size)
+    moving: list[tuple[int, FloatArray]] = []
+    for j in columns:
+        if j >= run.behind[0].span.start:
+            moving.append((j, p.copy()))
+            moving[-1][1][j] += parameter_step(stage, own[j], p[j], dt)
+    lasting = [
+        (np.zeros((count, state[behind].size)), np.zeros(count))
+        for count in (1 + len(places), *[1] * len(moving))
+    ]
+    answers = np.empty((len(places) + 1 + len(moving), signal.size))
+    for chunk in clock.jump.chunks(signal.size, signal.size, state):
+        if chunk.start == clock.jump.sample:
+            for states, inputs in lasting:
+                states[0] += clock.jump.amounts[behind]
+                inputs[0] += clock.jump.amounts[0]
+        nodes = run.node_values(signal[chunk], p, dt, state=state, layout=layout)
+        flat, rows = nodes.values.ravel(), np.empty((0, nodes.values.size))
+        for at, place, moved in middle:
+            each = partial(_through, flat, rows, clock)
+            flat, rows = side_by_side(each, at, len(rows), state[place], moved, dt)
+        together, *apart = lasting
+        answers[: 1 + len(places), chunk] = run.integrated(
+            np.vstack([flat, rows]), nodes, p, dt, memory=together
+        )
+        for row, (_, other), memory in zip(answers[1 + len(places) :], moving, apart, strict=True):
+            row[chunk] = run.integrated(flat[None], nodes, other, dt, memory=memory)[0]
+    known = dict(zip(places, answers[1:], strict=False))
+    for row, (j, other) in zip(answers[1 + len(places) :], moving, strict=True):
+        known[j] = (row - answers[0]) / (other[j] - p[j])
     rest = [j for j in columns if j not in known]
     _, others = _differenced(stage, own, p, rest, signal, tangent, clock)
     known |= dict(zip(rest, others, strict=True))
@@ -178,7 +236,7 @@ def _by_path(
         del around[j]
     output, rows = carried(
         stage.run, signal, tangent, p, around, clock.dt, start=clock.start,
-        frequency=clock.frequency,
+        frequency=clock.frequency, jump=clock.jump,
     )  # fmt: skip
     if not late:
         return output, rows
@@ -206,17 +264,12 @@ def _through(
     state: FloatArray,
     moved: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    block, incoming = at.block, len(tangent)
-    linear = block.system is not None
+    block = at.block
     kernel: Any = block.kernel
     times: tuple[float, ...] = (clock.dt, clock.frequency)
     if kernel is None:
         kernel, times = block.along, (*times, 1)  # the same, a point per tick
-    if not linear or not incoming:
-        return through(kernel, signal, tangent, at, state, moved, *times)
-    output, rows = through(kernel, signal, tangent[:0], at, state, moved[incoming:], *times)
-    carried_on = _as_linear(block).carried(tangent, at.values, clock.dt)
-    return output, np.vstack([carried_on, rows])
+    return through(kernel, signal, tangent, at, state, moved, *times)
 
 
 def _as_linear(block: Block) -> LinearStage:
@@ -246,7 +299,14 @@ def _differenced(
 
     def run(x: FloatArray, values: FloatArray) -> FloatArray:
         state = stage.initial_state(clock.dt, clock.start)
-        return stage.respond(x, values, clock.dt, state=state, frequency=clock.frequency, **grid)
+        return np.concatenate(
+            [
+                stage.respond(
+                    x[chunk], values, clock.dt, state=state, frequency=clock.frequency, **grid
+                )
+                for chunk in clock.jump.chunks(x.size, x.size, state)
+            ]
+        )
 
     output = run(signal, p) if output is None else output
     incoming = tangent.shape[0]

@@ -7,7 +7,6 @@ free response of a linear system, however finely the chain before it must be int
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
 
@@ -15,27 +14,11 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, TickStage
 from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
-
-
-@dataclass(frozen=True)
-class StateOffset:
-    """Offset of one initial state from its value by the lead-in.
-
-    Attributes
-    ----------
-    stage, place : int
-        Where the state stands in the chain.
-    amount : float
-        What is added to it at the first sample.
-    """
-
-    stage: int
-    place: int
-    amount: float
 
 
 class FreeResponse:

@@ -8,19 +8,15 @@ first sample.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.initial_conditions.free_response import (
-    FreeResponse,
-    StateOffset,
-)
+from piezo_hysteresis.identification.initial_conditions.free_response import FreeResponse
 from piezo_hysteresis.identification.initial_conditions.record_start import path_to
 from piezo_hysteresis.identification.qr import gram, products
-from piezo_hysteresis.identification.sensitivities import parameter_step
+from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import PathStage, free_states
@@ -34,8 +30,6 @@ _LEVEL = 3e-3
 # time, and down to which share of its largest.
 _PIECE = 512
 _FADED = 1e-7
-# The same for what derivatives change by it: they only say where a fit goes next.
-_PASSED = 1e-4
 # Rows whose effect is smaller than this share of the stroke do nothing.
 _NOTHING = 1e-11
 
@@ -82,9 +76,8 @@ class InitialStateRun:
             self._led.append(np.concatenate([before, after]))
         self._free_response = FreeResponse(model, self._led, target)
         self.moved: tuple[StateOffset, ...] = ()
-        #: Input of each stage, and output of the last, from the offset states.
-        self.signals = self._led
-        self._end = target.origin
+        #: Displacement from the offset states, shape (n,) [m].
+        self.response = self._led[-1]
 
     def _through(
         self, k: int, signal: FloatArray, packed: FloatArray, state: FloatArray
@@ -101,21 +94,11 @@ class InitialStateRun:
 
     def go(self, moved: tuple[StateOffset, ...]) -> None:
         """Set the offsets of the initial state and run from there."""
-        self.moved, self.signals, self._end = moved, list(self._led), self.target.origin
-        others = self._others
-        if others:
-            away, self._end = self._away(others)
-            head = slice(self.target.origin, self._end)
-            for k, part in away.items():
-                self.signals[k] = self._led[k].copy()
-                self.signals[k][head] = part
+        self.moved = moved
+        others = tuple(each for each in moved if not self._free_response.holds(each))
+        self.response = self._run_from(others) if others else self._led[-1]
         if len(others) < len(moved):
-            self.signals[-1] = self.signals[-1] + self._free_response.response(self._packed, moved)
-
-    @property
-    def _others(self) -> tuple[StateOffset, ...]:
-        """Offsets outside the linear tail of the chain."""
-        return tuple(each for each in self.moved if not self._free_response.holds(each))
+            self.response = self.response + self._free_response.response(self._packed, moved)
 
     def in_proportion(self, moved: StateOffset) -> bool:
         """Return whether the response is proportional to the offset of a state."""
@@ -132,11 +115,7 @@ class InitialStateRun:
         """Return the change of the displacement by an offset of one state, shape (n,)."""
         if self._free_response.holds(nudge):
             return self._free_response.rows(self._packed, (nudge,))[0]
-        away, end = self._away((nudge,))
-        change = np.zeros(self.target.drive.size)
-        head = slice(self.target.origin, end)
-        change[head] = away[len(self.model.stages)] - self._led[-1][head]
-        return change
+        return self._run_from((nudge,)) - self._led[-1]
 
     def driven(self, drive: FloatArray) -> FloatArray:
         """Return the displacement for another drive as long as that of the target, shape (n,)."""
@@ -146,8 +125,8 @@ class InitialStateRun:
             signal = self._through(k, signal, self._packed, state)
         return signal
 
-    def _away(self, moved: tuple[StateOffset, ...]) -> tuple[dict[int, FloatArray], int]:
-        """Return the output of each stage from the first sample on, and where the simulation ends.
+    def _run_from(self, moved: tuple[StateOffset, ...]) -> FloatArray:
+        """Return the displacement from offset states, simulated until they have no effect.
 
         A memory of levels responds at once, so that no change returns after the response has
         decayed.
@@ -156,94 +135,24 @@ class InitialStateRun:
         states = {k: self._states[k].copy() for k in range(first, count)}
         for each in moved:
             states[each.stage][each.place] += each.amount
-        parts: dict[int, list[FloatArray]] = {k: [] for k in range(first + 1, count + 1)}
-        samples, peak, length = self.target.drive.size, 0.0, _PIECE
-        begin = self.target.origin
-        while begin < samples:
-            end = min(begin + length, samples)
-            signal = self._led[first][begin:end]
+        y = self._led[-1].copy()
+        begin, peak, length = self.target.origin, 0.0, _PIECE
+        while begin < y.size:
+            piece = slice(begin, begin + length)
+            signal = self._led[first][piece]
             for k in range(first, count):
                 signal = self._through(k, signal, self._packed, states[k])
-                parts[k + 1].append(signal)
-            change = float(np.max(np.abs(signal - self._led[-1][begin:end])))
-            begin, peak, length = end, max(peak, change), 2 * length
+            change = float(np.max(np.abs(signal - y[piece])))
+            y[piece] = signal
+            begin, peak, length = begin + length, max(peak, change), 2 * length
             if not change > _FADED * peak:
                 break
-        return {k: np.concatenate(each) for k, each in parts.items()}, begin
+        return y
 
     def size(self, stage: int, place: int, otherwise: float) -> float:
         """Return the magnitude of a state at the first and last sample."""
         seen = float(self._sizes[stage][place])
         return seen if seen > 0.0 and np.isfinite(seen) else otherwise
-
-    @property
-    def _first(self) -> int:
-        """The first stage whose parameters change the response to offsets outside the tail."""
-        first = min((each.stage for each in self._others), default=len(self.model.stages))
-        return first if self._affine_from(first) else 0
-
-    def derivatives(self, free: Sequence[str], led: FloatArray) -> dict[int, FloatArray]:
-        """Return the change of the derivatives by the offsets of the initial state.
-
-        Parameters
-        ----------
-        free : sequence of str
-            Parameters to differentiate by.
-        led : ndarray, shape (len(free), n)
-            Derivatives of the run without offsets.
-
-        Returns
-        -------
-        dict of int to ndarray, shape (n,)
-            By place in `free`; none where they do not change.
-        """
-        found: dict[int, FloatArray] = {}
-        count = len(self.model.stages)
-        first = self._first if self._others else count
-        tail = min(
-            (each.stage for each in self.moved if self._free_response.holds(each)), default=count
-        )
-        response = self._free_response.response(self._packed, self.moved)
-        usual = self.signals[-1] - response
-        head = slice(self.target.origin, self._head_end(usual))
-        for k in range(min(first, tail), count):
-            stage = self.model.stages[k]
-            for j in np.arange(self._packed.size)[stage.columns]:
-                q = self.model.parameters[j]
-                if q.name not in free:
-                    continue
-                step = parameter_step(stage, q, float(self._packed[j]), self.target.dt)
-                packed = self._packed.copy()
-                packed[j] += step
-                row = np.zeros(self.target.drive.size)
-                size, place = packed[j] - self._packed[j], free.index(q.name)
-                if k >= first:
-                    row[head] = (self._parted(k, packed, head) - usual[head]) / size - led[
-                        place, head
-                    ]
-                if k >= tail:
-                    row += (self._free_response.response(packed, self.moved) - response) / size
-                found[place] = row
-        return found
-
-    def _head_end(self, usual: FloatArray) -> int:
-        """Return the sample up to which offsets change `usual`, the run without tails."""
-        origin = self.target.origin
-        change = np.abs(usual - self._led[-1])[origin : self._end]
-        left = np.flatnonzero(change > _PASSED * float(change.max(initial=0.0)))
-        return origin + (int(left[-1]) + 1 if left.size else 0)
-
-    def _parted(self, first: int, packed: FloatArray, head: slice) -> FloatArray:
-        """Return the run from the offset states with other parameters of a stage."""
-        before, moved = self._led[first][: head.start], self.signals[first][head]
-        for k in range(first, len(self.model.stages)):
-            state = self.model.stages[k].initial_state(self.target.dt, self.target.start)
-            before = self._through(k, before, packed, state)
-            for each in self._others:
-                if each.stage == k:
-                    state[each.place] += each.amount
-            moved = self._through(k, moved, packed, state)
-        return moved
 
 
 def start_rows(motion: InitialStateRun) -> tuple[list[FloatArray], list[StateOffset]]:
@@ -286,7 +195,7 @@ def level_rows(motion: InitialStateRun) -> list[FloatArray]:
         start = replace(target.begins, levels=other)
         before = path_to(target.voltage[target.origin : target.origin + 2], start, target.dt)
         drive = np.concatenate([before, target.drive[target.origin :]])
-        rows.append((motion.driven(drive) - motion.signals[-1]) / _LEVEL)
+        rows.append((motion.driven(drive) - motion.response) / _LEVEL)
     return rows
 
 

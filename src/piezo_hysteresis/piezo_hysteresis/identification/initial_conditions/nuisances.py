@@ -15,7 +15,6 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.free_run import samples_late, shifted
-from piezo_hysteresis.identification.initial_conditions.free_response import StateOffset
 from piezo_hysteresis.identification.initial_conditions.initial_state import (
     BestFit,
     InitialStateRun,
@@ -23,6 +22,7 @@ from piezo_hysteresis.identification.initial_conditions.initial_state import (
     start_rows,
 )
 from piezo_hysteresis.identification.qr import inner
+from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 
@@ -85,7 +85,7 @@ def nuisances_of(
     motion = InitialStateRun(model, packed, target)
 
     def left() -> FloatArray:
-        return target.measured - target.pick(shifted(motion.signals[-1], late))
+        return target.measured - target.pick(shifted(motion.response, late))
 
     error = left()
     if not np.all(np.isfinite(error)):
@@ -167,6 +167,6 @@ def _settled(
 def _amounts(most: Sequence[StateOffset], shares: FloatArray) -> tuple[StateOffset, ...]:
     """Return offsets of the initial state as shares of the largest ones."""
     return tuple(
-        replace(each, amount=each.amount * float(share))
+        each._replace(amount=each.amount * float(share))
         for each, share in zip(most, shares, strict=False)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from piezo_hysteresis.arrays import FloatArray
@@ -38,6 +38,33 @@ class Layout(NamedTuple):
     past: slice
     memories: list[slice]
     size: int
+
+
+class StateJump(NamedTuple):
+    """Offsets added to the state of a stage before one sample: an initial state that is unknown.
+
+    Attributes
+    ----------
+    sample : int
+        Before which they are added.
+    amounts : ndarray, shape (s,)
+        What is added to each state.
+    """
+
+    sample: int
+    amounts: FloatArray
+
+    def chunks(self, count: int, most: int, state: FloatArray) -> Iterator[slice]:
+        """Yield `count` samples, at most so many at a time; `state` is offset on the way."""
+        begin = 0
+        while begin < count:
+            end = min(begin + most, count)
+            if begin == self.sample:
+                state += self.amounts
+            elif begin < self.sample < end:
+                end = self.sample
+            yield slice(begin, end)
+            begin = end
 
 
 def layout_of(moving: Sequence[PlacedBlock], delays: int, past: int, dt: float) -> Layout:

@@ -19,7 +19,7 @@ from piezo_hysteresis.blocks.transport_delay import shift
 from piezo_hysteresis.kernels.forward import directions_of
 from piezo_hysteresis.models.simulation.block_sensitivities import At, side_by_side, through
 from piezo_hysteresis.models.simulation.intersample import moments, with_turns, without_turns
-from piezo_hysteresis.models.simulation.state_layout import systems_of
+from piezo_hysteresis.models.simulation.state_layout import StateJump, systems_of
 from piezo_hysteresis.models.simulation.state_space import (
     LinearStep,
     in_series,
@@ -63,6 +63,11 @@ class _Linear:
             (_moved_step(piece, step, p, column, around[column], h), np.zeros(2 * state.size))
             for column in _columns(piece, around)
         ]
+
+    def offset(self, amounts: FloatArray) -> None:
+        """Add offsets of the state to the copies of it that move with its own parameters."""
+        for _, state in self._own:
+            state[: amounts.size] += amounts
 
     def go(self, path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         output, answers = np.empty_like(path), np.empty((len(rows) + len(self._own), path.size))
@@ -142,7 +147,7 @@ def on_the_clock(
 
 def carried(
     run: PathRun, signal: FloatArray, tangent: FloatArray, p: FloatArray, around: Around,
-    dt: float, *, start: float, frequency: float,
+    dt: float, *, start: float, frequency: float, jump: StateJump | None = None,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return the output of a run from rest and its derivatives, one number per tick.
 
@@ -158,6 +163,8 @@ def carried(
         Which of them to differentiate by, none of them a delay; see `Around`.
     dt, start, frequency : float
         Sampling interval [s], time of the first sample [s], fundamental frequency [Hz].
+    jump : StateJump, optional
+        Offsets of the state on the way.
 
     Returns
     -------
@@ -183,8 +190,13 @@ def carried(
     last = np.zeros((1 + count, 1))
     last[0, 0] = state[0]
     at_once = max(1, _VALUES // (clock.points * (1 + count)))
-    for first in range(0, signal.size, at_once):
-        chunk = slice(first, first + at_once)
+    jump = jump or StateJump(0, np.zeros(state.size))
+    for chunk in jump.chunks(signal.size, at_once, state):
+        if chunk.start == jump.sample:
+            last[0, 0] += jump.amounts[0]
+            for each, piece in zip(pieces, run.pieces(layout), strict=True):
+                if isinstance(each, _Linear):
+                    each.offset(jump.amounts[piece.memory])
         path = np.repeat(signal[chunk], clock.points)
         along = np.repeat(tangent[:, chunk], clock.points, axis=1)
         for each in pieces:
