@@ -103,7 +103,7 @@ def run(
         grid = {}
         if isinstance(stage, PathStage):
             grid = {'steps': stage.run.steps(around[stage.columns], DT)}
-        parts = []
+        parts: list[np.ndarray] = []
         for part in (signal[:ORIGIN], signal[ORIGIN:]):
             for each in offsets:
                 if parts and each.stage == k:
@@ -143,9 +143,9 @@ def test_derivatives_along_a_path_equal_central_differences(names: Any, seed: in
 )
 def test_derivatives_from_other_initial_states_equal_central_differences(names: Any) -> None:
     model, p = drawn(names, 5)
-    u, offsets, stages = drive(), [], enumerate(zip(model.stages, model.initial_state(DT), strict=True))
-    signal = u
-    for k, (stage, state) in stages:
+    u, offsets = drive(), []
+    signal, states = u, model.initial_state(DT)
+    for k, (stage, state) in enumerate(zip(model.stages, states, strict=True)):
         signal = stage.respond(signal, p[stage.columns], DT, state=state, frequency=0.0)
         places = free_states(stage, DT)
         offsets += [StateOffset(k, place, 0.2 * abs(state[place]) + 1e-9) for place in places]
