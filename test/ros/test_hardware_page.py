@@ -25,18 +25,19 @@ pytestmark = pytest.mark.ros
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'hardware.md'
 TUTORIAL = PAGE.parent / 'tutorials' / 'driver.md'
+LATE = 2000  # ticks, more than LOOP keeps
 SLEW, RAMP = 200.0, 1.0  # of the drivers there: at most, and without commands [V/s]
 
 
 def run_a_sweep(listener: Listener) -> list[RecordMarker]:
-    """Run one record of 500 ticks; return its markers."""
+    """Run one record of 3000 ticks; return its markers."""
     markers = listener.listen(RecordMarker, 'record/marker')
     listener.matched('record/marker')
     client = ActionClient(listener.node, RunSweep, 'run_sweep')
     listener.until(client.server_is_ready)
     listener.found_by('excitation')
     assert listener.set_one('excitation', 'marker_listeners', 1) == ''
-    goal = RunSweep.Goal(frequencies=[5.0], amplitudes=[0.5], seconds=0.5)
+    goal = RunSweep.Goal(frequencies=[5.0], amplitudes=[0.5], seconds=3.0)
     accepted = client.send_goal_async(goal)
     listener.until(accepted.done)
     finished = accepted.result().get_result_async()
@@ -117,8 +118,9 @@ def test_the_driver_of_the_page_serves_an_excitation(
         heard = len(states)
         listener.until(lambda: len(states) > heard + 300)
         assert listener.set_one('excitation', 'mode', 'idle') == ''
-        # Silence takes the driver to rest, so what comes late shows in the marked time as rest.
-        listener.until(lambda: states[-1].voltage == 0.0 and states[-50].voltage == 0.0)
+        # On a busy machine commands are late by up to the depth of the queue, and silence takes the
+        # driver to rest meanwhile.
+        listener.until(lambda: not any(state.voltage for state in states[-LATE:]))
         markers = run_a_sweep(listener)
     finally:
         driver.send_signal(signal.SIGINT)
@@ -127,8 +129,8 @@ def test_the_driver_of_the_page_serves_an_excitation(
     start, end = (nanoseconds_of(marker.header.stamp) for marker in markers)
     marked = [s for s in states if start <= nanoseconds_of(s.header.stamp) < end]
     assert markers[0].frequency == 5.0
-    assert abs(len(marked) - 500) <= 5  # edges lie between ticks, which a busy machine moves
-    assert max(abs(state.voltage) for state in marked[5:-5]) == pytest.approx(0.5, rel=1e-3)
+    assert abs(len(marked) - 3000) <= 5  # edges lie between ticks, which a busy machine moves
+    assert max(abs(state.voltage) for state in marked[LATE:-5]) == pytest.approx(0.5, rel=1e-3)
     voltage = np.array([state.voltage for state in states])
     assert np.max(np.abs(voltage)) == 1.2  # the driver's own limit
     samples = np.array([state.sample for state in states])

@@ -239,7 +239,8 @@ def test_the_player_says_how_far_it_is_and_for_whom_it_waits(
         node = play(others, folder / 'sweep', loop=True, wait=300.0)
         listener.says(health, 'player', warn, 'waits for a listener')
         hearer = processes.start('piezo_hysteresis', 'identification')
-        assert int(listener.says(health, 'player', ok, 'plays')['messages']) > 0
+        # The first report of a player that plays can precede its first message.
+        listener.until(lambda: int(listener.says(health, 'player', ok, 'plays')['messages']) > 0)
         hearer.signal(signal.SIGSTOP)
         listener.says(health, 'player', warn, 'identification has not confirmed')
         hearer.signal(signal.SIGCONT)
