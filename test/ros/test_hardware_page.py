@@ -25,7 +25,7 @@ pytestmark = pytest.mark.ros
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'hardware.md'
 TUTORIAL = PAGE.parent / 'tutorials' / 'driver.md'
-LATE = 2000  # ticks, more than LOOP keeps
+LATE = 2000  # ticks by which commands may be late on a busy machine
 SLEW, RAMP = 200.0, 1.0  # of the drivers there: at most, and without commands [V/s]
 
 
@@ -118,8 +118,7 @@ def test_the_driver_of_the_page_serves_an_excitation(
         heard = len(states)
         listener.until(lambda: len(states) > heard + 300)
         assert listener.set_one('excitation', 'mode', 'idle') == ''
-        # On a busy machine commands are late by up to the depth of the queue, and silence takes the
-        # driver to rest meanwhile.
+        # Silence takes the driver to rest as well, before commands that are late.
         listener.until(lambda: not any(state.voltage for state in states[-LATE:]))
         markers = run_a_sweep(listener)
     finally:
