@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, scaled
@@ -164,6 +165,34 @@ def test_nuisances_take_what_is_theirs_and_the_clock_within_its_bounds() -> None
     assert np.max(np.abs(nuisances.remove(3.0 * free + 1.5 * clock))) < 1e-9
     left = nuisances.remove(5.0 * clock)
     assert np.linalg.norm(left) == pytest.approx(3.0 * np.linalg.norm(clock), rel=0.01)
+
+
+def test_a_parameter_with_a_prior_takes_what_a_ridge_takes() -> None:
+    generator = np.random.default_rng(3)
+    rows, change = generator.standard_normal((2, 300)), generator.standard_normal(300)
+    nuisances = NuisanceDirections((), np.zeros(300), (0.0, 0.0), list(rows))
+    left = nuisances.remove(change)
+    moved = np.linalg.solve(rows @ rows.T + np.eye(2), rows @ change)
+    np.testing.assert_allclose(left[:300], change - moved @ rows, atol=1e-9)
+    np.testing.assert_allclose(left[300:], -moved, atol=1e-9)
+
+
+@pytest.mark.component
+def test_effects_that_records_cannot_distinguish_come_with_their_models(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = named('classical').with_block(named_block('drift'))
+    u = np.sin(2 * np.pi * 2.0 * DT * np.arange(3000))
+    y = model.respond(u, model.pack({**model.defaults(), 'drift_rate': 1e-6}), DT)
+    y = y + np.random.default_rng(5).normal(0, 1e-7, u.size)
+    monkeypatch.setattr('piezo_hysteresis.discovery.detection.look_alikes.APART', 1e9)
+    found = discover([Record('r', DT, u, y, info=RecordInfo(frequency=2.0))], 'classical')
+    (effect,) = found.verdict.effects
+    alike = [each.name for each in effect.look_alikes]
+    assert 'creep' in alike
+    assert [each.effect for each in found.alike['drift']] == alike
+    advice = ' '.join(found.verdict.next_experiments)
+    assert all(name in advice for name in alike)
 
 
 def test_sizes_are_scaled_from_where_an_effect_changes_nothing() -> None:

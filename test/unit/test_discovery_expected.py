@@ -53,6 +53,16 @@ def test_what_repeats_itself_is_told_by_the_phase_of_the_drive() -> None:
     assert not expected.out_of_phase().new_deviation(expected.powers(third(0.02)))
 
 
+def test_a_small_change_costs_half_its_squared_distance() -> None:
+    known = Discrepancy(True, (condition(drive(), third()),))
+    view = replace(whole(record(drive(), third())), noise=1e-8)
+    expected = expectation(view, known, STROKE)
+    change = 1e-3 * (third() + np.random.default_rng(2).normal(0.0, 1e-8, TIME.size))
+    powers = expected.powers(change)
+    distance = float(np.sum(expected.whitened(change) ** 2))
+    assert distance == pytest.approx(float(expected.independent @ (powers / expected.expected)))
+
+
 def test_a_file_and_new_records_are_split_alike_where_the_drive_grows() -> None:
     error = GROWING * third() + 2e-7 * GROWING
     rows, orders = drive_lines(GROWING * drive(), DT, 2.0)

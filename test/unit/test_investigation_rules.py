@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from frozen_rounds import FROZEN
 
-from piezo_hysteresis.investigation.belief import Belief
-from piezo_hysteresis.investigation.choose import ExperimentChoice
+from piezo_hysteresis.investigation.belief import Belief, Rival
+from piezo_hysteresis.investigation.choose import ExperimentChoice, distances
 from piezo_hysteresis.investigation.limits import ExperimentLimits
+from piezo_hysteresis.investigation.predict import in_use
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop
-from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.models import ModelFile, candidates
 from piezo_hysteresis.records import Record
 
 RATE = 500.0
@@ -63,6 +64,27 @@ def test_a_sure_name_is_confirmed_by_one_more_experiment(course: Investigation) 
     number, stop = stopped(course, believed('named', 0.95, 'creep'))
     assert (number, stop.reason) == (2, 'sure')
     assert stop.words == 'creep: sure, and confirmed by another experiment'
+
+
+def test_a_sure_name_is_separated_from_what_resembles_it(course: Investigation) -> None:
+    """What the records cannot distinguish, an allowed experiment does before the end."""
+    base = in_use(GIVEN)
+    every = {each.effect.variant: each for each in candidates(base.model, 1.0, 1e-5)}
+    models = [
+        base.with_candidate(every[name], every[name].values(base.values, every[name].starts[0]))
+        for name in ('creep', 'drift')
+    ]
+    rivals = tuple(Rival(each.effect, 0.5, each, {}) for each in models)
+    alike = replace(believed('named', 0.95, 'creep'), rivals=rivals, alike=True)
+    for _ in range(2):
+        run(course, alike)
+    choice = course.next()
+    assert isinstance(choice, ExperimentChoice)
+    assert choice.discrimination > 0.5
+    assert 'distinguishes creep and drift' in choice.why
+    assert distances(rivals, course.outlooks[0]).shape == (2, 2)
+    run(course, replace(alike, alike=False))
+    assert isinstance(course.next(), Stop)
 
 
 def test_a_name_below_the_limit_is_not_sure(course: Investigation) -> None:

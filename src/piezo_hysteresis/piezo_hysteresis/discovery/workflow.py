@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from piezo_hysteresis.discovery.data.dataset import Dataset, split
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
 from piezo_hysteresis.discovery.detection.look_alikes import look_alikes
 from piezo_hysteresis.discovery.selection.baseline import Baselines
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.reference import as_on
@@ -60,6 +60,9 @@ class Discovery(Reportable, Modelled):
         Model file of the baseline.
     last : SelectionRound or None
         The last round without an accepted effect, if there is one.
+    alike : mapping of str to tuple of ModelSpec
+        By the name of each found effect, the models of the effects that these records cannot
+        distinguish from it.
     """
 
     verdict: Verdict
@@ -72,6 +75,7 @@ class Discovery(Reportable, Modelled):
     check: Check
     given: ModelFile | None = None
     last: SelectionRound | None = None
+    alike: Mapping[str, tuple[ModelSpec, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         lines = [f'Discovery: {self.verdict.summary}']
@@ -190,7 +194,8 @@ def discover(
         if not end.skips('effects that look alike')
     }
     title = name or base.joint.model.name
-    verdict = build_verdict(coverage, base, outcome, proof, title, seed, own, limits, alike)
+    names = {name: tuple(each for each, _ in pairs) for name, pairs in alike.items()}
+    verdict = build_verdict(coverage, base, outcome, proof, title, seed, own, limits, names)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
         measured,
@@ -202,6 +207,7 @@ def discover(
         coverage,
         baseline if isinstance(baseline, ModelFile) else None,
         found.last,
+        {name: tuple(model for _, model in pairs) for name, pairs in alike.items()},
     )
 
 

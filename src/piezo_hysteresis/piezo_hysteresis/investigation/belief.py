@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.investigation.undetected import Hidden
@@ -34,7 +34,7 @@ class Rival:
         Name of the effect; ``none`` for the model without it.
     chance : float
         Probability among the candidates.
-    fit : CandidateFit
+    fit : ModelSpec
         The model.
     deviations : dict of str to float
         Standard deviation of each fitted value, in its unit.
@@ -42,7 +42,7 @@ class Rival:
 
     name: str
     chance: float
-    fit: CandidateFit
+    fit: ModelSpec
     deviations: dict[str, float]
 
 
@@ -67,6 +67,8 @@ class Belief:
         Whether a significant residual remains without a name.
     floors : float
         Held-out gap of the model with the named effects, in multiples of the noise.
+    alike : bool
+        Whether the records cannot distinguish a named effect from another one.
     """
 
     verdict: str
@@ -76,6 +78,7 @@ class Belief:
     rivals: tuple[Rival, ...]
     left: bool
     floors: float
+    alike: bool = False
 
 
 def nothing_known(hidden: Hidden) -> Belief:
@@ -102,7 +105,7 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
     contest = min(rounds, key=_sureness) if rounds else found.last
     chances, rivals = hidden.chances(done), tuple[Rival, ...]()
     if contest is not None and contest.finalists:
-        chances, rivals = _chances(contest), _rivals(contest)
+        chances, rivals = _chances(contest), _rivals(contest, found.alike)
     surest = _first(chances)
     for each in rounds:
         name, chance = _first(each.probabilities())
@@ -116,6 +119,7 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
         rivals,
         verdict.unexplained.significant,
         verdict.held_out.after_in_floors,
+        any(found.alike.values()),
     )
 
 
@@ -134,16 +138,28 @@ def _chances(contest: SelectionRound) -> dict[str, float]:
     return dict(sorted(every.items(), key=lambda each: -each[1]))
 
 
-def _rivals(contest: SelectionRound) -> tuple[Rival, ...]:
+def _rivals(
+    contest: SelectionRound, alike: Mapping[str, Sequence[ModelSpec]]
+) -> tuple[Rival, ...]:
+    """Return the finalists, and the effects that the records cannot distinguish from them.
+
+    An effect that the records cannot distinguish is as probable as the one it resembles.
+    """
     shares: FloatArray = np.array(contest.shares) ** TEMPER
-    shares = shares / max(float(shares.sum()), 1e-300)
+    pairs: list[tuple[ModelSpec, float]] = list(zip(contest.finalists, shares, strict=True))
+    known = {fit.effect for fit in contest.finalists}
+    others = (each for each in alike.get(contest.best.effect, ()) if each.effect not in known)
+    pairs += [(model, float(shares[0])) for model in others]
+    total = max(sum(share for _, share in pairs), 1e-300)
     return tuple(
-        Rival(fit.effect, float(share), fit, _deviations(fit))
-        for fit, share in zip(contest.finalists, shares, strict=True)
+        Rival(model.effect, share / total, model, _deviations(model)) for model, share in pairs
     )
 
 
-def _deviations(fit: CandidateFit) -> dict[str, float]:
+def _deviations(fit: ModelSpec) -> dict[str, float]:
+    if not isinstance(fit, CandidateFit):
+        own = (name for added in fit.added[-1:] for name in added.names.values())
+        return {name: VAGUE * abs(fit.values[name]) for name in own if fit.values[name] != 0.0}
     if fit.fitted is None:
         return {}
     found = {}

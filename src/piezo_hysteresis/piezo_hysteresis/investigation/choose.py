@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.detection.limits import APART
 from piezo_hysteresis.investigation.belief import Belief, Rival
 from piezo_hysteresis.investigation.criterion import binary_entropy, discrimination
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
@@ -108,44 +109,51 @@ def _evaluated(
     seen: Outlook, belief: Belief, hidden: Hidden, done: Sequence[str]
 ) -> ExperimentChoice:
     names = [rival.name for rival in belief.rivals]
-    apart, pair = 0.0, ('', '')
+    apart, pair = 0.0, ('', '', 0.0)
     if len(set(names)) > 1:
-        nats = nats_between(belief.rivals, seen)
+        away = distances(belief.rivals, seen)
         chances = np.array([rival.chance for rival in belief.rivals])
-        apart = discrimination(chances, names, nats)
-        pair = _best_pair(chances, names, nats)
+        apart = discrimination(chances, names, 0.5 * away**2)
+        pair = _best_pair(chances, names, away)
     first_detection = hidden.first_detection(done, seen.experiment.name, belief.names)
     return ExperimentChoice(
         seen.experiment, apart, first_detection, _why(apart, pair, first_detection)
     )
 
 
-def nats_between(rivals: Sequence[Rival], seen: Outlook) -> FloatArray:
-    """Return the loss of log likelihood of candidate j if candidate i is correct, (n, n) [nats].
+def distances(rivals: Sequence[Rival], seen: Outlook) -> FloatArray:
+    """Return the distance of candidate i from candidate j in an experiment, shape (n, n).
 
-    Candidate j may adapt its values within their uncertainty and so reduce the difference.
+    In standard deviations, as the distances of `detection.look_alikes`; 0 for candidates of one
+    name. Candidate j may adapt its values within their uncertainty.
     """
     answers = [answer_of(rival.fit, seen.view) for rival in rivals]
     rows = [sensitivities_of(rival.fit, rival.deviations, seen.view) for rival in rivals]
-    nats = np.zeros((len(rivals), len(rivals)))
+    away = np.zeros((len(rivals), len(rivals)))
     for i, j in product(range(len(rivals)), repeat=2):
         if rivals[i].name != rivals[j].name:
-            nats[i, j] = seen.nats(seen.gap(answers[i], answers[j], rows[j]))
-    return nats
+            away[i, j] = seen.distance(answers[i], answers[j], rows[j])
+    return away
 
 
-def _best_pair(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> tuple[str, str]:
-    """Return the two names that an experiment distinguishes best, the more probable first."""
-    worth = np.outer(chances, chances) * (1.0 - np.exp(-np.maximum(nats, 0.0)))
+def _best_pair(
+    chances: FloatArray, names: Sequence[str], away: FloatArray
+) -> tuple[str, str, float]:
+    """Return the two names that an experiment distinguishes best, and their distance."""
+    worth = np.outer(chances, chances) * (1.0 - np.exp(-0.5 * away**2))
     i, j = np.unravel_index(int(np.argmax(worth)), worth.shape)
     one, other = (i, j) if chances[i] >= chances[j] else (j, i)
-    return names[int(one)], names[int(other)]
+    return names[int(one)], names[int(other)], float(away[i, j])
 
 
-def _why(apart: float, pair: tuple[str, str], first_detection: float) -> str:
+def _why(apart: float, pair: tuple[str, str, float], first_detection: float) -> str:
     reasons = []
     if apart > 0.0:
-        reasons.append(f'distinguishes {pair[0]} and {pair[1]} ({apart:.2g} nats expected)')
+        one, other, away = pair
+        reasons.append(
+            f'distinguishes {one} and {other} ({away:.2g} standard deviations apart, {APART:g} '
+            f'needed; {apart:.2g} nats expected)'
+        )
     if first_detection > 0.0:
         reasons.append(f'has a probability of {first_detection:.1%} to show a new effect')
     return ' and '.join(reasons) or 'is the only remaining experiment'

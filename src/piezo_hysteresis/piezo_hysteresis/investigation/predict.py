@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors_of
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
@@ -16,10 +17,10 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.models import Discrepancy, ModelFile
-from piezo_hysteresis.numerics.linalg import solve_square
 
 # Ticks of rest at 0 V before a record.
 _EDGE = 4
@@ -79,14 +80,11 @@ class Outlook:
         slope = np.gradient(self.answer, self.view.dt)
         return np.asarray(slope - slope.mean())
 
-    def gap(
-        self, one: FloatArray, other: FloatArray, rows: FloatArray | None = None
-    ) -> FloatArray:
-        """Return the difference of two responses beyond nuisance parameters and uncertainty [m].
+    def gap(self, one: FloatArray, other: FloatArray) -> FloatArray:
+        """Return the difference of two responses beyond the nuisance parameters [m].
 
-        Removed are the mean, because the zero offset of a record is free; a sampling offset within
-        its bounds; and small changes of the fitted values, whose responses to one standard
-        deviation are `rows` of shape (p, n).
+        Removed are the mean, because the zero offset of a record is free, and a sampling offset
+        within its bounds.
         """
         gap = one - other
         gap = gap - gap.mean()
@@ -95,17 +93,29 @@ class Outlook:
             late = float(gap @ self.slope) / size
             late = min(max(late, -self.clock), self.clock)
             gap = gap - late * self.slope
-        if rows is None or not len(rows):
-            return np.asarray(gap)
-        own = rows - rows.mean(axis=1, keepdims=True)
-        scale = max(self.expected.total, 1e-300)
-        normal = own @ own.T / scale + np.eye(len(own))
-        moved = solve_square(normal, own @ gap / scale).values
-        return np.asarray(gap - moved @ own)
+        return np.asarray(gap)
 
-    def nats(self, gap: FloatArray, size: float = 1.0) -> float:
-        """Return the loss of log likelihood by an error of `size` times `gap` [nats]."""
-        return self._cost(self.expected.powers(gap) * size**2)
+    def distance(self, one: FloatArray, other: FloatArray, rows: FloatArray) -> float:
+        """Return the distance of a response from another that may adapt, in standard deviations.
+
+        It is the distance of `detection.look_alikes` in a record that is only planned: the
+        expected power replaces the spectrum of the residual. Offset and clock are free within
+        their bounds, the values of the other model within their uncertainty.
+
+        Parameters
+        ----------
+        one, other : ndarray, shape (n,)
+            Responses [m].
+        rows : ndarray, shape (p, n)
+            Changes of `other` by one standard deviation of each of its values [m].
+        """
+        if not (np.all(np.isfinite(one)) and np.all(np.isfinite(other))):
+            return np.inf
+        whitened = self.expected.whitened
+        clock, bounds = whitened(self.slope), (-self.clock, self.clock)
+        directions = NuisanceDirections((), clock, bounds, [whitened(row) for row in rows])
+        left = directions.remove(whitened(one - other))
+        return float(np.sqrt(inner(left, left)))
 
     def _cost(self, powers: FloatArray) -> float:
         if not np.all(np.isfinite(powers)):

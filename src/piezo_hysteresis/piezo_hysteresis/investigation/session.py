@@ -6,7 +6,7 @@ passes the record back. Equal records in equal order lead to equal choices and v
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 
@@ -210,9 +210,9 @@ class Investigation:
     def next(self) -> ExperimentChoice | Stop:
         """Return the next experiment, or the reason of the end."""
         settled = self._settled()
-        if settled and not self.belief.left:
-            return self._sure()
         ranked = self.ranked()
+        if settled and not self.belief.left and not self._separates(ranked):
+            return self._sure()
         telling = any(self._tells(each) for each in ranked)
         if settled and not telling:
             return self._sure()
@@ -225,6 +225,12 @@ class Investigation:
         if self.belief.verdict == 'none':
             return Stop('nothing', 'no effect is missing that an allowed experiment could show')
         return Stop('exhausted', 'no allowed experiment is expected to add information')
+
+    def _separates(self, ranked: Sequence[ExperimentChoice]) -> bool:
+        """Return whether an experiment distinguishes effects that the records do not."""
+        return self.belief.alike and any(
+            each.discrimination >= self.rules.least for each in ranked
+        )
 
     def _unseen(self) -> list[ExperimentChoice]:
         left = self.rules.budget - self.spent

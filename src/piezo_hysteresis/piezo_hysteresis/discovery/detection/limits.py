@@ -97,7 +97,7 @@ class DetectionLimit:
 
 
 @dataclass(frozen=True)
-class _Signature:
+class Signature:
     """Change of the response by an effect of a given size."""
 
     candidate: Candidate
@@ -183,16 +183,16 @@ class Records:
 
     def signatures(
         self, pairs: Sequence[tuple[Candidate, Mapping[str, float]]]
-    ) -> list[FloatArray | None]:
+    ) -> list[Signature | None]:
         """Return the signature of every candidate at its start, computed in threads."""
         return self._evaluator.map(lambda pair: self.signature(*pair), pairs)
 
-    def signature(self, candidate: Candidate, start: Mapping[str, float]) -> FloatArray | None:
-        """Return the whitened change by an effect beyond nuisances; None after divergence."""
+    def signature(self, candidate: Candidate, start: Mapping[str, float]) -> Signature | None:
+        """Return the change by an effect beyond nuisances; None after divergence."""
         for scale in (1.0, 0.1):
             found = self._signature(candidate, start, scale)
             if found is not None:
-                return found.whitened
+                return found
         return None
 
     # --- nuisance parameters ---------------------------------------------------------------
@@ -233,7 +233,7 @@ class Records:
 
     # --- detection limit of an effect --------------------------------------------------------
 
-    def _at_limit(self, candidate: Candidate, start: Mapping[str, float]) -> _Signature | None:
+    def _at_limit(self, candidate: Candidate, start: Mapping[str, float]) -> Signature | None:
         """Return an effect at its detection limit, or at its largest possible size."""
         scale, hidden, best = 1.0, 0.0, None
         last: Mapping[str, float] = {}
@@ -267,7 +267,7 @@ class Records:
         return self._signature(candidate, start, max(hidden, 1.0))
 
     @staticmethod
-    def _next(scale: float, factor: float, hidden: float, best: _Signature | None) -> float:
+    def _next(scale: float, factor: float, hidden: float, best: Signature | None) -> float:
         """Return the next size to test: the limit of a linear effect, within known bounds."""
         aim = scale * factor * _NEAR**0.5 if factor < np.inf else 10.0 * scale
         if best is None:
@@ -284,7 +284,7 @@ class Records:
 
     def _signature(
         self, candidate: Candidate, start: Mapping[str, float], scale: float
-    ) -> _Signature | None:
+    ) -> Signature | None:
         values = self._scaled(candidate, start, scale)
         spec = ModelSpec(
             candidate.model, dict(values), sampling_offset=self._final.sampling_offset
@@ -294,9 +294,9 @@ class Records:
             return None
         rms = float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
         left = self._nuisances.remove(self._whitening(changes))
-        return _Signature(candidate, values, scale, rms, left, False)
+        return Signature(candidate, values, scale, rms, left, False)
 
-    def _factor(self, found: _Signature) -> float:
+    def _factor(self, found: Signature) -> float:
         """Return the factor to the detection limit for an effect that is linear in its size."""
         away = self.all_samples * np.sqrt(inner(found.whitened, found.whitened))
         low, high = DETECTED / away if away > 0.0 else np.inf, _LARGEST
@@ -317,13 +317,13 @@ class Records:
 
     # --- similar effects ---------------------------------------------------------------------
 
-    def _limit(self, found: _Signature, others: Sequence[_Signature]) -> DetectionLimit:
+    def _limit(self, found: Signature, others: Sequence[Signature]) -> DetectionLimit:
         candidate, effect = found.candidate, found.candidate.effect
         nearest, least = '', np.inf
         for other in others:
             if other.candidate.effect.name == effect.name:
                 continue
-            away = distance(found.whitened, other.whitened, one_sided(other.candidate))
+            _, away = nearest_multiple(found.whitened, other.whitened, one_sided(other.candidate))
             if away < least:
                 nearest, least = other.candidate.effect.name, away
         least *= self.all_samples
@@ -346,18 +346,19 @@ class Records:
         )
 
 
-def distance(x: FloatArray, other: FloatArray, positive: bool) -> float:
-    """Return the distance of a change from the nearest multiple of another."""
+def nearest_multiple(x: FloatArray, other: FloatArray, positive: bool) -> tuple[float, float]:
+    """Return the multiple of another change that is nearest to a change, and its distance."""
     square = inner(other, other)
     share = inner(x, other) / square if square > 0.0 else 0.0
-    left = x - (max(share, 0.0) if positive else share) * other
-    return float(np.sqrt(inner(left, left)))
+    share = max(share, 0.0) if positive else share
+    left = x - share * other
+    return share, float(np.sqrt(inner(left, left)))
 
 
 def one_sided(candidate: Candidate) -> bool:
-    """Return whether the neutral values of an effect are at their lower bounds."""
-    lows = {q.name: q.low for q in candidate.model.parameters}
-    return all(value <= lows[name] for name, value in candidate.neutral.items())
+    """Return whether the neutral values of an effect are at a bound each."""
+    bounds = {q.name: (q.low, q.high) for q in candidate.model.parameters}
+    return all(value in bounds[name] for name, value in candidate.neutral.items())
 
 
 def scaled(candidate: Candidate, values: Mapping[str, float], scale: float) -> dict[str, float]:
@@ -368,10 +369,9 @@ def scaled(candidate: Candidate, values: Mapping[str, float], scale: float) -> d
     bounds = {q.name: (q.low, q.high) for q in candidate.model.parameters}
     found = dict(values)
     for name, neutral in candidate.neutral.items():
-        moved = (
-            neutral + scale * (values[name] - neutral)
-            if not is_never_reached(neutral)
-            else values[name] / scale
-        )
+        if not is_never_reached(neutral):
+            moved = neutral + scale * (values[name] - neutral)
+        else:
+            moved = values[name] / scale if scale > 0.0 else neutral
         found[name] = float(np.clip(moved, *bounds[name]))
     return found

@@ -16,8 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezo_hysteresis.discovery.detection.limits import APART, Records, distance, one_sided
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.detection.limits import (
+    APART,
+    Records,
+    nearest_multiple,
+    one_sided,
+    scaled,
+)
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 
@@ -38,8 +44,13 @@ class LookAlike:
     distance: float
 
 
-def look_alikes(evaluator: Evaluator, step: Step, start: CandidateFit) -> tuple[LookAlike, ...]:
+def look_alikes(
+    evaluator: Evaluator, step: Step, start: CandidateFit
+) -> tuple[tuple[LookAlike, ModelSpec], ...]:
     """Return the effects that cannot be distinguished from that of a step, nearest first.
+
+    Each with the model that has it instead, at the size of the smallest distance; the parameters
+    of the baseline keep their values.
 
     Parameters
     ----------
@@ -60,11 +71,15 @@ def look_alikes(evaluator: Evaluator, step: Step, start: CandidateFit) -> tuple[
         if candidate.effect.name != step.fit.effect
         for values in candidate.starts
     ]
-    nearest: dict[str, float] = {}
-    for (candidate, _), alternative in zip(pairs, records.signatures(pairs), strict=True):
-        if alternative is not None:
-            name = candidate.effect.name
-            away = records.all_samples * distance(found, alternative, one_sided(candidate))
-            nearest[name] = min(away, nearest.get(name, np.inf))
-    alike = [LookAlike(name, away) for name, away in nearest.items() if away < APART]
-    return tuple(sorted(alike, key=lambda each: each.distance))
+    nearest: dict[str, tuple[LookAlike, ModelSpec]] = {}
+    for (candidate, _), other in zip(pairs, records.signatures(pairs), strict=True):
+        if other is None:
+            continue
+        name = candidate.effect.name
+        share, away = nearest_multiple(found, other.whitened, one_sided(candidate))
+        away *= records.all_samples
+        if away < min(APART, nearest[name][0].distance if name in nearest else np.inf):
+            values = scaled(candidate, other.values, share)
+            spec = step.round.before.with_candidate(candidate, values)
+            nearest[name] = LookAlike(name, away), spec
+    return tuple(sorted(nearest.values(), key=lambda each: each[0].distance))

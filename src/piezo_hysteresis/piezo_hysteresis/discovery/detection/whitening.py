@@ -66,22 +66,39 @@ class NuisanceDirections:
         Direction with a bounded coefficient: derivative of the response by the sampling offset.
     bounds : (float, float)
         Smallest and largest coefficient of `bounded` [s].
+    uncertain : sequence of ndarray, shape (n,)
+        Directions of parameters with a prior: responses to one standard deviation.
     """
 
     def __init__(
-        self, free: Sequence[FloatArray], bounded: FloatArray, bounds: tuple[float, float]
+        self,
+        free: Sequence[FloatArray],
+        bounded: FloatArray,
+        bounds: tuple[float, float],
+        uncertain: Sequence[FloatArray] = (),
     ) -> None:
-        rows = np.array([*free]) if free else np.zeros((0, bounded.size))
+        # a prior counts as one more measurement per uncertain parameter
+        self._priors = len(uncertain)
+        rows = np.zeros((len(free) + self._priors, bounded.size + self._priors))
+        for row, direction in zip(rows, (*free, *uncertain), strict=True):
+            row[: bounded.size] = direction
+        rows[len(free) :, bounded.size :] = np.eye(self._priors)
         basis = orthonormal(rows, _DEPENDENT)
         self._basis = basis[np.any(basis != 0.0, axis=1)]
-        self._bounded = projected_out(bounded, self._basis)[1]
+        self._bounded = projected_out(self._with_priors(bounded), self._basis)[1]
         self._square = inner(self._bounded, self._bounded)
         self._bounds = bounds
 
     def remove(self, change: FloatArray) -> FloatArray:
-        """Return the part of a change that no nuisance parameter explains, shape (n,)."""
-        left = projected_out(change, self._basis)[1]
+        """Return the part of a change that no nuisance parameter explains.
+
+        Shape (n + u,): the changes of the u uncertain parameters follow, in standard deviations.
+        """
+        left = projected_out(self._with_priors(change), self._basis)[1]
         if self._square > 0.0:
             share = inner(self._bounded, left) / self._square
             left = left - float(np.clip(share, *self._bounds)) * self._bounded
         return left
+
+    def _with_priors(self, change: FloatArray) -> FloatArray:
+        return np.concatenate([change, np.zeros(self._priors)])

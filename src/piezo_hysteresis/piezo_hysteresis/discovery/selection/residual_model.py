@@ -15,7 +15,7 @@ from math import isfinite, sqrt
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.arrays import ComplexArray, FloatArray, IntArray
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.identification.discrepancy import LEAST_POWER
 from piezo_hysteresis.identification.drive_lines import (
@@ -85,15 +85,35 @@ class Expectation:
         """
         if not np.all(np.isfinite(error)):
             return np.full(self.expected.size, np.inf)
-        beside = error - error.mean()
-        found = np.zeros(self.expected.size)
+        shares, spectrum = self._components(error)
+        found = np.bincount(self.line_of, shares**2, self.expected.size)
+        power = np.abs(spectrum) ** 2
+        return np.asarray(found + np.bincount(self.octave_of, power, found.size))
+
+    def whitened(self, change: FloatArray) -> FloatArray:
+        """Return the components of a change of shape (n,), in standard deviations.
+
+        Half the sum of their squares is the loss of log likelihood by a small change: each part
+        counts as its number of independent values, with the expected power as variance.
+        """
+        shares, spectrum = self._components(change)
+        known = self.expected > 0.0
+        weights = np.sqrt(self.independent / np.where(known, self.expected, 1.0)) * known
+        beside = spectrum * weights[self.octave_of]
+        return np.concatenate([shares * weights[self.line_of], beside.real, beside.imag])
+
+    def _components(self, error: FloatArray) -> tuple[FloatArray, ComplexArray]:
+        """Return the share of each row of `lines` and the spectrum of the rest [m].
+
+        Their squares are mean squares, and their sum is that of the error without its mean.
+        """
+        shares, beside = np.zeros(0), error - error.mean()
         if len(self.lines):
             shares, beside = projected_out(beside, self.lines)
-            found += np.bincount(self.line_of, shares**2 / error.size, found.size)
-        power = np.abs(np.fft.rfft(self.window * beside)) ** 2
-        power[0] = 0.0
-        power /= float(self.window @ self.window) * power.size
-        return np.asarray(found + np.bincount(self.octave_of, power, found.size))
+        spectrum = np.fft.rfft(self.window * beside)
+        spectrum[0] = 0.0
+        size = np.sqrt(float(self.window @ self.window) * spectrum.size)
+        return shares / np.sqrt(error.size), spectrum / size
 
     def cost(self, powers: FloatArray, policy: SelectionPolicy = HELD) -> float:
         """Return the negative log likelihood of the residual powers, up to a constant [nats].

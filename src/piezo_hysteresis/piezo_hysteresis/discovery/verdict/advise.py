@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.discovery.data.check import Check
+from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 from piezo_hysteresis.models import Model, described, name_of
 
 if TYPE_CHECKING:
@@ -22,14 +24,33 @@ def instead(model: Model) -> tuple[str, ...]:
     return (by_name, changed) if name else (changed,)
 
 
-def advise(check: Check, steps: Sequence[Step], left: bool, description: str) -> list[str]:
-    """Return the recommended experiments, most informative first."""
+def advise(
+    check: Check,
+    steps: Sequence[Step],
+    left: bool,
+    alike: Mapping[str, Sequence[LookAlike]] = MappingProxyType({}),
+) -> list[str]:
+    """Return the recommended experiments, most informative first.
+
+    Parameters
+    ----------
+    check : Check
+        Quality and coverage of the records.
+    steps : sequence of Step
+        Found effects.
+    left : bool
+        Whether a significant residual remains.
+    alike : mapping of str to sequence of LookAlike
+        Effects that the records cannot distinguish, by the name of the found effect.
+    """
     sentences: list[str] = []
     for step in steps:
         chances = step.round.probabilities()
         alternatives = [
             name for name, chance in chances.items() if chance > ALTERNATIVE_PROBABILITY
         ]
+        beside = (each.name for each in alike.get(step.fit.effect, ()))
+        alternatives = list(dict.fromkeys((*alternatives, *beside)))
         if len(alternatives) < 2:
             continue
         for name in alternatives:

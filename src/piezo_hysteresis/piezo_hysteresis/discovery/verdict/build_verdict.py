@@ -98,7 +98,7 @@ def build_verdict(
             }
             for p in places(data, data.training, base.joint.errors)[:_MOST_PLACES]
         ),
-        next_experiments=tuple(advise(coverage, found.steps, left.significant, description)),
+        next_experiments=tuple(advise(coverage, found.steps, left.significant, alike)),
         records={
             'training': [v.name for v in data.training],
             'held_out': [v.name for v in data.held_out],
