@@ -59,7 +59,7 @@ def between_ticks() -> None:
     model = Model('started in motion', tuple(moving))
     (stage,) = model.stages
     assert isinstance(stage, LinearStage)
-    stage.released(model.pack({})[stage.columns], DT, np.ones(3), 4)
+    stage.released(model.pack({})[stage.columns], DT, 4)
     stage.carried(np.zeros((1, 4)), model.pack({})[stage.columns], DT)
 
 

@@ -10,11 +10,17 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter
+from piezo_hysteresis.blocks.base import Between, Parameter
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.block_sensitivities import At, side_by_side, through
-from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, Stage, TickStage
-from piezo_hysteresis.models.simulation.state_layout import PlacedBlock, StateJump
+from piezo_hysteresis.models.simulation.plan import (
+    LinearStage,
+    PathStage,
+    Stage,
+    TickStage,
+    as_linear,
+)
+from piezo_hysteresis.models.simulation.state_layout import StateJump
 from piezo_hysteresis.models.simulation.substep_sensitivities import carried
 
 _MOST_VALUES = 2_000_000  # derivatives times samples that are held along the way of each tick
@@ -127,7 +133,7 @@ def _alone(
     if moves_by_ticks(stage):
         return _differenced(stage, own, p, columns, signal, tangent, clock)
     if stage.block.system is not None and len(tangent):  # whatever its state is
-        carried_on = _as_linear(stage.block).carried(tangent, p, clock.dt)
+        carried_on = as_linear(stage.block).carried(tangent, p, clock.dt)
         output, rows = _alone(stage, own, p, free, signal, tangent[:0], clock)
         return output, np.vstack([carried_on, rows])
     state = stage.initial_state(clock.dt, clock.start)
@@ -270,17 +276,6 @@ def _through(
     if kernel is None:
         kernel, times = block.along, (*times, 1)  # the same, a point per tick
     return through(kernel, signal, tangent, at, state, moved, *times)
-
-
-def _as_linear(block: Block) -> LinearStage:
-    """Return the stage that a linear block is alone: it carries four derivatives side by side."""
-    known: LinearStage | None = block.__dict__.get('_as_linear')
-    if known is None:
-        places = np.arange(len(block.parameters))
-        part = PlacedBlock(block, slice(0, places.size))
-        known = LinearStage((part,), places, 0, ahead=not block.inertia)
-        block.__dict__['_as_linear'] = known  # as long as the block: each fit scales its own
-    return known
 
 
 def _differenced(

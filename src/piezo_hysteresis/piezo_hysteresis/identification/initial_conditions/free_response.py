@@ -7,8 +7,9 @@ free response of a linear system, however finely the chain before it must be int
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +18,16 @@ from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, TickStage
+from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, TickStage, as_linear
 from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
+
+
+class _Tail(NamedTuple):
+    """Linear blocks at the end of a stage, with their parameters and their first state there."""
+
+    stage: LinearStage
+    values: FloatArray
+    first: int
 
 
 class FreeResponse:
@@ -28,16 +37,21 @@ class FreeResponse:
     ----------
     model : Model
         The chain.
+    packed : ndarray, shape (p,)
+        Its parameters.
     led : sequence of ndarray
         Input of each stage, and output of the last.
     target : Target
         What drives it.
     """
 
-    def __init__(self, model: Model, led: Sequence[FloatArray], target: Target) -> None:
-        self._stages, self._led, self._target = model.stages, led, target
-        self._known: tuple[tuple[int, bytes], dict[int, FloatArray]] | None = None
-        self._tail = [self._of(k) for k in range(len(self._stages))]
+    def __init__(
+        self, model: Model, packed: FloatArray, led: Sequence[FloatArray], target: Target
+    ) -> None:
+        self._stages, self._packed = model.stages, packed
+        self._led, self._target = led, target
+        self._tails = [self._tail_of(k) for k in range(len(self._stages))]
+        self._rows: dict[int, list[FloatArray]] = {}
 
     def affine(self, stage: int, first: int) -> bool:
         """Return whether the blocks of a stage from `first` on respond linearly to a change."""
@@ -45,10 +59,10 @@ class FreeResponse:
 
     def holds(self, moved: StateOffset) -> bool:
         """Return whether a state belongs to a linear tail."""
-        tail = self._tail[moved.stage]
-        return tail is not None and moved.place >= tail[1]
+        tail = self._tails[moved.stage]
+        return tail is not None and moved.place >= tail.first
 
-    def reach(self, packed: FloatArray) -> dict[tuple[int, int], float]:
+    def reach(self) -> dict[tuple[int, int], float]:
         """Return the largest value of each state in a tail under the largest input of the record.
 
         The input before the record is assumed to be no stronger. The response to a step of that
@@ -56,115 +70,78 @@ class FreeResponse:
         """
         found: dict[tuple[int, int], float] = {}
         dt = self._target.dt
-        for k, tail in enumerate(self._tail):
+        for k, tail in enumerate(self._tails):
             if tail is None:
                 continue
-            stage, first = tail
             # what enters the tail of a path is not kept: what leaves it is as large
             inside = isinstance(self._stages[k], PathStage)
             size = float(np.max(np.abs(self._led[k + 1 if inside else k])))
             count = self._target.drive.size - self._target.origin
-            state = stage.initial_state(dt, 0.0)
+            state = tail.stage.initial_state(dt, 0.0)
             most, step = np.zeros(state.size), np.full(count, size)
             ends = np.unique(np.minimum(2 ** np.arange(count.bit_length() + 1), count))
             for low, high in pairwise((0, *(int(end) for end in ends))):
-                stage.respond(
-                    step[low:high], packed[stage.columns], dt, state=state, frequency=0.0
-                )
+                tail.stage.respond(step[low:high], tail.values, dt, state=state, frequency=0.0)
                 most = np.maximum(most, np.abs(state))
-            found |= {(k, first + i): float(value) for i, value in enumerate(most)}
+            found |= {(k, tail.first + i): float(value) for i, value in enumerate(most)}
         return found
 
-    def rows(self, packed: FloatArray, moved: Sequence[StateOffset]) -> list[FloatArray]:
-        """Return the displacement by each of some offsets in tails [m]."""
-        answers: list[FloatArray] = []
-        for each in moved:
-            known = self._released(packed, each.stage)
-            change = np.zeros(self._target.drive.size)
-            change[self._target.origin :] = each.amount * known[each.place]
-            answers.append(change)
-        return answers
-
-    def _released(self, packed: FloatArray, k: int) -> dict[int, FloatArray]:
-        """Return the displacement by a unit offset of each state in the tail of a stage."""
-        key = k, packed.tobytes()
-        if self._known is not None and self._known[0] == key:
-            return self._known[1]
-        tail = self._tail[k]
-        assert tail is not None
-        stage, first = tail
-        dt, count = self._target.dt, self._target.drive.size - self._target.origin
-        size = stage.initial_state(dt, 0.0).size
-        if isinstance(stage, LinearStage):
-            free = stage.released(packed[stage.columns], dt, np.ones(size), count)
-        else:
-            free = _free_runs(stage.block, packed[stage.columns].tobytes(), dt, count).copy()
-        if not stage.ahead and self._on_a_path(k, packed):
-            free[:, 0] = 0.0  # there, what was read last is a state of its own
-        rows = {first + i: self._passed_on(k + 1, packed, row) for i, row in enumerate(free)}
-        self._known = key, rows
-        return rows
-
-    def response(self, packed: FloatArray, moved: Sequence[StateOffset]) -> FloatArray:
+    def response(self, moved: Sequence[StateOffset]) -> FloatArray:
         """Return the displacement by offsets in tails together, shape (n,) [m].
 
         Parameters
         ----------
-        packed : ndarray, shape (p,)
-            Parameters of the chain.
         moved : sequence of StateOffset
             Offsets outside tails are ignored.
         """
         change = np.zeros(self._target.drive.size)
-        origin, dt = self._target.origin, self._target.dt
-        nothing = np.zeros(change.size - origin)
-        for k, tail in enumerate(self._tail):
-            mine = [each for each in moved if each.stage == k and self.holds(each)]
-            if tail is None or not mine:
-                continue
-            stage, first = tail
-            state = stage.initial_state(dt, 0.0)
-            state[:] = 0.0
-            for each in mine:
-                state[each.place - first] += each.amount
-            answer = stage.respond(nothing, packed[stage.columns], dt, state=state, frequency=0.0)
-            if not stage.ahead and self._on_a_path(k, packed):
-                answer[0] = 0.0  # there, what was read last is a state of its own
-            change[origin:] += self._passed_on(k + 1, packed, answer)
+        for each in moved:
+            tail = self._tails[each.stage]
+            if tail is not None and each.place >= tail.first:
+                row = self._released(each.stage, tail)[each.place - tail.first]
+                change[self._target.origin :] += each.amount * row
         return change
 
-    def _on_a_path(self, k: int, packed: FloatArray) -> bool:
-        stage = self._stages[k]
-        if not isinstance(stage, PathStage):
-            return False
-        return stage.run.steps(packed[stage.columns], self._target.dt) > 0
+    def _released(self, k: int, tail: _Tail) -> list[FloatArray]:
+        """Return the displacement by a unit offset of each state in the tail of a stage."""
+        if k not in self._rows:
+            dt, count = self._target.dt, self._target.drive.size - self._target.origin
+            free = tail.stage.released(tail.values, dt, count)
+            stage = self._stages[k]
+            on_a_path = isinstance(stage, PathStage) and stage.run.steps(
+                self._packed[stage.columns], dt
+            )
+            if on_a_path and not tail.stage.ahead:
+                free = free.copy()
+                free[:, 0] = 0.0  # there, what was read last is a state of its own
+            self._rows[k] = [self._passed_on(k + 1, row) for row in free]
+        return self._rows[k]
 
-    def _passed_on(self, first: int, packed: FloatArray, change: FloatArray) -> FloatArray:
+    def _passed_on(self, first: int, change: FloatArray) -> FloatArray:
         """Return the response of the stages from `first` on to a change of their input."""
-        if first == len(self._stages):
-            return change
         target = self._target
-        usual = self._led[first][target.origin :]
-        moved = usual + change
+        usual, moved = np.zeros_like(change), change  # whatever else comes in: all are affine
         for stage in self._stages[first:]:
-            p, pair = packed[stage.columns], []
+            p, pair = self._packed[stage.columns], []
             for signal in (usual, moved):
                 state = stage.initial_state(target.dt, target.start)
                 pair.append(
                     stage.respond(signal, p, target.dt, state=state, frequency=target.frequency)
                 )
             usual, moved = pair
-        return moved - usual
+        return moved - usual if first < len(self._stages) else change
 
-    def _of(self, k: int) -> tuple[LinearStage | TickStage, int] | None:
-        """Return the linear tail of a stage, as a stage, and its first place in the state."""
+    def _tail_of(self, k: int) -> _Tail | None:
+        """Return the linear tail of a stage, None where it has none."""
         stage, dt = self._stages[k], self._target.dt
+        p = self._packed[stage.columns]
         if not all(self.affine(later, 0) for later in range(k + 1, len(self._stages))):
             return None
         if isinstance(stage, TickStage):
-            return (stage, 0) if stage.block.between is Between.LINEAR else None
+            linear = stage.block.between is Between.LINEAR
+            return _Tail(as_linear(stage.block), p, 0) if linear else None
         if isinstance(stage, LinearStage):
-            return None if stage.delays else (stage, 0)
+            return None if stage.delays else _Tail(stage, p, 0)
         assert isinstance(stage, PathStage)
         if stage.run.delays:
             return None
@@ -174,14 +151,13 @@ class FreeResponse:
             first -= 1
         if first == len(parts):
             return None
-        begin, kept, columns = 0, [], []
-        for part in parts[first:]:
-            own = stage.columns[part.span]
-            kept.append(PlacedBlock(part.block, slice(begin, begin + own.size)))
-            columns.append(own)
-            begin += own.size
-        tail = LinearStage(tuple(kept), np.concatenate(columns), 0, stage.run.ahead)
-        return tail, memories[first].start
+        begin = parts[first].span.start
+        kept = [
+            PlacedBlock(part.block, slice(part.span.start - begin, part.span.stop - begin))
+            for part in parts[first:]
+        ]
+        tail = LinearStage(tuple(kept), np.arange(begin, p.size), 0, stage.run.ahead)
+        return _Tail(tail, p[begin:], memories[first].start)
 
 
 def _passes(block: Block) -> bool:
@@ -189,17 +165,6 @@ def _passes(block: Block) -> bool:
     if block.between in (Between.LINEAR, Between.DELAY, Between.CLOCK):
         return True
     return block.between is Between.INSTANT and _straight(block)
-
-
-@lru_cache(maxsize=4)
-def _free_runs(block: Block, packed: bytes, dt: float, count: int) -> FloatArray:
-    """Return the free response from a unit value of each state, shape (states, count).
-
-    Start hypotheses are tried by the hundred with the same parameters.
-    """
-    p, nothing = np.frombuffer(packed).copy(), np.zeros(count)
-    states = np.eye(block.initial_state(dt).size)
-    return np.array([block.respond(nothing, p, dt, state=state) for state in states])
 
 
 @cache

@@ -74,7 +74,7 @@ class InitialStateRun:
             after = self._through(k, self._led[k][target.origin :], packed, state)
             self._sizes.append(np.maximum(np.abs(self._states[k]), np.abs(state)))
             self._led.append(np.concatenate([before, after]))
-        self._free_response = FreeResponse(model, self._led, target)
+        self._free_response = FreeResponse(model, packed, self._led, target)
         self.moved: tuple[StateOffset, ...] = ()
         #: Displacement from the offset states, shape (n,) [m].
         self.response = self._led[-1]
@@ -98,7 +98,7 @@ class InitialStateRun:
         others = tuple(each for each in moved if not self._free_response.holds(each))
         self.response = self._run_from(others) if others else self._led[-1]
         if len(others) < len(moved):
-            self.response = self.response + self._free_response.response(self._packed, moved)
+            self.response = self.response + self._free_response.response(moved)
 
     def in_proportion(self, moved: StateOffset) -> bool:
         """Return whether the response is proportional to the offset of a state."""
@@ -109,12 +109,12 @@ class InitialStateRun:
 
     def reach(self) -> dict[tuple[int, int], float]:
         """Return the largest values expected of linear states, see `FreeResponse.reach`."""
-        return self._free_response.reach(self._packed)
+        return self._free_response.reach()
 
     def nudged(self, nudge: StateOffset) -> FloatArray:
         """Return the change of the displacement by an offset of one state, shape (n,)."""
         if self._free_response.holds(nudge):
-            return self._free_response.rows(self._packed, (nudge,))[0]
+            return self._free_response.response((nudge,))
         return self._run_from((nudge,)) - self._led[-1]
 
     def driven(self, drive: FloatArray) -> FloatArray:

@@ -167,24 +167,19 @@ class LinearStage:
         run_held_four(late, output, *hold)
         return output
 
-    def released(self, p: FloatArray, dt: float, moved: FloatArray, count: int) -> FloatArray:
-        """Return what each state does alone under no input, shape (q, `count`).
+    def released(self, p: FloatArray, dt: float, count: int) -> FloatArray:
+        """Return the free response from a unit value of each state, shape (q, `count`).
 
-        Parameters
-        ----------
-        p : ndarray
-            Parameters of the stage.
-        dt : float
-            Sampling interval [s].
-        moved : ndarray, shape (q,)
-            How far each is moved at the first tick.
-        count : int
-            Ticks.
+        Start hypotheses are tried by the hundred with the same parameters: the last is kept.
         """
-        hold = self.hold(p, dt)[1]
-        rows = np.empty((moved.size, count))
-        run_free(rows, hold.phi, hold.row, moved)
-        return rows
+        key = (p.tobytes(), dt, count)
+        known: tuple[object, FloatArray] | None = self.__dict__.get('_released')
+        if known is None or known[0] != key:
+            hold = self.hold(p, dt)[1]
+            known = key, np.empty((hold.row.size, count))
+            run_free(known[1], hold.phi, hold.row)
+            self.__dict__['_released'] = known
+        return known[1]
 
     def hold(self, p: FloatArray, dt: float) -> tuple[int, Hold]:
         """Return ticks to wait and the recursion, calculated once for the last few parameters."""
@@ -241,6 +236,17 @@ class PathStage:
     ) -> FloatArray:
         """Return one number per tick; `steps` of a tick as many as `p` needs, or as given."""
         return self.run.respond(signal, p, dt, state=state, frequency=frequency, steps=steps)
+
+
+def as_linear(block: Block) -> LinearStage:
+    """Return the stage that a linear block is alone: it carries four derivatives side by side."""
+    known: LinearStage | None = block.__dict__.get('_as_linear')
+    if known is None:
+        places = np.arange(len(block.parameters))
+        part = PlacedBlock(block, slice(0, places.size))
+        known = LinearStage((part,), places, 0, ahead=not block.inertia)
+        block.__dict__['_as_linear'] = known  # as long as the block: each fit scales its own
+    return known
 
 
 def free_states(stage: Stage, dt: float, *, memory: bool = True) -> tuple[int, ...]:

@@ -258,15 +258,15 @@ def run_held_four(
 
 
 @jit
-def run_free(rows: FloatArray, phi: FloatArray, row: FloatArray, gain: FloatArray) -> None:
-    """Return what every state makes alone, `gain` of it at the first tick: rows, shape (q, n)."""
+def run_free(rows: FloatArray, phi: FloatArray, row: FloatArray) -> None:
+    """Return the free response from a unit value of each state: rows, shape (q, n)."""
     q = row.size
     seen, new = row.copy(), scratch(q)
     places, shares, counts = scratch((q, q)), scratch((q, q)), scratch(q)
     nonzero(phi, places, shares, counts)
     for k in range(rows.shape[1]):
         for j in range(q):
-            rows[j, k] = gain[j] * seen[j]
+            rows[j, k] = seen[j]
             new[j] = 0.0
         for i in range(q):
             for r in range(int(counts[i])):
