@@ -51,7 +51,7 @@ TWIN = 'twin'
 LINKS = ('excitation', 'feedforward', 'attenuation', 'feedback')
 INJECTED = ('sensor_dropout', 'stuck_sensor', 'amplifier_trip')
 MESSAGES = 20
-PATIENCE = 90.0
+TIMEOUT = 90.0
 
 
 @dataclass
@@ -84,7 +84,7 @@ class Trial:
     beyond: float = 0.0
     jump: float = 0.0
     command_jump: float = 0.0
-    heard: float | None = None
+    received: float | None = None
     back: float | None = None
     code: int | None = None
     traceback: bool = False
@@ -98,7 +98,7 @@ class Trial:
             'limits': self.beyond > 0.0,
             'jump': self.jump > 1.0 + 1e-9,
             'not back': self.back is None,
-            'not heard': self.heard is None and self.target in NODES,
+            'not heard': self.received is None and self.target in NODES,
             f'code {self.code}': self.fault in ('terminate', 'interrupt') and self.code != 0,
             'traceback': self.traceback,
             f'{self.lost} lost': self.lost > 0,
@@ -144,13 +144,13 @@ class Campaign:
             started = time.monotonic() + 0.3
         else:
             self.rogue.talk(target, fault, MESSAGES)
-            wait_until(lambda: self.rogue.silent(target), PATIENCE)
+            wait_until(lambda: self.rogue.silent(target), TIMEOUT)
             started = time.monotonic()
-        trial.back, trial.heard = self.watch.back(started, target, PATIENCE)
+        trial.back, trial.received = self.watch.back(started, target, TIMEOUT)
         trial.beyond, trial.jump, trial.command_jump = self.watch.voltage(first)
         self.trials.append(trial)
         if target == 'recorder' and fault in ENDINGS:
-            self.watch.forget(started - 1.0)  # no bag reaches further back
+            self.watch.discard(started - 1.0)  # no bag reaches further back
         if trial.back is None:
             words = {name: node.tail() for name, node in self.loop.running.items()}
             print(
@@ -204,8 +204,8 @@ class Campaign:
         started = time.monotonic()
         for name in self.random.permutation(list(NODES)):
             self.loop.start(str(name))
-        if not self.watch.settle(started, 2.0 * PATIENCE):
-            silent = [n for n in NODES if self.observer.seen.heard.get(n, 0.0) < started]
+        if not self.watch.settle(started, 2.0 * TIMEOUT):
+            silent = [n for n in NODES if self.observer.seen.received.get(n, 0.0) < started]
             raise SystemExit(f'the loop does not run; silent are: {", ".join(silent) or "none"}')
 
 
@@ -227,21 +227,22 @@ def plan(trials: int, seed: int, only: Sequence[str] = ()) -> list[tuple[str, st
 def show(trials: Sequence[Trial]) -> None:
     """Print the table: one line per target and fault."""
     print(
-        f'{"target":20}{"fault":16}{"n":>4}{"jump":>6}{"cmd":>6}{"heard s (p50 max)":>19}'
+        f'{"target":20}{"fault":16}{"n":>4}{"jump":>6}{"cmd":>6}{"received s (p50 max)":>19}'
         f'{"back s (p50 p95 max)":>22}{"lost":>5}  wrong'
     )
     groups: dict[tuple[str, str], list[Trial]] = {}
     for trial in trials:
         groups.setdefault((trial.target, trial.fault), []).append(trial)
     for (target, fault), group in sorted(groups.items()):
-        heard = np.array([t.heard for t in group if t.heard is not None] or [np.nan])
+        received = np.array([t.received for t in group if t.received is not None] or [np.nan])
         back = np.array([t.back for t in group if t.back is not None] or [np.nan])
         p50, p95 = np.percentile(back, [50, 95])
         wrong = sorted({words for t in group for words in t.faults})
         count = sum(bool(t.faults) for t in group)
         print(
             f'{target:20}{fault:16}{len(group):>4}{max(t.jump for t in group):6.2f}'
-            f'{max(t.command_jump for t in group):6.1f}{np.median(heard):12.2f}{heard.max():7.2f}'
+            f'{max(t.command_jump for t in group):6.1f}'
+            f'{np.median(received):12.2f}{received.max():7.2f}'
             f'{p50:9.2f}{p95:7.2f}{back.max():6.2f}{sum(t.lost for t in group):>5}'
             f'  {f"{count}: " + ", ".join(wrong) if wrong else "-"}'
         )

@@ -44,7 +44,7 @@ class Watch:
         """Return the number of samples that have been seen."""
         return len(self._seen.states)
 
-    def forget(self, before: float) -> None:
+    def discard(self, before: float) -> None:
         """Drop the samples that arrived before a time [s]."""
         states = self._seen.states
         del states[: next((k for k, s in enumerate(states) if s.arrived >= before), len(states))]
@@ -105,7 +105,7 @@ class Watch:
         """Wait until all nodes are heard and the error is small, or no longer falls at first."""
 
         def steady() -> bool:
-            return all(self._seen.heard.get(name, 0.0) > since for name in NODES)
+            return all(self._seen.received.get(name, 0.0) > since for name in NODES)
 
         end = time.monotonic() + timeout
         if not wait_until(steady, timeout):
@@ -131,13 +131,13 @@ class Watch:
             Seconds after `since` at which the period began over which the error was as small as
             before, and at which `target` was heard; None where it did not happen.
         """
-        heard: list[float] = []
+        received: list[float] = []
         back: list[float] = []
 
         def done() -> bool:
-            if not heard and self._seen.heard.get(target, 0.0) > since:
-                heard.append(self._seen.heard[target] - since)
-            if not heard and target in NODES:
+            if not received and self._seen.received.get(target, 0.0) > since:
+                received.append(self._seen.received[target] - since)
+            if not received and target in NODES:
                 return False
             states = self._seen.states[-self._setting.period :]
             if states and states[0].arrived > since and self.error() <= self._bound:
@@ -146,7 +146,7 @@ class Watch:
             return False
 
         wait_until(done, timeout)
-        return (back[0] if back else None), (heard[0] if heard else None)
+        return (back[0] if back else None), (received[0] if received else None)
 
     # --- recorder ------------------------------------------------------------------------------
 

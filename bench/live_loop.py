@@ -159,7 +159,7 @@ class Loop:
         """End it again."""
         node.signal(signal.SIGINT)
         node.wait(60.0)
-        self._processes.forget(node)
+        self._processes.retire(node)
 
     def end(self, name: str, number: int, again: float | None = None) -> tuple[int, str]:
         """End a node by a signal, sent twice where `again` [s] is given; return code and log."""
@@ -170,7 +170,7 @@ class Loop:
             node.signal(number)
         code = node.wait(60.0)
         text = node.log.read_text(errors='replace')
-        self._processes.forget(node)
+        self._processes.retire(node)
         return code, text
 
     def stop(self) -> dict[str, tuple[int, str]]:

@@ -94,10 +94,10 @@ class Observed:
     states: list[State] = field(default_factory=list)
     references: dict[int, float] = field(default_factory=dict)
     commands: dict[int, float] = field(default_factory=dict)
-    heard: dict[str, float] = field(default_factory=dict)
+    received: dict[str, float] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(NODES, 0))
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         """Drop all but the newest samples, for runs that are long."""
         del self.states[:-1000]
         for book in (self.references, self.commands):
@@ -153,7 +153,7 @@ class Observer:
             return
         now = 1e-9 * (written - self._offset)
         seen = self.seen
-        seen.heard[name] = now
+        seen.received[name] = now
         seen.counts[name] += 1
         if isinstance(message, ActuatorState):
             self._on_state(message, now)

@@ -153,7 +153,7 @@ def soak(
             processes.check()
             times.append(time.monotonic() - started)
             rows.append([sample_of(loop.running[name].pid) for name in NODES])
-            observer.seen.forget()
+            observer.seen.discard()
             time.sleep(every)
         ticks = observer.seen.states[-1].sample
         loop.stop()

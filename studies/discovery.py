@@ -37,7 +37,7 @@ from studies.discovery_worlds import Hidden, draw, records_of
 
 KINDS = ('single', 'pair', 'null', 'unknown')
 # So long may one set take before it counts as a failure [s].
-PATIENCE = 1800
+TIMEOUT = 1800
 
 
 def discover(bag: Path, baseline: str, seed: int, how: Sequence[str]) -> dict[str, Any]:
@@ -48,10 +48,10 @@ def discover(bag: Path, baseline: str, seed: int, how: Sequence[str]) -> dict[st
     command += how
     try:
         done = subprocess.run(
-            command, cwd=bag.parent, capture_output=True, text=True, timeout=PATIENCE, check=False
+            command, cwd=bag.parent, capture_output=True, text=True, timeout=TIMEOUT, check=False
         )
     except subprocess.TimeoutExpired:
-        return {'verdict': 'refused', 'effects': [], 'said': f'no verdict within {PATIENCE} s'}
+        return {'verdict': 'refused', 'effects': [], 'said': f'no verdict within {TIMEOUT} s'}
     if done.returncode != 0:
         return {'verdict': 'refused', 'effects': [], 'said': (done.stderr or done.stdout)[-2000:]}
     found: dict[str, Any] = json.loads((out / 'verdict.json').read_text(encoding='utf-8'))

@@ -31,7 +31,7 @@ from piezo_hysteresis.models import named
 from studies.discovery_scores import in_a_cell
 from studies.lottery_world import (
     EFFECTS,
-    OUTSIDERS,
+    UNKNOWN_EFFECTS,
     Conditions,
     drawn_actuator,
     drawn_conditions,
@@ -107,7 +107,7 @@ def sets(count: Sequence[int]) -> list[tuple[str, tuple[str, ...]]]:
             for i in range(pairs)
         ),
         *(('null', ()) for _ in range(nulls)),
-        *(('outsider', (OUTSIDERS[i % len(OUTSIDERS)],)) for i in range(others)),
+        *(('outsider', (UNKNOWN_EFFECTS[i % len(UNKNOWN_EFFECTS)],)) for i in range(others)),
     ]
 
 

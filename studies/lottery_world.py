@@ -40,8 +40,8 @@ EFFECTS = {
     'falling gain': 'gain_decay',
 }
 #: What no effect of the suite describes.
-OUTSIDERS = ('dead band', 'heating')
-_ALL = (*EFFECTS, *OUTSIDERS)
+UNKNOWN_EFFECTS = ('dead band', 'heating')
+_ALL = (*EFFECTS, *UNKNOWN_EFFECTS)
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ def _answer(actuator: Actuator, held: Array, before: int) -> Array:
     a, size = actuator, actuator.sizes.get
     numbers = np.array([a.loop, a.beta, a.gamma, 2 * pi * a.frequency, a.damping])
     inner = ('delay', 'lag', 'creep', 'second mode', 'hardening spring', 'square law')
-    sizes = [size(name, 0.0) for name in (*inner, 'saturation', *OUTSIDERS)]
+    sizes = [size(name, 0.0) for name in (*inner, 'saturation', *UNKNOWN_EFFECTS)]
     others = np.array([a.other.get('creep', 1000.0), 2 * pi * a.other.get('second mode', 0.1)])
     y = np.asarray(_integrated(held, numbers, np.array(sizes), others))[before:]
     t = np.arange(y.size) / LENGTH

@@ -32,7 +32,7 @@ COMPARISONS: dict[str, Callable[[float, float], bool]] = {
     '>': operator.gt,
     '=': operator.eq,
 }
-# What a listener measures of running nodes, see hearing.py.
+# What a listener measures of running nodes, see live_listener.py.
 QUANTITIES = {
     'tracking_rms': 'rms of displacement minus reference, the worst of three stretches [m]',
     'states': 'ticks of the actuator that were heard [1]',

@@ -184,7 +184,7 @@ class Follower:
         return code, output
 
     def _start(self, block: Block) -> None:
-        from hearing import hear
+        from live_listener import listen
 
         if block.language == 'python':
             commands = [[sys.executable, '-c', block.text]]
@@ -197,7 +197,7 @@ class Follower:
         for each in block.expected:
             if isinstance(each, Live):
                 try:
-                    hear(each, int(self._env['ROS_DOMAIN_ID']), self._check)
+                    listen(each, int(self._env['ROS_DOMAIN_ID']), self._check)
                 except AssertionError as error:
                     raise AssertionError(f'line {block.line}: {error}') from None
 

@@ -61,9 +61,9 @@ def started_processes() -> Iterator[NodeProcesses]:
 
 @pytest.fixture
 def listener(processes: LiveNodes) -> Iterator[Listener]:
-    ear = Listener(processes)
-    yield ear
-    ear.close()
+    recorder = Listener(processes)
+    yield recorder
+    recorder.close()
 
 
 @pytest.fixture(scope='module')
@@ -74,9 +74,9 @@ def shared_processes() -> Iterator[LiveNodes]:
 
 @pytest.fixture(scope='module')
 def shared_listener(shared_processes: LiveNodes) -> Iterator[Listener]:
-    ear = Listener(shared_processes)
-    yield ear
-    ear.close()
+    recorder = Listener(shared_processes)
+    yield recorder
+    recorder.close()
 
 
 @pytest.hookimpl(wrapper=True)

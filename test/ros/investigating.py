@@ -21,7 +21,7 @@ from piezo_sim.sweep import grid, simulate
 
 PRESET = 'generic_bouc_wen'
 RATE, REACH, SLEW = 1000.0, 1.0, 700.0
-PATIENCE = 240.0
+TIMEOUT = 240.0
 # A loop in lock-step that makes no tick for so long stands [s].
 STILL = 2.0
 LIMITS = {'low': -REACH, 'high': REACH, 'slew': SLEW, 'budget': 60.0}
@@ -77,7 +77,7 @@ class Bench:
     def ended(self, handle: Any) -> Any:
         """Return what a goal ended with."""
         future = handle.get_result_async()
-        self.listener.until(future.done, timeout=PATIENCE)
+        self.listener.until(future.done, timeout=TIMEOUT)
         return future.result()
 
     def moves(self) -> None:
@@ -85,7 +85,7 @@ class Bench:
         count = len(self.states)
         self.listener.until(
             lambda: any(abs(state.voltage) > 0.5 * REACH for state in self.states[count:]),
-            timeout=PATIENCE,
+            timeout=TIMEOUT,
         )
 
     def rests(self) -> None:

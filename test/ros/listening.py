@@ -33,20 +33,20 @@ class Listener(Client):
         super().__init__('listener', processes.domain)
         self._processes = processes
         self._clients: dict[str, Any] = {}
-        self.heard: dict[str, list[Any]] = {}
+        self.received: dict[str, list[Any]] = {}
 
     def listen(self, kind: type[Message], topic: str, *, latched: bool = False) -> list[Message]:
         """Collect every message of `topic` in the list that is returned, ``heard[topic]``."""
-        book = self.heard.setdefault(topic, [])
+        book = self.received.setdefault(topic, [])
         self.node.create_subscription(kind, topic, book.append, LATCHED if latched else LOOP)
         return book
 
     @contextmanager
-    def hearing(self, kind: type[Message], topic: str) -> Iterator[list[Message]]:
+    def collecting(self, kind: type[Message], topic: str) -> Iterator[list[Message]]:
         """Collect messages of `topic` from now on; none of them was sent before."""
-        heard: list[Message] = []
-        subscription = self.node.create_subscription(kind, topic, heard.append, LOOP)
-        yield heard
+        received: list[Message] = []
+        subscription = self.node.create_subscription(kind, topic, received.append, LOOP)
+        yield received
         self.node.destroy_subscription(subscription)
 
     def watch_health(self) -> dict[str, DiagnosticStatus]:

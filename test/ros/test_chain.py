@@ -321,7 +321,7 @@ def test_limits_bind_and_belong_together(chain: Chain) -> None:
 
 def test_a_link_that_dies_is_replaced_while_the_others_wait(chain: Chain) -> None:
     chain.attenuation.signal(signal.SIGKILL)
-    chain.processes.forget(chain.attenuation)
+    chain.processes.retire(chain.attenuation)
     chain.attenuation = chain.start_attenuation()
     voltages = chain.run(100)
     assert np.abs(np.diff(voltages)).max() <= 20.0 * DT * (1 + 1e-9)

@@ -164,7 +164,7 @@ def test_the_page_over_live_processes(
     browser.until("model('sweep.words').text.includes('cancelled')")
 
     # A node that is lost is told of, and taken up again.
-    processes.forget(processes.nodes[1])
+    processes.retire(processes.nodes[1])
     browser.until("model('banner').text.includes('Stale')")
     processes.start('piezo_sim', 'simulator', SIMULATOR, namespace=SPACE)
     assert listener.set_one(node, 'mode', 'voltage') == ''
@@ -180,7 +180,7 @@ def test_the_page_over_live_processes(
     # Ctrl-C ends it without a word, with the page open.
     assert dashboard.stop(30.0) == 0
     assert 'Traceback' not in dashboard.log.read_text()
-    processes.forget(dashboard)
+    processes.retire(dashboard)
 
 
 def test_a_foreign_site_that_points_to_this_machine_gets_nothing(

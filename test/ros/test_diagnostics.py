@@ -34,9 +34,9 @@ class Bench:
         self.listener = listener
         node = listener.node
         self.commands = listener.listen(VoltageCommand, 'voltage/command')
-        self.news: dict[str, DiagnosticStatus] = {}
+        self.latest: dict[str, DiagnosticStatus] = {}
         self.counts: dict[str, int] = {}
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_news, 100)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, 100)
         self.references = node.create_publisher(Reference, 'reference', LOOP)
         self.states = node.create_publisher(ActuatorState, 'actuator/state', LOOP)
         model = named('classical')
@@ -52,10 +52,10 @@ class Bench:
         listener.until(lambda: self.states.get_subscription_count() == 4)
         self.run(100)
 
-    def _on_news(self, array: DiagnosticArray) -> None:
+    def _on_status(self, array: DiagnosticArray) -> None:
         for status in array.status:
             name = status.name.strip('/')
-            self.news[name] = status
+            self.latest[name] = status
             self.counts[name] = self.counts.get(name, 0) + 1
 
     def run(self, ticks: int) -> None:
@@ -94,14 +94,14 @@ class Bench:
 
         def said() -> bool:
             self.step()
-            news = self.news.get(node)
-            return news is not None and news.level == level and word in news.message
+            latest = self.latest.get(node)
+            return latest is not None and latest.level == level and word in latest.message
 
         self.listener.until(said)
-        return self.news[node]
+        return self.latest[node]
 
     def count(self, node: str, key: str) -> int:
-        values = {each.key: each.value for each in self.news[node].values}
+        values = {each.key: each.value for each in self.latest[node].values}
         return int(values[key])
 
     def counted(self, node: str, key: str, count: int) -> None:
@@ -130,10 +130,10 @@ def test_every_node_says_every_second_that_it_is_well(bench: Bench) -> None:
         'recorder': 'messages are in',
         'elsewhere/simulator': 'waits for the first command',
     }.items():
-        bench.listener.until(lambda node=node: node in bench.news)
+        bench.listener.until(lambda node=node: node in bench.latest)
         bench.says(node, OK, word)
-    assert bench.news['elsewhere/simulator'].hardware_id == 'elsewhere'
-    bench.listener.until(lambda: 'gap_monitor' in bench.news)
+    assert bench.latest['elsewhere/simulator'].hardware_id == 'elsewhere'
+    bench.listener.until(lambda: 'gap_monitor' in bench.latest)
     before = dict(bench.counts)
     bench.listener.until(lambda: all(bench.counts[n] >= before[n] + 2 for n in before))
 

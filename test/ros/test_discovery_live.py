@@ -113,8 +113,8 @@ def settled_gap(listener: Listener, seconds: float = 2.0) -> Gap:
 
     The loop runs as fast as it can: a listener that heard all of it would fall behind.
     """
-    gaps = listener.heard['gap']
-    with listener.hearing(ActuatorState, 'actuator/state') as states:
+    gaps = listener.received['gap']
+    with listener.collecting(ActuatorState, 'actuator/state') as states:
         listener.until(lambda: states)
     end = states[0].sample + round(seconds * RATE)
     listener.until(lambda: gaps and gaps[-1].sample >= end, timeout=120.0)
@@ -126,11 +126,11 @@ def tracking_error(listener: Listener) -> float:
     """Return the rms of measured minus desired over half a second [m]."""
     half = round(0.5 * RATE)
     with (
-        listener.hearing(ActuatorState, 'actuator/state') as states,
-        listener.hearing(Reference, 'reference') as references,
+        listener.collecting(ActuatorState, 'actuator/state') as states,
+        listener.collecting(Reference, 'reference') as references,
     ):
-        for heard in (states, references):
-            listener.until(lambda h=heard: h and h[-1].sample >= h[0].sample + half)
+        for received in (states, references):
+            listener.until(lambda h=received: h and h[-1].sample >= h[0].sample + half)
     desired = {r.sample: r.displacement for r in references}
     errors = [s.displacement - desired[s.sample] for s in states if s.sample in desired]
     assert len(errors) >= 100

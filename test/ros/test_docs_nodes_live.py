@@ -80,7 +80,7 @@ def test_the_page_tells_what_a_node_offers(
     def published() -> dict[str, str]:
         return own(offered(graph.get_publisher_names_and_types_by_node), STANDARD)
 
-    def heard() -> dict[str, str]:
+    def received() -> dict[str, str]:
         return own(offered(graph.get_subscriber_names_and_types_by_node), STANDARD)
 
     def services() -> set[str]:
@@ -88,16 +88,16 @@ def test_the_page_tells_what_a_node_offers(
         return set(own(found, STANDARD_SERVICES))
 
     # Announcements come one by one: wait for all, then nothing else may be there.
-    listener.until(lambda: wanted[0] <= published().keys() and wanted[1] <= heard().keys())
+    listener.until(lambda: wanted[0] <= published().keys() and wanted[1] <= received().keys())
     listener.until(lambda: all_of('services') <= services())
     assert set(published()) == wanted[0]
-    assert set(heard()) - at_times == wanted[1]
+    assert set(received()) - at_times == wanted[1]
     assert at_times <= all_of('subscribes')
     assert services() == all_of('services')
     for short in (*page.publishes, *page.subscribes):
         full = '/' + short.replace('~', name).lstrip('/')
         if full not in at_times:
-            assert {**published(), **heard()}[full] == TYPES[short]
+            assert {**published(), **received()}[full] == TYPES[short]
     for action in page.actions:
         kinds = dict(graph.get_service_names_and_types_by_node(name, '/'))
         assert f'/{action}/_action/send_goal' in kinds

@@ -294,7 +294,7 @@ def test_a_dead_simulator_ends_the_sweep_with_the_reason(
     count = len(loop.states)
     loop.listener.until(lambda: len(loop.states) > count + 50)
     loop.simulator.signal(signal.SIGKILL)
-    shared_processes.forget(loop.simulator)
+    shared_processes.retire(loop.simulator)
     result = loop.result(handle)
     assert result.status == GoalStatus.STATUS_ABORTED
     assert 'no actuator/state' in result.result.message

@@ -83,9 +83,9 @@ def test_every_node_is_killed_once_and_the_loop_is_back(deadly: Campaign) -> Non
         node = loop.start(str(name))
         assert node.returncode is None
     since = deadly.observer.seen.states[-1].arrived
-    back, heard = watch.back(since, 'feedback', 90.0)
+    back, received = watch.back(since, 'feedback', 90.0)
     assert back is not None
-    assert heard is not None
+    assert received is not None
     beyond, jump, _ = watch.voltage(first)
     assert beyond == 0.0
     assert jump <= 1.0 + 1e-9

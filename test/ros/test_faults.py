@@ -51,7 +51,7 @@ def test_what_cannot_start_says_why_in_one_line(processes: LiveNodes) -> None:
         for node, word in started:
             assert node.wait(60.0) == 2, node.tail()
             says_why(node.log.read_text(), word)
-            processes.forget(node)
+            processes.retire(node)
 
 
 def test_a_dead_link_ends_the_experiment_and_leaves_nothing_running() -> None:
@@ -106,4 +106,4 @@ def test_a_node_that_is_interrupted_while_it_starts_ends_in_silence(
         node.signal(signal.SIGINT)
         assert node.wait(60.0) == 0, node.tail()
         assert 'Traceback' not in node.log.read_text(), node.tail(20)
-        started_processes.forget(node)
+        started_processes.retire(node)

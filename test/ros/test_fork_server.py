@@ -85,7 +85,7 @@ def test_the_code_of_a_killed_node_names_the_signal(processes: LiveNodes) -> Non
     node = processes.start('piezo_hysteresis', 'feedforward')
     node.signal(signal.SIGKILL)
     assert node.wait(20.0) == -signal.SIGKILL
-    processes.forget(node)
+    processes.retire(node)
 
 
 def words_of(node: NodeProcess) -> list[str]:
@@ -110,7 +110,7 @@ def test_a_node_that_refuses_its_parameters_gives_the_same_code_and_reason(
         assert words[0] == words[1]
         assert words[0]
         for group, node in zip((processes, others), refused, strict=True):
-            group.forget(node)
+            group.retire(node)
 
 
 def test_a_forked_node_ends_when_the_process_that_asked_for_it_is_killed(
@@ -143,4 +143,4 @@ def test_what_is_read_at_loading_asks_for_a_process_of_its_own(
     node = processes.start('piezo_hysteresis', 'recorder')
     assert not isinstance(node, ForkedNode)
     assert node.wait(30.0) == 2
-    processes.forget(node)
+    processes.retire(node)

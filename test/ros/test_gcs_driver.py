@@ -102,7 +102,7 @@ def stage(processes: LiveNodes, listener: Listener, tmp_path: Path) -> Iterator[
     yield made
     for node in processes.nodes:  # before their controller is gone
         node.stop(30.0)
-        processes.forget(node)
+        processes.retire(node)
     made.close()
 
 
@@ -176,7 +176,7 @@ def test_a_node_that_is_ended_stops_the_wave(stage: Stage) -> None:
     began = time.monotonic()
     assert node.stop(20.0) == 0
     assert time.monotonic() - began < 10.0
-    stage.processes.forget(node)
+    stage.processes.retire(node)
     stage.rests()
 
 
@@ -188,7 +188,7 @@ def test_a_node_that_is_killed_leaves_a_wave_that_ends_by_itself(stage: Stage) -
         time.sleep(float(rng.uniform(0.0, 1.0)))
         node.signal(signal.SIGKILL)
         stage.processes.wait_for(node, 10.0)
-        stage.processes.forget(node)
+        stage.processes.retire(node)
         end = time.monotonic() + 5.0
         while stage.controller.is_running and time.monotonic() < end:
             time.sleep(0.05)

@@ -76,7 +76,7 @@ def test_a_driver_refuses_what_is_no_number_and_turns_every_jump_into_a_ramp(
 
 def refuses_and_ramps(listener: Listener, step: float, ramp: float) -> None:
     """Command a jump, then what is no number, then nothing."""
-    states = listener.heard['actuator/state']
+    states = listener.received['actuator/state']
     publisher = listener.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
     listener.until(lambda: states and publisher.get_subscription_count() > 0)
     ticks = 0
@@ -112,11 +112,11 @@ def test_the_driver_of_the_page_serves_an_excitation(
     driver = start_driver(PAGE, tmp_path, processes, listener)
     try:
         settings = {'mode': 'voltage', 'frequency': 5.0, 'voltage.amplitude': 3.0, 'ramp': 0.1}
-        states = listener.heard['actuator/state']
+        states = listener.received['actuator/state']
         processes.start('piezo_hysteresis', 'excitation', settings)
         listener.until(lambda: any(abs(s.voltage) == 1.2 for s in states), 60.0)
-        heard = len(states)
-        listener.until(lambda: len(states) > heard + 300)
+        received = len(states)
+        listener.until(lambda: len(states) > received + 300)
         assert listener.set_one('excitation', 'mode', 'idle') == ''
         # Silence takes the driver to rest as well, before commands that are late.
         listener.until(lambda: not any(state.voltage for state in states[-LATE:]))

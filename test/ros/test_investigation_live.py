@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
-from investigating import PATIENCE, Bench, write_model
+from investigating import TIMEOUT, Bench, write_model
 from listening import Listener
 from live_nodes import LiveNodes
 
@@ -29,7 +29,7 @@ def test_it_finds_an_effect_is_cancelled_goes_on_and_shows_the_gap_shrink(
     bench = Bench(processes, listener, write_model(tmp_path))
     feedback: list[Any] = []
     handle = bench.ask(feedback)
-    listener.until(lambda: any(f.number == 2 for f in feedback), timeout=PATIENCE)
+    listener.until(lambda: any(f.number == 2 for f in feedback), timeout=TIMEOUT)
     handle.cancel_goal_async()
     broken_off = bench.ended(handle)
     assert broken_off.status == GoalStatus.STATUS_CANCELED
@@ -100,7 +100,7 @@ def test_a_larger_budget_goes_on(bench: Bench) -> None:
     assert (again.stop, again.experiments) == ('budget', len(done))
     feedback: list[Any] = []
     handle = bench.ask(feedback)
-    bench.listener.until(lambda: any(f.stage == 'run' for f in feedback), timeout=PATIENCE)
+    bench.listener.until(lambda: any(f.stage == 'run' for f in feedback), timeout=TIMEOUT)
     assert next(f.number for f in feedback if f.stage == 'run') == len(done) + 1
     handle.cancel_goal_async()
     assert bench.ended(handle).status == GoalStatus.STATUS_CANCELED

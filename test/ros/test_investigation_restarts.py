@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from investigating import LIMITS, PATIENCE, Bench, write_model
+from investigating import LIMITS, TIMEOUT, Bench, write_model
 from listening import Listener
 from live_nodes import LiveNodes
 
@@ -40,7 +40,7 @@ def end(bench: Bench, name: str) -> None:
     process = node(bench, name)
     process.signal(signal.SIGTERM)
     assert process.wait(60.0) == 0
-    bench.processes.forget(process)
+    bench.processes.retire(process)
 
 
 def test_it_goes_on_after_excitation_actuator_and_feedforward_were_started_anew(
@@ -52,7 +52,7 @@ def test_it_goes_on_after_excitation_actuator_and_feedforward_were_started_anew(
     bench.moves()
     end(bench, 'excitation')
     bench.start('excitation')
-    bench.listener.until(lambda: any(f.number == 2 for f in feedback), timeout=PATIENCE)
+    bench.listener.until(lambda: any(f.number == 2 for f in feedback), timeout=TIMEOUT)
     bench.moves()
     end(bench, 'feedforward')
     end(bench, 'simulator')
@@ -80,14 +80,14 @@ def test_the_verb_goes_on_after_the_discovery_node_was_started_anew(
         journal = tmp_path / 'out' / 'journal.jsonl'
         bench.listener.until(
             lambda: journal.is_file() and len(journal.read_text().splitlines()) == 2,
-            timeout=PATIENCE,
+            timeout=TIMEOUT,
         )
         first = journal.read_text()
         bench.moves()
         end(bench, 'discovery')
         bench.rests()  # nobody waits for its sweep any more
         bench.start('discovery')
-        bench.listener.until(lambda: verb.poll() is not None, timeout=PATIENCE)
+        bench.listener.until(lambda: verb.poll() is not None, timeout=TIMEOUT)
         assert verb.stdout is not None
         told = verb.stdout.read()
     assert verb.returncode == 0, told

@@ -57,13 +57,15 @@ def test_stages_run_side_by_side_and_end_on_ctrl_c(
     processes: NodeProcesses, listener: Listener, tmp_path: Path
 ) -> None:
     log = tmp_path / 'launch.log'
-    heard = [listener.listen(ActuatorState, f'{stage}/actuator/state') for stage in 'xy']
+    received = [listener.listen(ActuatorState, f'{stage}/actuator/state') for stage in 'xy']
     launched = launch(
         processes, log, 'stages.launch.py', 'stages:=x,y=zhou_tef', 'identification:=false'
     )
     try:
         # The reference moves both: their links are there too.
-        listener.until(lambda: all(any(s.voltage != 0.0 for s in states) for states in heard), 120)
+        listener.until(
+            lambda: all(any(s.voltage != 0.0 for s in states) for states in received), 120
+        )
         assert listener.get_parameter('x/simulator', 'preset') == 'fdk_pzba_00030'
         assert listener.get_parameter('y/simulator', 'preset') == 'zhou_tef'
     finally:

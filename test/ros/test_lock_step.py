@@ -96,8 +96,10 @@ def test_nodes_give_the_numbers_of_the_offline_loop(
             'wait_for': 2,
         },
     )
-    states = listener.heard['actuator/state']
-    listener.until(lambda: len(states) >= SAMPLES and bool(listener.heard['model/estimate']), 60.0)
+    states = listener.received['actuator/state']
+    listener.until(
+        lambda: len(states) >= SAMPLES and bool(listener.received['model/estimate']), 60.0
+    )
     assert processes.wait_for(excitation, 20.0) == 0
 
     expected = offline()
@@ -109,7 +111,7 @@ def test_nodes_give_the_numbers_of_the_offline_loop(
 
     rls = OnlineRls(RlsSettings(dt=1.0 / RATE))
     rls.update_many(voltage, displacement)
-    estimate = listener.heard['model/estimate'][-1]
+    estimate = listener.received['model/estimate'][-1]
     known = dict(zip(estimate.names, estimate.values, strict=True))
     assert known.pop('offset') == 0.0  # of the named model; no column stands for it
     assert known == pytest.approx(rls.estimate().parameters(), rel=1e-12)
@@ -150,7 +152,7 @@ def test_what_is_started_anew_moves_the_actuator_no_faster_than_the_slew(
     listener.until(lambda: states and states[-1].sample > 700)
     for name in killed:
         running[name].signal(signal.SIGKILL)
-        processes.forget(running[name])
+        processes.retire(running[name])
         count = -1
         while len(states) > count:  # a starved listener still hears what was before
             count = len(states)

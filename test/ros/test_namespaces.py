@@ -71,7 +71,7 @@ def test_two_chains_side_by_side(processes: LiveNodes, listener: Listener) -> No
         for k in range(10):
             while len(states) <= k:  # again where a link had not yet found the next one
                 publishers[stage].publish(Reference(sample=k, displacement=5e-5))
-                listener.wait_briefly(lambda seen=k, heard=states: len(heard) > seen, 1.0)
+                listener.wait_briefly(lambda seen=k, received=states: len(received) > seen, 1.0)
         assert [state.voltage for state in states] == [5e-5 / gain] * 10
         if turn == 0:
             assert not any(words['stage_y'].values())

@@ -51,7 +51,7 @@ def run_sweep(listener: Listener, goal: dict[str, Any]) -> None:
 
 def recorded(listener: Listener, recorder: str, count: int) -> None:
     """Wait until a recorder says that it has written `count` messages."""
-    status = listener.heard[f'{recorder}/status']
+    status = listener.received[f'{recorder}/status']
     listener.until(lambda: any(message.sample >= count for message in status))
 
 
@@ -97,11 +97,11 @@ def online(
     listener.until(lambda: len(states) >= 2 * (1000 * SECONDS + 100))
     recorded(listener, 'victim', len(states) + 4)
     killed.signal(signal.SIGKILL)
-    processes.forget(killed)
+    processes.retire(killed)
     recorded(listener, 'recorder', len(states) + 4)
     listener.until(lambda: estimates)
     closed.stop()
-    processes.forget(closed)
+    processes.retire(closed)
     return estimates
 
 
@@ -131,7 +131,7 @@ def test_a_live_sweep_becomes_records(
     records = read_bag(folder / 'sweep')
     assert [record.name for record in records] == ['sine_7Hz_1V', 'sine_20Hz_1V']
     assert {record.info.actuator for record in records} == {'bender'}
-    states = {state.sample: state for state in shared_listener.heard['actuator/state']}
+    states = {state.sample: state for state in shared_listener.received['actuator/state']}
     for k, record in enumerate(records):
         first = k * round(1000 * SECONDS + 100)
         rows = [states[first + i] for i in range(round(1000 * SECONDS))]
@@ -238,17 +238,17 @@ def test_the_player_says_how_far_it_is_and_for_whom_it_waits(
     with LiveNodes(processes.domain) as others:  # that this one dies fails nobody
         node = play(others, folder / 'sweep', loop=True, wait=300.0)
         listener.says(health, 'player', warn, 'waits for a listener')
-        hearer = processes.start('piezo_hysteresis', 'identification')
+        receiver = processes.start('piezo_hysteresis', 'identification')
         # The first report of a player that plays can precede its first message.
         listener.until(lambda: int(listener.says(health, 'player', ok, 'plays')['messages']) > 0)
-        hearer.signal(signal.SIGSTOP)
+        receiver.signal(signal.SIGSTOP)
         listener.says(health, 'player', warn, 'identification has not confirmed')
-        hearer.signal(signal.SIGCONT)
+        receiver.signal(signal.SIGCONT)
         listener.says(health, 'player', ok, 'plays')
-        hearer.signal(signal.SIGSTOP)
+        receiver.signal(signal.SIGSTOP)
         assert listener.set_one('player', 'wait', 0.1) == ''
         listener.says(health, 'player', error, 'did not take')
-        hearer.signal(signal.SIGCONT)
+        receiver.signal(signal.SIGCONT)
         assert node.wait(60.0) == 2
     play(processes, folder / 'sweep', lock_step=False, rate_factor=1e6, loop=True)
     assert int(listener.says(health, 'player', warn, 'come too late')['late']) > 0
@@ -297,4 +297,4 @@ def test_playing_what_cannot_be_played_is_one_line(processes: LiveNodes, tmp_pat
         text = node.log.read_text()
         assert words in text
         assert len(text.strip().splitlines()) == 1
-        processes.forget(node)
+        processes.retire(node)

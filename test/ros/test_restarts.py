@@ -47,7 +47,7 @@ class Loop:
 
     def kill(self, node: NodeProcess) -> None:
         node.signal(signal.SIGKILL)
-        self.processes.forget(node)
+        self.processes.retire(node)
 
     def moves(self) -> None:
         """Wait until the voltage follows the reference again, up and down."""
@@ -109,7 +109,7 @@ def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
     names = ('actuator/state', 'record/marker')
     remap = {f'/piezo/{name}': name for name in names}
     settings = {'bag': str(loop.folder / 'bag'), 'lock_step': True, 'wait': 60.0}
-    hearer = loop.processes.start('piezo_hysteresis', 'identification', namespace='apart')
+    receiver = loop.processes.start('piezo_hysteresis', 'identification', namespace='apart')
     first = loop.processes.start(
         'piezo_hysteresis', 'player', settings, namespace='apart', remap=remap
     )
@@ -120,9 +120,9 @@ def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
     )
     assert loop.processes.wait_for(second, 120.0) == 0
     assert 'played 20000 samples' in second.tail()
-    assert hearer.returncode is None
-    loop.processes.forget(second)
-    loop.processes.forget(hearer)
+    assert receiver.returncode is None
+    loop.processes.retire(second)
+    loop.processes.retire(receiver)
 
 
 def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
@@ -151,7 +151,7 @@ def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
     loop.listener.until(finished.done)
     assert 'nowhere' in finished.result().result.message
     client.destroy()
-    loop.processes.forget(second)
+    loop.processes.retire(second)
 
 
 def test_a_dashboard_dies_and_serves_again_at_the_same_place(loop: Loop) -> None:
@@ -170,7 +170,7 @@ def test_a_dashboard_dies_and_serves_again_at_the_same_place(loop: Loop) -> None
     second, again = start(int(url.rstrip('/').rpartition(':')[2]))
     assert again == url
     answers(url)
-    loop.processes.forget(second)
+    loop.processes.retire(second)
 
 
 def test_nothing_of_all_this_moved_the_actuator(loop: Loop) -> None:

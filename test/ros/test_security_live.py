@@ -59,7 +59,7 @@ def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: NodeProcesses) -
     assert stranger.wait(60.0) == 2
     assert 'security' in stranger.log.read_text().lower()
     assert 'Traceback' not in stranger.log.read_text()
-    secured.forget(stranger)
+    secured.retire(stranger)
 
     secured.environment['ROS_SECURITY_ENCLAVE_OVERRIDE'] = '/piezo/feedforward'
     known = secured.start('piezo_hysteresis', 'feedforward', namespace='piezo')
@@ -71,7 +71,7 @@ def test_a_node_keeps_to_its_enclave_or_does_not_start(secured: NodeProcesses) -
     assert 'Traceback' not in text
     if NO_SECURITY in text:
         assert code == 2
-        secured.forget(known)
+        secured.retire(known)
         pytest.skip('this middleware was built without security: the node refused to start')
     assert code is None, text
 
@@ -85,14 +85,14 @@ def test_a_feedforward_that_waits_for_its_reference_keeps_to_its_sheet(
     listener.until(references.get_subscription_count)
     references.publish(Reference(sample=0))
 
-    def heard() -> set[str]:
+    def received() -> set[str]:
         return {
             name.strip('/')
             for name, _ in listener.node.get_subscriber_names_and_types_by_node('feedforward', '/')
         }
 
     def watches() -> bool:
-        return 'feedforward' in listener.node.get_node_names() and topics.STATE in heard()
+        return 'feedforward' in listener.node.get_node_names() and topics.STATE in received()
 
     listener.until(watches)
-    assert heard() - {'clock', 'parameter_events'} <= set(SHEETS['feedforward'].subscribes)
+    assert received() - {'clock', 'parameter_events'} <= set(SHEETS['feedforward'].subscribes)

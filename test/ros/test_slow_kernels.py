@@ -104,7 +104,7 @@ def test_a_player_waits_for_a_listener_that_compiles(
     bag = tmp_path / 'bag'
     phase = np.arange(500) * 0.03
     write_bag(bag, [Record('short', 1e-3, np.sin(phase), 1e-6 * np.sin(phase - 0.2))])
-    heard = listener.listen(LoopStatus, 'piezo/identification/status', latched=True)
+    received = listener.listen(LoopStatus, 'piezo/identification/status', latched=True)
     health = listener.watch_health()
     with slow(processes, tmp_path / 'kernels', 'update_many', 6.0):
         processes.start('piezo_hysteresis', 'identification', namespace='piezo')
@@ -113,7 +113,7 @@ def test_a_player_waits_for_a_listener_that_compiles(
         'piezo_hysteresis', 'player', {'bag': str(bag), 'lock_step': True, 'wait': 3.0}
     )
     assert processes.wait_for(player, 120.0) == 0
-    listener.until(lambda: bool(heard) and heard[-1].counts[0] == 500)
+    listener.until(lambda: bool(received) and received[-1].counts[0] == 500)
 
 
 @pytest.mark.slow

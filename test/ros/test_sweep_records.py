@@ -71,7 +71,7 @@ class Bench:
     def close(self, node: NodeProcess) -> Path:
         """End a recorder; return its bag."""
         assert node.stop(30.0) == 0
-        self.processes.forget(node)
+        self.processes.retire(node)
         return self._bags[id(node)]
 
     def running(self, count: int = 100) -> None:
@@ -110,13 +110,13 @@ def test_a_sweep_is_all_in_the_bag_that_it_names(bench: Bench, clock: str) -> No
     if clock == 'lock_step':
         holds(bag)
     # In real time a busy machine makes commands late, which are then held back by the slew.
-    heard = {state.sample: state for state in bench.states}
+    received = {state.sample: state for state in bench.states}
     for record in whole(bag):
         assert np.abs(record.voltage).max() <= 1.0
         first = round(record.start * RATE)
         for k in range(0, len(record), 50):
-            if first + k in heard:
-                assert record.voltage[k] == heard[first + k].voltage
+            if first + k in received:
+                assert record.voltage[k] == received[first + k].voltage
     again = bench.send(bag=str(bag))
     assert not again.accepted  # nothing is overwritten
     assert not bench.send(bag='../elsewhere').accepted
@@ -174,7 +174,7 @@ def test_a_killed_excitation_leaves_a_bag_that_can_be_read(bench: Bench) -> None
     bench.send(seconds=60.0, bag='killed')  # in lock-step eight seconds can be over in one
     bench.listener.until(lambda: holds_samples(bench.folder / 'killed'))
     bench.excitation.signal(signal.SIGKILL)
-    bench.processes.forget(bench.excitation)
+    bench.processes.retire(bench.excitation)
     found = survey([bench.folder / 'killed'])
     assert any('was not closed' in str(note) for note in found.notes)
     (record,) = [each for each in found.records if each.name == 'sine_5Hz_1V']

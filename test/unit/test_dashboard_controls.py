@@ -12,7 +12,7 @@ from piezo_hysteresis.dashboard.controls import (
     described,
     groups_of,
     reach,
-    refusal_words,
+    refusal_text,
 )
 from piezo_hysteresis.dashboard.forms import numbers
 from piezo_hysteresis.dashboard.rows import ParameterRow
@@ -135,5 +135,5 @@ def test_a_range_is_said_in_the_unit_of_the_page() -> None:
         'Parameter reference.amplitude out of range Min: 0.0, Max: 0.01, value: 0.5',
         'reference.amplitude = 0.5 m is outside 0 .. 0.01 m',
     ):
-        assert refusal_words(size, text) == 'reference.amplitude lies between 0 and 10000 µm'
-    assert refusal_words(size, 'mode: a sweep is running') == 'mode: a sweep is running'
+        assert refusal_text(size, text) == 'reference.amplitude lies between 0 and 10000 µm'
+    assert refusal_text(size, 'mode: a sweep is running') == 'mode: a sweep is running'

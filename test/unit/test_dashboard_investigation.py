@@ -9,14 +9,18 @@ from bokeh.events import ButtonClick
 from dashboard_fakes import Backend
 
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
-from piezo_hysteresis.dashboard.investigation_form import InvestigationForm, steps_words
-from piezo_hysteresis.dashboard.live_state import BackgroundJob, ShownBelief
+from piezo_hysteresis.dashboard.investigation_form import InvestigationForm, steps_text
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationState
 from piezo_hysteresis.dashboard.panel import Controls
 
-BELIEFS = [
-    ShownBelief('run', 1, 'sine 33 Hz', 'has a chance', '', (('none', 0.5), ('creep', 0.1)), 0.0),
-    ShownBelief('judge', 1, 'sine 33 Hz', 'has a chance', '', (('none', 0.5),), 0.0),
-    ShownBelief('run', 2, 'step <b>', 'tells a from b', 'nothing new', (('creep', 0.9),), 1.6),
+STATES = [
+    InvestigationState(
+        'run', 1, 'sine 33 Hz', 'has a chance', '', (('none', 0.5), ('creep', 0.1)), 0.0
+    ),
+    InvestigationState('judge', 1, 'sine 33 Hz', 'has a chance', '', (('none', 0.5),), 0.0),
+    InvestigationState(
+        'run', 2, 'step <b>', 'tells a from b', 'nothing new', (('creep', 0.9),), 1.6
+    ),
 ]
 
 
@@ -61,16 +65,16 @@ def test_an_impossible_range_is_told_and_not_asked() -> None:
 
 
 def test_steps_come_with_their_reason_and_what_they_answered() -> None:
-    words = steps_words(BELIEFS)
+    words = steps_text(STATES)
     assert words.index('step &lt;b&gt;') < words.index('sine 33 Hz')  # the newest first
     assert 'tells a from b' in words
     assert 'nothing new' in words
-    assert steps_words([]) == ''
+    assert steps_text([]) == ''
 
 
 def test_beliefs_are_drawn_over_actuator_time() -> None:
     shown = form([])
-    shown.refresh(BackgroundJob('running', 0.1, 'runs'), BELIEFS, True, 0.0)
+    shown.refresh(BackgroundJob('running', 0.1, 'runs'), STATES, True, 0.0)
     by_name, _ = page_of(shown.root)
     figure = by_name('investigation.chances')
     assert figure.visible

@@ -24,12 +24,12 @@ from piezo_hysteresis.dashboard.live_state import (
     ShownEstimate,
 )
 from piezo_hysteresis.dashboard.overall_status import banner
-from piezo_hysteresis.dashboard.words import (
-    estimate_words,
-    gap_words,
-    job_words,
-    status_words,
-    tracking_words,
+from piezo_hysteresis.dashboard.texts import (
+    estimate_text,
+    gap_text,
+    job_text,
+    status_text,
+    tracking_text,
 )
 
 # --- words ------------------------------------------------------------------------------------
@@ -62,9 +62,9 @@ def test_what_comes_from_outside_is_escaped() -> None:
     gap = Gap(0.0, 1.0, 1.0, 9.0, 1.0, (1,), (1.0,), True, evil)
     estimate = ShownEstimate(0.0, evil, evil, evil, (evil,), (evil,), (1.0,), (0.1,), 0, 0, True)
     texts = [
-        status_words(live), gap_words([gap], True), estimate_words([estimate], True),
-        job_words(BackgroundJob('failed', 0.0, evil)),
-        job_words(BackgroundJob('done', 1.0, evil, ((evil, 1.0),), 2.0, 1.0, f'{evil}"onclick=x')),
+        status_text(live), gap_text([gap], True), estimate_text([estimate], True),
+        job_text(BackgroundJob('failed', 0.0, evil)),
+        job_text(BackgroundJob('done', 1.0, evil, ((evil, 1.0),), 2.0, 1.0, f'{evil}"onclick=x')),
     ]  # fmt: skip
     for text in texts:
         assert '<script' not in text
@@ -72,29 +72,29 @@ def test_what_comes_from_outside_is_escaped() -> None:
 
 
 def test_numbers_are_said_in_micrometres_and_floors() -> None:
-    assert '1.5 µm' in tracking_words(1.5e-6, 50e-6)
-    assert '3 %' in tracking_words(1.5e-6, 50e-6)
-    assert 'No reference' in tracking_words(math.nan, 1.0)
+    assert '1.5 µm' in tracking_text(1.5e-6, 50e-6)
+    assert '3 %' in tracking_text(1.5e-6, 50e-6)
+    assert 'No reference' in tracking_text(math.nan, 1.0)
     gap = Gap(0.0, 2e-6, 2e-8, 100.0, 5.0, (1, 3), (1e-7, 1.9e-6), True, 'resonance')
-    words = gap_words([gap], True)
+    words = gap_text([gap], True)
     assert '100 noise floors' in words
     assert 'resonance' in words
     assert 'at 3×' in words
-    assert 'No gap monitor' in gap_words([], False)
+    assert 'No gap monitor' in gap_text([], False)
     mean = Gap(0.0, 4.1e-6, 2e-8, 205.0, 23.0, (0, 1), (4e-6, 1e-7), True, 'drift or an offset')
-    words = gap_words([mean], True, stroke=200e-6, untracked=0.05e-6)
+    words = gap_text([mean], True, stroke=200e-6, untracked=0.05e-6)
     assert '4.1 µm rms' in words
     assert '2 % of the motion' in words
     assert 'largest component in the mean' in words
     assert 'tracking is not affected' in words
-    assert 'affected' not in gap_words([mean], True, stroke=200e-6, untracked=3e-6)
+    assert 'affected' not in gap_text([mean], True, stroke=200e-6, untracked=3e-6)
     known = dataclasses.replace(mean, beyond=False)
-    assert 'within the known discrepancy of the model' in gap_words([known], True)
+    assert 'within the known discrepancy of the model' in gap_text([known], True)
     estimate = ShownEstimate(
         0.0, 'classical', 'rls', '', ('A', 'f'), ('m/V', 'Hz'), (1.2e-4, 68.0), (1e-7, 0.0),
         1e-8, math.nan, True,
     )  # fmt: skip
-    table = estimate_words([estimate], True)
+    table = estimate_text([estimate], True)
     assert '<td>120</td>' in table
     assert '± 0.1' in table
     assert 'held' in table

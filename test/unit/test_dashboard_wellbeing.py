@@ -19,12 +19,12 @@ from piezo_hysteresis.dashboard.live_state import (
     NodeState,
 )
 from piezo_hysteresis.dashboard.overall_status import MUTE, banner, overall, pulse
-from piezo_hysteresis.dashboard.words import (
+from piezo_hysteresis.dashboard.texts import (
     LOG_SHOWN,
-    estimate_words,
-    gap_words,
-    status_words,
-    time_words,
+    estimate_text,
+    gap_text,
+    status_text,
+    time_text,
 )
 from piezo_hysteresis.reporting.display_units import clock
 
@@ -94,7 +94,7 @@ def test_links_without_input_rest_while_nobody_asks_them_to_move() -> None:
     words = 'no input since tick 9: the voltage is ramped to safety'
     live = running([100.0], mode='idle', feedforward=('warning', words))
     assert overall(live).level == 'ok'
-    assert 'rests' in status_words(live)
+    assert 'rests' in status_text(live)
     live = running([100.0], mode='reference', feedforward=('warning', words))
     assert overall(live).level == 'warning'
 
@@ -117,31 +117,31 @@ def test_words_of_the_log_go_away() -> None:
     time = [100.0]
     live = running(time)
     live.words.append(LogLine(100.0, 'feedforward', 'warning', 'no input'))
-    assert 'no input' in status_words(live)
+    assert 'no input' in status_text(live)
     time[0] += LOG_SHOWN + 1.0
-    assert 'no input' not in status_words(live)
+    assert 'no input' not in status_text(live)
 
 
 def test_counters_say_what_they_count() -> None:
     live = running([100.0])
     live.counters['feedforward'] = Counters(100.0, 5, 0.0, {'doubled': 3, 'strange': 1})
-    assert 'messages that came twice' in status_words(live)
-    assert 'strange 1' in status_words(live)
+    assert 'messages that came twice' in status_text(live)
+    assert 'strange 1' in status_text(live)
 
 
 def test_empty_panels_give_the_command_of_this_actuator() -> None:
-    assert 'node gap_monitor -p model_file:=MODEL.yaml -r __ns:=/stage' in gap_words(
+    assert 'node gap_monitor -p model_file:=MODEL.yaml -r __ns:=/stage' in gap_text(
         [], False, 'stage'
     )
-    assert 'node identification</code>' in estimate_words([], False)
+    assert 'node identification</code>' in estimate_text([], False)
 
 
 def test_a_job_tells_its_time_and_what_is_left() -> None:
     job = BackgroundJob('running', 0.25, 'fits', since=100.0)
-    assert time_words(job, 130.0) == 'since 30 s, about 1 min 30 s left'
-    assert time_words(BackgroundJob('running', 0.0, 'reads', since=100.0), 103.0) == 'since 3 s'
-    assert time_words(BackgroundJob('done', 1.0, 'fine', since=100.0), 130.0) == ''
-    assert time_words(BackgroundJob('asked'), 1.0) == ''
+    assert time_text(job, 130.0) == 'since 30 s, about 1 min 30 s left'
+    assert time_text(BackgroundJob('running', 0.0, 'reads', since=100.0), 103.0) == 'since 3 s'
+    assert time_text(BackgroundJob('done', 1.0, 'fine', since=100.0), 130.0) == ''
+    assert time_text(BackgroundJob('asked'), 1.0) == ''
     box = JobBox('sweep', lambda: None, lambda: None)
     box.refresh(job, True, 'hint', 130.0)
     assert '1 min 30 s left' in box.words.text

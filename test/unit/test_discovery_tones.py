@@ -14,7 +14,7 @@ from piezo_hysteresis.numerics.harmonics import (
     phase_of,
     tone_amplitude,
 )
-from piezo_hysteresis.numerics.spectrum import beside_the_drive
+from piezo_hysteresis.numerics.spectrum import non_harmonic_lines
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT, TONE, SIZE = 1e-3, 41.7, 3e-7
@@ -87,7 +87,7 @@ def test_a_tone_is_seen_in_two_periods_of_the_drive(hum: float) -> None:
     noise = np.random.default_rng(2).normal(0.0, 1e-8, t.size)
     triangle = 1e-6 * np.abs((t + 0.25) % 1.0 - 0.5)
     for size in (SIZE, 0.0):
-        frequency, lines = beside_the_drive(
+        frequency, lines = non_harmonic_lines(
             triangle + size * np.sin(phase_of(hum, DT, t.size)) + noise, DT, 1.0
         )
         clear = bool(np.max(lines) > 5.0 * 1e-8 * np.sqrt(t.size))
@@ -101,7 +101,7 @@ def test_a_tone_on_a_high_harmonic_of_a_slow_drive_is_seen(hum: float) -> None:
     t = DT * np.arange(8000)
     noise = np.random.default_rng(2).normal(0.0, 1e-8, t.size)
     triangle = 1e-6 * np.abs((t + 0.25) % 1.0 - 0.5)  # of 1 Hz: odd harmonics fall as a square law
-    frequency, lines = beside_the_drive(
+    frequency, lines = non_harmonic_lines(
         triangle + SIZE * np.sin(phase_of(hum, DT, t.size)) + noise, DT, 1.0
     )
     # of the fifth harmonic nobody can tell whose it is

@@ -37,7 +37,7 @@ def test_nothing_is_known_where_the_clock_or_the_actuator_was_started_anew() -> 
     history.following(record([0.0, 1.0], 5.0))
     assert history.following(record([0.0, 1.0], 0.0)).before is None
     assert history.following(record([0.0, 1.0], 0.01)).before is not None
-    history.forget()
+    history.discard()
     assert not history.known
     assert history.following(record([0.0, 1.0], 0.02)).before is None
 

@@ -55,9 +55,11 @@ def test_a_source_that_begins_at_0_was_started_anew() -> None:
     assert intake.counters()['doubled'] == 1
 
 
-@pytest.mark.parametrize(('first', 'anew'), [(1000, True), (1000, False), (0, False)])
-def test_one_number_far_back_is_a_stray_and_the_next_one_a_restart(first: int, anew: bool) -> None:
-    intake = SequenceFilter(anew=anew)
+@pytest.mark.parametrize(('first', 'restarts'), [(1000, True), (1000, False), (0, False)])
+def test_one_number_far_back_is_a_stray_and_the_next_one_a_restart(
+    first: int, restarts: bool
+) -> None:
+    intake = SequenceFilter(restarts=restarts)
     newest = first + REORDERED + 5
     assert intake.take(newest)
     assert not intake.take(first)
@@ -69,7 +71,7 @@ def test_one_number_far_back_is_a_stray_and_the_next_one_a_restart(first: int, a
 
 
 def test_a_0_that_is_a_number_like_all_others_is_out_of_order_near_the_newest() -> None:
-    intake = SequenceFilter(anew=False)
+    intake = SequenceFilter(restarts=False)
     assert [k for k in range(5) if intake.take(k)] == list(range(5))
     assert not intake.take(0)
     assert intake.take(5)
@@ -126,14 +128,14 @@ def test_edges_lie_at_the_ticks_of_a_simulator_and_between_those_of_a_driver() -
     rate = 3000.0
     clock = ActuatorClock(rate)
     for k in range(5):
-        clock.hear(k, tick_nanoseconds(k, rate))
+        clock.update(k, tick_nanoseconds(k, rate))
     assert [clock.time_of(k) for k in (5, 6)] == [tick_nanoseconds(k, rate) for k in (5, 6)]
     assert clock.edge_at(5) == tick_nanoseconds(5, rate)
 
     driver = ActuatorClock(rate)
     stamps = [5 * HOUR + tick_nanoseconds(k, rate) + (-1) ** k * 50_000 for k in range(2000)]
     for k, stamp in enumerate(stamps[:-1]):
-        driver.hear(k, stamp if k != 700 else 0)
+        driver.update(k, stamp if k != 700 else 0)
         if k:
             assert stamps[k] < driver.edge_at(k + 1) < stamps[k + 1]
     assert driver.jumps == 2

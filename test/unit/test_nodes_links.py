@@ -41,7 +41,7 @@ def model(name: str, **values: float) -> ModelFile:
 def test_a_new_chain_takes_over_as_if_it_had_always_been_there() -> None:
     inversion = Inversion(Controllers(DT, LIMITS, start=0.0, transition=0.1))
     assert inversion.voltage(points(1)[0]) is None
-    inversion.forget()
+    inversion.restart()
     assert inversion.take(model('classical'))
     for point in points(HISTORY - 200):
         inversion.voltage(point)

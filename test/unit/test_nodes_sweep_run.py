@@ -39,7 +39,7 @@ class World:
         if voltage is not None:
             self.voltages.append(voltage)
             if heard:
-                self.run.hear(self.tick, kept=kept)
+                self.run.add_state(self.tick, kept=kept)
             self.tick += 1
         return voltage
 

@@ -9,7 +9,7 @@ import pytest
 
 from piezo_hysteresis.kernels import watch
 from piezo_hysteresis.ros import readiness
-from piezo_hysteresis.ros.readiness import FRESH, Heartbeats, Herald, Readiness
+from piezo_hysteresis.ros.readiness import FRESH, HeartbeatPublisher, Heartbeats, Readiness
 
 
 class Ear:
@@ -17,7 +17,7 @@ class Ear:
         self.said: list[tuple[Readiness, str]] = []
         self.compiled = 0
 
-    def say(self, state: Readiness, words: str) -> None:
+    def publish(self, state: Readiness, words: str) -> None:
         self.said.append((state, words))
 
     def compiles(self) -> None:
@@ -42,7 +42,7 @@ def threads() -> int:
 
 
 def test_a_start_is_said_at_once_and_again_until_the_node_is_served(ear: Ear) -> None:
-    told = Herald(ear.say)
+    told = HeartbeatPublisher(ear.publish)
     assert ear.said == [(Readiness.STARTING, 'starting (0 s)')]
     ear.wait(3)
     told.ready()
@@ -55,7 +55,7 @@ def test_a_start_is_said_at_once_and_again_until_the_node_is_served(ear: Ear) ->
 
 
 def test_compiling_is_said_while_it_lasts_and_once_for_the_log(ear: Ear) -> None:
-    told = Herald(ear.say, ear.compiles)
+    told = HeartbeatPublisher(ear.publish, ear.compiles)
     for _ in range(2):
         watch.begin('kernel')
         ear.wait(len(ear.said) + 2)
@@ -67,7 +67,7 @@ def test_compiling_is_said_while_it_lasts_and_once_for_the_log(ear: Ear) -> None
 
 
 def test_compiling_later_is_said_too(ear: Ear) -> None:
-    told = Herald(ear.say, ear.compiles)
+    told = HeartbeatPublisher(ear.publish, ear.compiles)
     told.ready()
     while threads():
         time.sleep(0.01)
@@ -95,16 +95,16 @@ def test_a_kernel_within_a_kernel_is_one_compilation() -> None:
 def test_who_works_is_known_for_as_long_as_he_says_so() -> None:
     now = [100.0]
     book = Heartbeats(lambda: now[0])
-    assert book.quiet() == float('inf')
+    assert book.silence() == float('inf')
     assert not book.is_ready('simulator')
     book.note('/piezo/simulator', 'starting', 'starting (0 s)')
     assert book.working() == 'piezo/simulator: starting (0 s)'
     now[0] += FRESH
     assert book.working() == ''
-    assert book.quiet() == FRESH
+    assert book.silence() == FRESH
     book.note('/piezo/simulator', 'ready', 'runs')
     assert book.is_ready('piezo/simulator')
-    assert book.quiet() == FRESH
+    assert book.silence() == FRESH
 
 
 def test_who_has_just_come_is_about_to_speak() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.cli.progress import ProgressLines, left_words
+from piezo_hysteresis.cli.progress import ProgressLines, remaining_time_text
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, read_bag, read_csv
 from piezo_hysteresis.records.resampling import resampled
@@ -155,7 +155,7 @@ def test_in_a_pipe_progress_is_a_line_now_and_then(capsys: pytest.CaptureFixture
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
     assert lines[1] == 'discover: 30 %, fits, 1 min 00 s, about 2 min 20 s left'
-    assert left_words(0.0, 9.0) == left_words(1.0, 9.0) == ''
+    assert remaining_time_text(0.0, 9.0) == remaining_time_text(1.0, 9.0) == ''
 
 
 def test_a_verbose_error_tells_where_it_arose(

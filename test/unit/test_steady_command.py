@@ -14,7 +14,7 @@ PLAN = np.concatenate([np.sin(2 * np.pi * 100.0 * np.arange(3000) / RATE), np.ze
 SLEW = 700.0
 
 
-def driven(delays: np.ndarray, slew: Any = SLEW, eased: int = 0) -> Any:
+def driven(delays: np.ndarray, slew: Any = SLEW, limited: int = 0) -> Any:
     """Return what an actuator applies that keeps its own pace, and how much was held back.
 
     The state of tick k is answered `delays[k]` ticks later, in order; a command acts from the
@@ -28,9 +28,9 @@ def driven(delays: np.ndarray, slew: Any = SLEW, eased: int = 0) -> Any:
         while len(applied) <= free:
             acting = [command for arrival, command in sent if arrival < len(applied)]
             applied.append(acting[-1] if acting else 0.0)
-        steady.hear(k, applied[k])
+        steady.update(k, applied[k])
         sent = [*sent[-200:], (free, steady.next(k + 1, PLAN[k + 1], slew))]
-    return np.array(applied), steady.eased
+    return np.array(applied), steady.limited
 
 
 def starved(seed: int, typical: float) -> np.ndarray:
@@ -48,9 +48,9 @@ def starved(seed: int, typical: float) -> np.ndarray:
 def test_no_step_is_faster_than_allowed_where_commands_come_late(
     seed: Any, typical: float
 ) -> None:
-    applied, eased = driven(starved(seed, typical))
+    applied, limited = driven(starved(seed, typical))
     assert np.abs(np.diff(applied)).max() <= SLEW / RATE * (1 + 1e-6)
-    assert eased > 0
+    assert limited > 0
     assert np.abs(applied).max() > 0.5
     assert applied[-1] == 0.0
     # without it the same delays do move it faster
@@ -59,34 +59,34 @@ def test_no_step_is_faster_than_allowed_where_commands_come_late(
 
 
 def test_commands_in_time_are_those_of_the_plan() -> None:
-    applied, eased = driven(np.full(PLAN.size, 0.5))
+    applied, limited = driven(np.full(PLAN.size, 0.5))
     np.testing.assert_array_equal(applied, PLAN[: applied.size])
-    assert eased == 0
+    assert limited == 0
 
 
 def test_what_is_held_where_commands_come_back_to_it_goes_on() -> None:
     """A command like the one that acts tells nothing of what was sent between the two."""
     now = 0.0
     steady = SteadyCommand(RATE, lambda: now)
-    steady.hear(0, 0.0)
+    steady.update(0, 0.0)
     for k, planned in enumerate((0.5, 0.0)):
         steady.next(k + 1, planned, 700.0)
-        steady.hear(k + 1, 0.0)  # both came within one tick
+        steady.update(k + 1, 0.0)  # both came within one tick
     assert steady.next(3, -0.5, 700.0) == pytest.approx(-0.2)  # as if 0.5 V were to come yet
     now = 0.2
-    steady.hear(200, 0.0)
+    steady.update(200, 0.0)
     assert steady.next(201, -0.5, 700.0) == -0.5
 
 
 def test_a_jump_becomes_a_ramp_and_without_a_limit_stays_one() -> None:
     steady = SteadyCommand(RATE)
-    steady.hear(0, 0.0)
+    steady.update(0, 0.0)
     assert steady.next(1, 5.0, 0.0) == 5.0
-    steady.forget()
-    steady.hear(0, 0.0)
+    steady.reset()
+    steady.update(0, 0.0)
     assert steady.next(1, 5.0, 700.0) == pytest.approx(0.7)
     assert steady.behind
-    steady.hear(1, 0.7 * (1 + 1e-9))
+    steady.update(1, 0.7 * (1 + 1e-9))
     assert steady.next(2, 0.9, 700.0) == 0.9
     assert not steady.behind
 
@@ -94,16 +94,16 @@ def test_a_jump_becomes_a_ramp_and_without_a_limit_stays_one() -> None:
 def test_an_actuator_that_goes_its_own_way_is_met_where_it_is() -> None:
     steady = SteadyCommand(RATE)
     for k in range(10):
-        steady.hear(k, 0.1 * k)
+        steady.update(k, 0.1 * k)
         steady.next(k + 1, 0.1 * (k + 1), 700.0)
-    steady.hear(10, -3.0)  # it ramped to safety
+    steady.update(10, -3.0)  # it ramped to safety
     assert steady.next(11, 1.1, 700.0) == pytest.approx(-2.3)
 
 
 def test_an_actuator_that_takes_no_commands_is_not_waited_for_for_ever() -> None:
     steady = SteadyCommand(RATE)
     for k in range(1500):
-        steady.hear(k, 2.0)
+        steady.update(k, 2.0)
         last = steady.next(k + 1, 0.0, 700.0)
         assert k > 900 or last > 1.0
     assert last == 0.0

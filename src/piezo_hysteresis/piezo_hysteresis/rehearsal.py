@@ -1,7 +1,7 @@
-"""What runs compiled kernels, once and briefly, so that set-up can compile them.
+"""Runs every compiled kernel once and briefly, so that set-up compiles it.
 
-What there is comes from the registries: blocks, models, methods, laws. A kernel that is reached by
-none of these shows in `piezo_hysteresis.kernels.rehearse.forgotten`, and a test holds that empty.
+The kernels come from the registries of blocks, models, methods and laws.
+`kernels.rehearse.not_rehearsed` returns kernels that none of these reaches; a test requires none.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ def blocks() -> None:
     """Let every block answer a few samples, and two side by side."""
     from piezo_hysteresis.blocks import BLOCKS
     from piezo_hysteresis.blocks.parallel import side_by_side
-    from piezo_hysteresis.models.named import BESIDE
+    from piezo_hysteresis.models.named import PARALLEL
     from piezo_hysteresis.models.simulation.compiled import kernel_of
 
     for block in BLOCKS.values():
         values = block.pack(block.defaults())
         block.respond(np.linspace(0.0, 1.0, 4), values, DT, state=block.initial_state(DT))
-    both = side_by_side(*(BLOCKS[name] for name in BESIDE))
+    both = side_by_side(*(BLOCKS[name] for name in PARALLEL))
     x, values, state = np.zeros(2), both.pack(both.defaults()), both.initial_state(DT)
     kernel_of(both, DT)(x, x.copy(), state, values, DT, 0.0)
 

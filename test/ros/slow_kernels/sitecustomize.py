@@ -27,7 +27,7 @@ def hold_up(dispatcher: Any) -> None:
     dispatcher._FunctionCompiler.compile = slowly
 
 
-def forget(cache: Any) -> None:
+def clear(cache: Any) -> None:
     everywhere, read = cache.folders, cache.KernelCache._read
 
     def known(self: Any, *key: Any) -> Any:
@@ -41,7 +41,7 @@ def forget(cache: Any) -> None:
     cache.KernelCache._read = known
 
 
-WAYS = {'numba.core.dispatcher': hold_up, 'piezo_hysteresis.kernels.cache': forget}
+WAYS = {'numba.core.dispatcher': hold_up, 'piezo_hysteresis.kernels.cache': clear}
 
 
 class Finder(importlib.abc.MetaPathFinder):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from piezo_hysteresis.batch.inputs import Job, jobs_of
 from piezo_hysteresis.batch.pool import OwnPool
-from piezo_hysteresis.batch.tasks import Progress, Row, Task, quiet
+from piezo_hysteresis.batch.tasks import Progress, Row, Task, silent
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.reporting.folder import claim
 from piezo_hysteresis.threads import number_of_workers
@@ -47,7 +47,7 @@ def run_batch(
     *,
     executor: Executor | None = None,
     workers: int = 1,
-    progress: Progress = quiet,
+    progress: Progress = silent,
 ) -> Batch:
     """Run a task over many bags and CSV files.
 

@@ -26,7 +26,7 @@ Progress = Callable[[float, str], None]
 Row = dict[str, Any]
 
 
-def quiet(fraction: float, words: str) -> None:
+def silent(fraction: float, words: str) -> None:
     """Tell nobody."""
 
 
@@ -109,7 +109,7 @@ class Identify:
         """Identify, write the folder, return columns of the table."""
         return identification_row(self.work(data, out))
 
-    def work(self, data: Sequence[str], out: str, progress: Progress = quiet) -> Identification:
+    def work(self, data: Sequence[str], out: str, progress: Progress = silent) -> Identification:
         """Identify and write the folder.
 
         Raises
@@ -208,7 +208,7 @@ class Discover:
         """Discover, write the folder, return columns of the table."""
         return discovery_row(self.work(data, out))
 
-    def work(self, data: Sequence[str], out: str, progress: Progress = quiet) -> Discovery:
+    def work(self, data: Sequence[str], out: str, progress: Progress = silent) -> Discovery:
         """Discover and write the folder.
 
         Raises
@@ -291,12 +291,12 @@ def discovery_row(found: Discovery) -> Row:
 
 
 def _require_apart(
-    data: Sequence[str], held_out: Sequence[str], both_words: str = 'is fitted and held out'
+    data: Sequence[str], held_out: Sequence[str], both_text: str = 'is fitted and held out'
 ) -> None:
     """Refuse data that are given twice, for two ends that exclude each other."""
     both = {Path(each).resolve() for each in data} & {Path(each).resolve() for each in held_out}
     if both:
-        raise IdentificationError(f'{min(both).name} {both_words}; give it once')
+        raise IdentificationError(f'{min(both).name} {both_text}; give it once')
 
 
 def _is_file(text: str) -> bool:

@@ -241,7 +241,7 @@ class Block:
     check: Callable[[Mapping[str, float]], str] | None = None
     clocked: bool = False
     phased: bool = False
-    beside: bool = False
+    in_parallel: bool = False
     parts: tuple[Block, ...] = ()
     between: Between = Between.TICK
     inertia: bool = False
@@ -298,10 +298,10 @@ class Block:
         return (*self.unknown, *places)
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether it has a memory that extremes of its input before a record tell."""
         if self.parts:
-            return any(part.remembers for part in self.parts)
+            return any(part.has_memory for part in self.parts)
         return self.between is Between.PATH
 
     @property

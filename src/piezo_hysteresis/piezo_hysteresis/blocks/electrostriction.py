@@ -56,7 +56,7 @@ BLOCKS = (
         between=Between.INSTANT,
         description='Square law of the voltage beside the piezo effect and its hysteresis.',
         source='strain of the square of the field',
-        beside=True,
+        in_parallel=True,
     ),
     Block(
         name='square_law',

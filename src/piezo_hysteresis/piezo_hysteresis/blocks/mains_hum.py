@@ -11,7 +11,7 @@ from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
-from piezo_hysteresis.numerics.spectrum import beside_the_drive
+from piezo_hysteresis.numerics.spectrum import non_harmonic_lines
 
 # Lines about one that tell how large it is among them.
 _ABOUT = 51
@@ -37,7 +37,7 @@ def guess(seen: Residual) -> list[dict[str, float]]:
     Neither is a harmonic of the drive. What a model misses of a drive that starts or grows is
     large at low frequencies, and smooth: there the largest line need not be the tone.
     """
-    _, lines = beside_the_drive(seen.residual, seen.dt, seen.frequency)
+    _, lines = non_harmonic_lines(seen.residual, seen.dt, seen.frequency)
     above = lines / np.maximum(_background(lines), 1e-300)
     places = dict.fromkeys(int(np.argmax(each)) for each in (above, lines))
     return [_tone(seen, lines, place) for place in places if lines[place] > 0.0]

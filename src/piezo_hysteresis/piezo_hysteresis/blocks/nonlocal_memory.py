@@ -61,7 +61,7 @@ def _block(name: str, prefix: str, count: int) -> Block:
         between=Between.PATH,
         description=f'Bank of {count} play operators beside the hysteresis of the model.',
         source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen',
-        beside=True,
+        in_parallel=True,
     )
 
 

@@ -47,7 +47,7 @@ def change(table: FloatArray, high: float, low: float) -> float:
 
 
 @leaf
-def forget(state: FloatArray, count: int, position: float, rising: bool) -> int:
+def wipe_out(state: FloatArray, count: int, position: float, rising: bool) -> int:
     """Return how many reversals remain when the input has reached `position`.
 
     A reversal on the far side that is passed is wiped out together with the one after it.
@@ -61,7 +61,7 @@ def forget(state: FloatArray, count: int, position: float, rising: bool) -> int:
 
 
 @leaf
-def remember(state: FloatArray, count: int, position: float, output: float) -> int:
+def add_reversal(state: FloatArray, count: int, position: float, output: float) -> int:
     """Add a reversal; a full memory loses its smallest loop first."""
     if count == DEPTH:
         count -= 2
@@ -89,10 +89,10 @@ def kernel(
             up = new > position
             if up != rising or (count == 0 and state[2] == 0.0):
                 if state[2] != 0.0:
-                    count = remember(state, count, position, output)
+                    count = add_reversal(state, count, position, output)
                 rising = up
                 state[2] = 1.0 if up else -1.0
-            count = forget(state, count, new, up)
+            count = wipe_out(state, count, new, up)
             if count == 1 and abs(new) >= abs(state[_HEAD]):
                 count = 0
             if count == 0:

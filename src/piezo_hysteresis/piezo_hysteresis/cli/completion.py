@@ -37,7 +37,7 @@ def whole_parser() -> argparse.ArgumentParser:
         parser = verbs.add_parser(verb, help=module.HELP)
         module.configure(parser)
         if verb not in PLAIN:
-            verbosity.add_words(parser)
+            verbosity.add_verbosity_options(parser)
         for action in parser._actions:
             kind = {'DIR': shtab.DIRECTORY, 'BAG': shtab.DIRECTORY}.get(str(action.metavar))
             takes = action.metavar in ('DATA', 'FILE', 'YAML', 'NAME|YAML', 'MODEL')

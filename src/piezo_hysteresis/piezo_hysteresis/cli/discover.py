@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     task = task_of(arguments)
     with progress_bar(f'discover, baseline {arguments.baseline}') as progress:
         found = task.work(arguments.data, arguments.out, progress)
-    _tell(found.verdict, arguments.out)
+    _print_result(found.verdict, arguments.out)
     for finding in found.check.findings:
         verbosity.warn(str(finding))
     return 0
@@ -96,15 +96,15 @@ def task_of(arguments: argparse.Namespace) -> Discover:
     )
 
 
-def _tell(verdict: Any, out: str) -> None:
+def _print_result(verdict: Any, out: str) -> None:
     """Print the verdict, its certainty and the recommended experiments."""
     from piezo_hysteresis.reporting.detection_table import limits_line
-    from piezo_hysteresis.reporting.discovery_report import chance_words, effect_values
+    from piezo_hysteresis.reporting.discovery_report import effect_values, probability_text
     from piezo_hysteresis.reporting.folding import folded
 
     print(verdict.summary)
     for effect in verdict.effects:
-        chance = f'probability {effect.probability:.3g}, p {chance_words(effect.p_value)}'
+        chance = f'probability {effect.probability:.3g}, p {probability_text(effect.p_value)}'
         print(f'  {effect.name} ({chance})')
         for name, value, unit in folded(effect_values(effect)):
             print(f'    {name} {value} {unit}'.rstrip())

@@ -51,7 +51,7 @@ def _configure_records(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _refuse_stray(arguments: argparse.Namespace, of_model: bool) -> None:
+def _refuse_unknown(arguments: argparse.Namespace, of_model: bool) -> None:
     """Reject the options of the other kind of export."""
     parsers = argparse.ArgumentParser(), argparse.ArgumentParser()
     _configure_records(parsers[0])
@@ -67,7 +67,7 @@ def _refuse_stray(arguments: argparse.Namespace, of_model: bool) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write all files; none after an error."""
     of_model = any(Path(each).suffix in MODELS for each in arguments.data)
-    _refuse_stray(arguments, of_model)
+    _refuse_unknown(arguments, of_model)
     if of_model:
         return export_library.run(arguments)
     found = survey(arguments.data, salvage=arguments.salvage, actuator=arguments.actuator)

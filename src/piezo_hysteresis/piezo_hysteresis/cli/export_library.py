@@ -18,7 +18,7 @@ from piezo_hysteresis.reporting.folder import check_folder, write_folder
 TARGETS = ('x86_64-linux', 'aarch64-linux')
 # Amplitude of the sine of example and test vectors, relative to the range of the model.
 _SHARE = 0.8
-_WORD = re.compile(r'[A-Za-z_]\w*')
+_IDENTIFIER = re.compile(r'[A-Za-z_]\w*')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -100,5 +100,5 @@ def _require_numbers(arguments: argparse.Namespace, rate: float) -> None:
             f'a sine of {arguments.frequency:g} Hz cannot be tracked at {rate:g} Hz; give '
             '--frequency below a quarter of the rate'
         )
-    if not _WORD.fullmatch(arguments.name):
+    if not _IDENTIFIER.fullmatch(arguments.name):
         raise CompensationError(f'{arguments.name!r} is no name in C; give letters and digits')

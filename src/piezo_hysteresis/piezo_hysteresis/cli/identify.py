@@ -106,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
     task = task_of(arguments)
     with progress_bar(f'{arguments.method} {arguments.model}') as progress:
         found = task.work(arguments.data, arguments.out, progress)
-    _tell(found, arguments.data, arguments.out)
+    _print_result(found, arguments.data, arguments.out)
     return 0
 
 
@@ -164,7 +164,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     return {**options, 'workers': number_of_workers(arguments.workers)}
 
 
-def _tell(found: Any, data: Sequence[str], out: str) -> None:
+def _print_result(found: Any, data: Sequence[str], out: str) -> None:
     """Print parameters with their significant digits, errors and warnings."""
     from piezo_hysteresis.identification.discrepancy import discrepancy_text
     from piezo_hysteresis.identification.uncertainty import digits

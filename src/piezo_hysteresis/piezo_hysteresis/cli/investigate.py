@@ -94,12 +94,12 @@ def run(arguments: argparse.Namespace) -> int:
     )
     # The actuator returns to rest after an interrupt and after termination.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    teller = _Teller()
+    printer = _ProgressPrinter()
     with Asking(arguments.namespace) as running:
-        result = running.investigate(goal, teller.feedback)
+        result = running.investigate(goal, printer.feedback)
     if not result.success:
         raise PiezoError(result.message)
-    teller.answer()
+    printer.answer()
     print(result.message)
     print(f'open {result.report}')
     return 0
@@ -118,15 +118,15 @@ def _run_on(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.cli.investigate_on import run_on
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    teller = _Teller()
-    found, report = run_on(arguments, teller.progress)
-    teller.answer()
+    printer = _ProgressPrinter()
+    found, report = run_on(arguments, printer.progress)
+    printer.answer()
     print(found)
     print(f'open {report}')
     return 0
 
 
-class _Teller:
+class _ProgressPrinter:
     """Prints each experiment with its result once."""
 
     def __init__(self) -> None:
@@ -135,14 +135,16 @@ class _Teller:
 
     def feedback(self, progress: Investigate.Feedback) -> None:
         """Print the progress from the feedback of a node."""
-        self._tell(progress, dict(zip(progress.names, progress.chances, strict=True)))
+        self._print(progress, dict(zip(progress.names, progress.chances, strict=True)))
 
     def progress(self, progress: InvestigationProgress) -> None:
         """Print the progress."""
-        self._tell(progress, progress.chances)
+        self._print(progress, progress.chances)
 
-    def _tell(
-        self, progress: Investigate.Feedback | InvestigationProgress, believed: dict[str, float]
+    def _print(
+        self,
+        progress: Investigate.Feedback | InvestigationProgress,
+        belief_to_dict: dict[str, float],
     ) -> None:
         self._answer = progress.answer
         if (
@@ -152,7 +154,7 @@ class _Teller:
             return
         self.answer()
         self._asked = progress.stage, progress.number
-        shown = list(believed.items())[:3]
+        shown = list(belief_to_dict.items())[:3]
         chances = ', '.join(f'{name} {chance:.2g}' for name, chance in shown)
         word = f'{progress.number}.' if progress.stage == 'run' else 'afterwards'
         print(f'{word} {progress.experiment}: {progress.why} (so far: {chances})', flush=True)

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
         with processes.NodeProcesses(domain) as group:
             for name, settings in nodes(arguments, model).items():
                 group.start(package_of(name), name, settings)
-            _tell(group, arguments, model)
+            _print_addresses(group, arguments, model)
             while time.monotonic() < end:
                 group.check()
                 time.sleep(0.1)
@@ -92,7 +92,7 @@ def nodes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, obje
     }  # fmt: skip
 
 
-def _tell(group: NodeProcesses, arguments: argparse.Namespace, model: str) -> None:
+def _print_addresses(group: NodeProcesses, arguments: argparse.Namespace, model: str) -> None:
     with ros_needed():
         from piezo_hysteresis.nodes.live import Observer
     with Observer(group) as observer:

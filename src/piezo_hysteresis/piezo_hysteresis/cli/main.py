@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
         given = [verb, *given]
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _say
+            warnings.showwarning = _print_warning
             return _run(given)
     except PiezoError as error:
         if verbosity.level() == verbosity.Verbosity.VERBOSE:
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int
         return 2
 
 
-def _say(
+def _print_warning(
     message: Warning | str,
     category: type[Warning],
     filename: str,
@@ -93,7 +93,7 @@ def _say(
 
 
 def _run(given: list[str]) -> int:
-    early, given = verbosity.early_words(given)
+    early, given = verbosity.early_flags(given)
     verb = given[0] if given else ''
     if verb not in VERBS:
         if verb and not verb.startswith('-'):
@@ -105,7 +105,7 @@ def _run(given: list[str]) -> int:
     )
     module.configure(parser)
     if verb not in PLAIN:
-        verbosity.add_words(parser)
+        verbosity.add_verbosity_options(parser)
     plain = verb in PLAIN
     arguments = parser.parse_args(given[1:] if plain else [*early, *given[1:]])
     verbosity.choose(verbosity.parsed(early) if plain else arguments)

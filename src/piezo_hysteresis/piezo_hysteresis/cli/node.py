@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Replace the process by the node."""
     path = executable(arguments.node)
     sys.stdout.flush()
-    options = ros_words(arguments.words)
+    options = ros_arguments(arguments.words)
     with ros_needed():
         from piezo_hysteresis.ros.starting import blocked_signals
     with blocked_signals():
@@ -57,7 +57,7 @@ def executable(node: str) -> Path:
     return path
 
 
-def ros_words(options: list[str]) -> list[str]:
+def ros_arguments(options: list[str]) -> list[str]:
     """Return the process arguments, with those of ROS after ``--ros-args``."""
     plain = {'-h', '--help', '--ros-args'}
     return options if not options or not plain.isdisjoint(options) else ['--ros-args', *options]

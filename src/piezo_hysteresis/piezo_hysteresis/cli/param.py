@@ -34,8 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
         form = forms.get(arguments.what, '[/NODE]')
         raise PiezoError(f'write `param {arguments.what} {form}`')
     with ros_needed():
-        from piezo_hysteresis.nodes.parameter_asks import Asks
-    with Asks(arguments.timeout) as running:
+        from piezo_hysteresis.nodes.parameter_client import ParameterClient
+    with ParameterClient(arguments.timeout) as running:
         done: dict[str, Callable[..., list[str]]] = {
             'list': running.listed,
             'get': running.value,

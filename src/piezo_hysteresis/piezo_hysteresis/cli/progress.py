@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from piezo_hysteresis.cli.verbosity import Verbosity, level
 from piezo_hysteresis.reporting.display_units import clock, time_left
 
-Tell = Callable[[float, str], None]
+Report = Callable[[float, str], None]
 
 # Time between two lines in a pipe [s]; a shorter task prints none.
 SELDOM, OFTEN = 30.0, 2.0
@@ -19,15 +19,15 @@ ENOUGH = 0.03
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Tell]:
+def progress_bar(title: str) -> Iterator[Report]:
     """Provide a callback ``(fraction, message)`` that prints progress to stderr."""
     if level() == Verbosity.QUIET:
         yield lambda fraction, words: None
     elif level() == Verbosity.VERBOSE or not sys.stderr.isatty():
         yield ProgressLines(title, OFTEN if level() == Verbosity.VERBOSE else SELDOM)
     else:
-        with _bar(title) as tell:
-            yield tell
+        with _bar(title) as report:
+            yield report
 
 
 class ProgressLines:
@@ -47,20 +47,20 @@ class ProgressLines:
         self, title: str, every: float, now: Callable[[], float] = time.monotonic
     ) -> None:
         self._title, self._every, self._now = title, every, now
-        self._started = self._said = now()
+        self._started = self._printed = now()
 
     def __call__(self, fraction: float, words: str) -> None:
         """Store the progress, and print it if due."""
         now = self._now()
-        if now - self._said < self._every:
+        if now - self._printed < self._every:
             return
-        self._said = now
+        self._printed = now
         spent = now - self._started
         line = f'{self._title}: {100 * fraction:.0f} %, {words}, {clock(spent)}'
-        print(f'{line}{left_words(fraction, spent)}', file=sys.stderr, flush=True)
+        print(f'{line}{remaining_time_text(fraction, spent)}', file=sys.stderr, flush=True)
 
 
-def left_words(fraction: float, spent: float) -> str:
+def remaining_time_text(fraction: float, spent: float) -> str:
     """Return the estimated remaining time, empty if unknown."""
     if not ENOUGH <= fraction < 1.0:
         return ''
@@ -68,7 +68,7 @@ def left_words(fraction: float, spent: float) -> str:
 
 
 @contextmanager
-def _bar(title: str) -> Iterator[Tell]:
+def _bar(title: str) -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -78,8 +78,8 @@ def _bar(title: str) -> Iterator[Tell]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=1.0, words='')
 
-        def tell(fraction: float, words: str) -> None:
-            left = left_words(fraction, time.monotonic() - started)
+        def report(fraction: float, words: str) -> None:
+            left = remaining_time_text(fraction, time.monotonic() - started)
             bar.update(task, completed=fraction, words=f'{words}{left}')
 
-        yield tell
+        yield report

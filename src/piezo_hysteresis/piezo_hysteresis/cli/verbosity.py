@@ -20,17 +20,19 @@ class Verbosity(IntEnum):
 _level = Verbosity.USUAL
 
 
-def add_words(parser: argparse.ArgumentParser) -> None:
+def add_verbosity_options(parser: argparse.ArgumentParser) -> None:
     """Add -q and -v to a verb."""
-    wish = parser.add_mutually_exclusive_group()
-    wish.add_argument('-q', '--quiet', action='store_true', help='no progress, notes and warnings')
-    wish.add_argument(
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        '-q', '--quiet', action='store_true', help='no progress, notes and warnings'
+    )
+    group.add_argument(
         '-v', '--verbose', action='store_true',
         help='progress as lines, and traceback of errors',
     )  # fmt: skip
 
 
-def early_words(given: list[str]) -> tuple[list[str], list[str]]:
+def early_flags(given: list[str]) -> tuple[list[str], list[str]]:
     """Separate -q and -v before the verb from the other arguments."""
     known = ('-q', '--quiet', '-v', '--verbose')
     count = next((k for k, each in enumerate(given) if each not in known), len(given))
@@ -40,7 +42,7 @@ def early_words(given: list[str]) -> tuple[list[str], list[str]]:
 def parsed(given: list[str]) -> argparse.Namespace:
     """Return the verbosity from -q and -v alone."""
     parser = OneLineParser(prog='piezo_hysteresis')
-    add_words(parser)
+    add_verbosity_options(parser)
     found: argparse.Namespace = parser.parse_args(given)
     return found
 

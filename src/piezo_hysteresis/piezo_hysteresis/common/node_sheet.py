@@ -54,7 +54,7 @@ class NodeSheet:
     managed: bool = False
     model: bool = False
     more: Callable[[], Mapping[str, ParameterTable]] = _none
-    words: Callable[[argparse.ArgumentParser], None] | None = None
+    add_options: Callable[[argparse.ArgumentParser], None] | None = None
 
     def help_text(self, program: str = '') -> str:
         """Return what ``--help`` prints, without an end of line.
@@ -67,16 +67,16 @@ class NodeSheet:
         width = max(_NARROWEST, shutil.get_terminal_size().columns)
         program = program or self.executable
         parser = argparse.ArgumentParser(prog=program, add_help=False)
-        if self.words is not None:
-            self.words(parser)
+        if self.add_options is not None:
+            self.add_options(parser)
         usage = f'{" ".join(parser.format_usage().split())} {_ARGUMENTS}'
         does = _LINK.sub(r'docs/\1', self.does).replace('`', '')
         parts = [
             textwrap.fill(usage, width, subsequent_indent='    ', break_on_hyphens=False),
             textwrap.fill(does, width),
-            '\n'.join(self._spoken(width)),
+            '\n'.join(self._interfaces(width)),
         ]
-        if self.words is not None:
+        if self.add_options is not None:
             parts.append(parser.format_help().partition('\n\n')[2].rstrip())
         for title, table in {'parameters': self.table, **self.more()}.items():
             if table.specs:
@@ -87,7 +87,7 @@ class NodeSheet:
         parts.append('A parameter with * is fixed once the node runs.')
         return '\n\n'.join(part for part in parts if part)
 
-    def _spoken(self, width: int) -> Iterator[str]:
+    def _interfaces(self, width: int) -> Iterator[str]:
         for title, names in (
             ('subscribes to', self.subscribes),
             ('publishes', self.publishes),

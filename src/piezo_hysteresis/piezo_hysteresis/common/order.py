@@ -35,10 +35,10 @@ class SequenceFilter:
         Number of the newest message that was taken, -1 before the first.
     """
 
-    def __init__(self, *, anew: bool = True) -> None:
+    def __init__(self, *, restarts: bool = True) -> None:
         self.newest = -1
-        self._anew = anew
-        self._stray = _NONE
+        self._restarts = restarts
+        self._outlier = _NONE
         self._counts = dict.fromkeys(COUNTS, 0)
 
     def take(self, sample: int) -> bool:
@@ -46,13 +46,13 @@ class SequenceFilter:
         newest = self.newest
         if sample == newest + 1 or newest < 0:
             return self._taken(sample)
-        if newest - REORDERED <= sample <= newest and (sample or not newest or not self._anew):
+        if newest - REORDERED <= sample <= newest and (sample or not newest or not self._restarts):
             self._counts['doubled' if sample == newest else 'reordered'] += 1
             return False
-        begins = sample == 0 and self._anew
+        begins = sample == 0 and self._restarts
         far = sample < newest or sample > newest + AHEAD
-        if far and not begins and not 0 <= sample - self._stray <= REORDERED:
-            self._stray = sample
+        if far and not begins and not 0 <= sample - self._outlier <= REORDERED:
+            self._outlier = sample
             self._counts['strays'] += 1
             return False
         if sample > newest:
@@ -61,7 +61,7 @@ class SequenceFilter:
 
     def _taken(self, sample: int) -> bool:
         self.newest = sample
-        self._stray = _NONE  # a jump is confirmed only by the very next message
+        self._outlier = _NONE  # a jump is confirmed only by the very next message
         return True
 
     def counters(self) -> dict[str, int]:
@@ -87,7 +87,7 @@ class StampValidator:
         self.jumps = 0
         self._step = dt * NANOSECONDS
         self._sample = -1
-        self._said = 0  # what the newest sample said
+        self._stamped = 0  # what the newest sample said
         self._time = 0  # what it is taken for
 
     def begin(self) -> None:
@@ -102,7 +102,7 @@ class StampValidator:
         source that stamps nothing says 0, and that is no jump.
         """
         gained = round((sample - self._sample) * self._step)
-        moved = nanoseconds - self._said
+        moved = nanoseconds - self._stamped
         follows = moved > 0 and abs(moved - gained) <= TOLERANCE
         begins = self._sample < 0 or gained <= 0
         if begins or follows or not (nanoseconds or self._time):
@@ -110,5 +110,5 @@ class StampValidator:
         else:
             self.jumps += 1
             true = self._time + gained
-        self._sample, self._said, self._time = sample, nanoseconds, true
+        self._sample, self._stamped, self._time = sample, nanoseconds, true
         return true

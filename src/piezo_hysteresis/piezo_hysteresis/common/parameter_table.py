@@ -121,7 +121,7 @@ class ParameterSpec:
             return f'{self.name} must be a finite number, got {value}'
         if not (self.low <= value <= self.high and value > self.above):
             what = 'its range, ' if math.isfinite(self.above) else ''  # not "outside above"
-            given = f'{self.name} = {value:g}{self._unit_words}'
+            given = f'{self.name} = {value:g}{self._unit_text}'
             return f'{given} is outside {what}{self.range_text()}'
         return ''
 
@@ -132,10 +132,10 @@ class ParameterSpec:
         else:
             low = f'{self.low:g}' if math.isfinite(self.low) else 'any'
         high = f'{self.high:g}' if math.isfinite(self.high) else 'any'
-        return f'{low} .. {high}{self._unit_words}'
+        return f'{low} .. {high}{self._unit_text}'
 
     @property
-    def _unit_words(self) -> str:
+    def _unit_text(self) -> str:
         """The unit behind a number; none where it is 1, which would read as another number."""
         return f' {self.unit}' if self.unit not in ('', '1') else ''
 

@@ -23,7 +23,7 @@ LOW, HIGH, STEP, POWER, SHARE, PER_VOLT = range(6)
 
 
 @leaf
-def go(goal: float, memory: FloatArray, settings: FloatArray) -> float:
+def approach(goal: float, memory: FloatArray, settings: FloatArray) -> float:
     """Go towards `goal` [V] as far as slew and energy allow; answer the voltage."""
     before, step, reason = memory[VOLTAGE], settings[STEP], _SLEW_LIMITED
     affordable = largest_change(memory[MEAN], settings[POWER], settings[PER_VOLT])
@@ -48,7 +48,7 @@ def limit(voltage: float, memory: FloatArray, settings: FloatArray) -> float:
     if voltage > high or voltage < low:
         voltage = min(max(voltage, low), high)
         memory[_OUT_OF_RANGE] += 1.0
-    return go(voltage, memory, settings)
+    return approach(voltage, memory, settings)
 
 
 @jit
@@ -59,7 +59,7 @@ def ramp(rest: float, pace: float, memory: FloatArray, settings: FloatArray) -> 
     distance = goal - memory[VOLTAGE]
     if abs(distance) > pace:
         goal = memory[VOLTAGE] + math.copysign(pace, distance)
-    return go(goal, memory, settings)
+    return approach(goal, memory, settings)
 
 
 def require_limits(limits: Limits) -> None:

@@ -13,7 +13,7 @@ from piezo_hysteresis.errors import CompensationError
 
 _NUMBER = struct.Struct('<d')
 _REST = _NUMBER.pack(float('nan'))
-_PATIENCE = 10.0  # for it to end [s]
+_TIMEOUT = 10.0  # for it to end [s]
 
 
 class ProcessPlant:
@@ -81,7 +81,7 @@ class ProcessPlant:
         if self._process.poll() is None:
             self._in.close()
             try:
-                self._process.wait(_PATIENCE)
+                self._process.wait(_TIMEOUT)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()

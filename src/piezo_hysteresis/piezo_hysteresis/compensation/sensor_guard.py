@@ -32,7 +32,7 @@ _pack_read = Struct('3d').pack_into
 
 
 @jit
-def forget_watch(memory: FloatArray) -> None:
+def reset_watch(memory: FloatArray) -> None:
     """Forget every point and count."""
     for k in range(_POINTS):
         memory[k] = 0.0
@@ -130,7 +130,7 @@ class SensorWatch:
 
     def reset(self) -> None:
         """Forget every point and count."""
-        forget_watch(self._memory)
+        reset_watch(self._memory)
 
     def pair(
         self, point: ReferencePoint, measured: Measured | None

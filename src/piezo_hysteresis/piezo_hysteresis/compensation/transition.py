@@ -47,7 +47,7 @@ def begin_fade(memory: FloatArray) -> None:
 
 
 @jit
-def forget_fade(memory: FloatArray) -> None:
+def reset_fade(memory: FloatArray) -> None:
     """Forget the last output and any change under way."""
     memory[PENDING] = memory[BUMP] = memory[_STARTED] = 0.0
 
@@ -72,7 +72,7 @@ def begin_cross(memory: FloatArray) -> None:
 
 
 @jit
-def forget_cross(memory: FloatArray) -> None:
+def reset_cross(memory: FloatArray) -> None:
     """Forget the last share and any change under way."""
     memory[_TICKS], memory[_SHARED] = -1.0, 0.0
 
@@ -95,7 +95,7 @@ class CrossFade:
         self._dt = float(dt)
         self._duration = float(duration)
         self._memory = np.zeros(CROSS_SIZE)
-        forget_cross(self._memory)
+        reset_cross(self._memory)
 
     def start(self) -> None:
         """Make the next output begin where the last one was, if there was one."""
@@ -158,4 +158,4 @@ class Transition:
 
     def reset(self) -> None:
         """Forget the last output and any change under way."""
-        forget_fade(self._memory)
+        reset_fade(self._memory)

@@ -98,11 +98,11 @@ class AccessPolicy:
                 'machine, or name the host in the parameter origins of the dashboard.',
             )
         for name in ('Origin', 'Sec-Websocket-Origin'):
-            if name in headers and not self._knows(headers[name]):
+            if name in headers and not self._is_known_host(headers[name]):
                 return Refusal(403, 'Pages of other sites may not use this one.')
         return None
 
-    def _knows(self, origin: str) -> bool:
+    def _is_known_host(self, origin: str) -> bool:
         try:
             parts = urlsplit(origin)
         except ValueError:

@@ -141,7 +141,7 @@ def described(
     )
 
 
-def refusal_words(parameter: ParameterState, reason: str) -> str:
+def refusal_text(parameter: ParameterState, reason: str) -> str:
     """Return why a value was refused, in the unit that the page shows.
 
     Nodes say it in metres where the page has micrometres, those of others without a unit.

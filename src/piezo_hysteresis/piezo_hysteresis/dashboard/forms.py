@@ -22,7 +22,7 @@ from bokeh.models import (
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
 from piezo_hysteresis.dashboard.live_state import BackgroundJob
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
-from piezo_hysteresis.dashboard.words import job_words, start_words, time_words
+from piezo_hysteresis.dashboard.texts import job_text, start_text, time_text
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES
 
@@ -80,11 +80,11 @@ class JobBox:
         try:
             self._start()
         except PiezoError as error:
-            self._say(f'<p class="error">{escape(str(error))}</p>')
+            self._show(f'<p class="error">{escape(str(error))}</p>')
 
     def refresh(self, job: BackgroundJob, offered: bool, hint: str, now: float) -> None:
         """Show the state at `now`; `hint` (HTML) if no node provides the job."""
-        spent = time_words(job, now)
+        spent = time_text(job, now)
         if self._shown == (job, offered, spent):
             return
         self._shown = (job, offered, spent)
@@ -92,10 +92,10 @@ class JobBox:
         self.cancel.disabled = not job.busy
         self.bar.visible = job.busy
         self.bar.value = round(100 * job.fraction)
-        text = job_words(job) + (f'<p class="soft">{spent}</p>' if spent else '')
-        self._say(text or ('' if offered else hint))
+        text = job_text(job) + (f'<p class="soft">{spent}</p>' if spent else '')
+        self._show(text or ('' if offered else hint))
 
-    def _say(self, text: str) -> None:
+    def _show(self, text: str) -> None:
         self.words.update(text=text, visible=bool(text))
 
 
@@ -109,7 +109,7 @@ class SweepForm:
         next_name: Callable[[], str],
         actuator: str = '',
     ) -> None:
-        self._hint = start_words('No excitation offers sweeps.', 'excitation', actuator)
+        self._hint = start_text('No excitation offers sweeps.', 'excitation', actuator)
         self._order = start
         self._next_name = next_name
         wide = {'sizing_mode': 'stretch_width'}
@@ -174,7 +174,7 @@ class DiscoveryForm:
         bags: Callable[[], list[str]],
         actuator: str = '',
     ) -> None:
-        self._hint = start_words('No discovery node is running.', 'discovery', actuator)
+        self._hint = start_text('No discovery node is running.', 'discovery', actuator)
         self._order = start
         self._bags = bags
         found = bags()

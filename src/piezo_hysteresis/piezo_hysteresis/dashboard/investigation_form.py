@@ -12,8 +12,8 @@ from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.dashboard.axes import live_axes
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
 from piezo_hysteresis.dashboard.forms import JobBox
-from piezo_hysteresis.dashboard.live_state import BackgroundJob, ShownBelief
-from piezo_hysteresis.dashboard.words import say, start_words, words_div
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationState
+from piezo_hysteresis.dashboard.texts import set_text, start_text, text_div
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.reporting.plot_parts import PALETTE
 
@@ -31,7 +31,7 @@ class InvestigationForm:
         next_name: Callable[[], str],
         actuator: str = '',
     ) -> None:
-        self._hint = start_words(
+        self._hint = start_text(
             'No discovery node is running.', 'discovery', actuator, 'model_file:=model.yaml'
         )
         self._order, self._next_name = start, next_name
@@ -40,8 +40,8 @@ class InvestigationForm:
         self._slew = _number('fastest [V/s]', 'investigation.slew')
         self._budget = _number('budget [s]', 'investigation.budget', 200.0)
         self.box = JobBox('investigation', self._start, cancel)
-        self._drawn: tuple[ShownBelief, ...] | None = None
-        self._steps = words_div('investigation.steps')
+        self._drawn: tuple[InvestigationState, ...] | None = None
+        self._steps = text_div('investigation.steps')
         self._chances = ChancesPlot()
         wide = {'sizing_mode': 'stretch_width'}
         self.root: Any = Column(
@@ -60,14 +60,14 @@ class InvestigationForm:
         self._order(InvestigationOrder(low or 0.0, high or 0.0, slew, budget, self._next_name()))
 
     def refresh(
-        self, job: BackgroundJob, beliefs: Sequence[ShownBelief], offered: bool, now: float
+        self, job: BackgroundJob, states: Sequence[InvestigationState], offered: bool, now: float
     ) -> None:
         """Show how the investigation stands."""
         self.box.refresh(job, offered, self._hint, now)
-        every = tuple(beliefs)
+        every = tuple(states)
         if every != self._drawn:
             self._drawn = every
-            say(self._steps, steps_words(every))
+            set_text(self._steps, steps_text(every))
             self._chances.show(every)
 
 
@@ -79,13 +79,13 @@ def _number(title: str, name: str, value: float | None = None) -> NumericInput:
     )  # fmt: skip
 
 
-def steps_words(beliefs: Sequence[ShownBelief]) -> str:
+def steps_text(states: Sequence[InvestigationState]) -> str:
     """Return what was asked and why, and what it answered, the newest first."""
     rows = []
-    for place, belief in enumerate(beliefs):
+    for place, belief in enumerate(states):
         if belief.stage not in ('run', 'apply'):
             continue
-        later = [each for each in beliefs[place + 1 :] if each.number != belief.number]
+        later = [each for each in states[place + 1 :] if each.number != belief.number]
         answer = later[0].answer if later else ''
         rows.append(
             f'<tr><td>{belief.number}</td><td><b>{escape(belief.experiment)}</b>: '
@@ -115,21 +115,21 @@ class ChancesPlot:
         self._legend = Legend(items=[], ncols=2, label_text_font_size='11px')
         self.figure.add_layout(self._legend, 'below')
 
-    def show(self, beliefs: Sequence[ShownBelief]) -> None:
+    def show(self, states: Sequence[InvestigationState]) -> None:
         """Draw the probabilities before each experiment and after the last."""
-        self.figure.visible = bool(beliefs)
+        self.figure.visible = bool(states)
         best: dict[str, float] = {}
-        for belief in beliefs:
+        for belief in states:
             for name, chance in belief.chances:
                 best[name] = max(chance, best.get(name, 0.0))
         names = sorted(best, key=lambda name: -best[name])[:SHOWN]
-        seconds = [belief.seconds for belief in beliefs]
+        seconds = [belief.seconds for belief in states]
         self._x.update(start=0.0, end=max([10.0, *seconds]) * 1.05)
         for place, source in enumerate(self._sources):
             shown = names[place : place + 1]
             source.data = {
                 'x': [x for _ in shown for x in seconds],
-                'y': [dict(belief.chances).get(n, 0.0) for n in shown for belief in beliefs],
+                'y': [dict(belief.chances).get(n, 0.0) for n in shown for belief in states],
             }
         self._legend.items = [
             LegendItem(label=name, renderers=self._lines[place])

@@ -12,7 +12,7 @@ from piezo_hysteresis.dashboard.overall_status import banner, pulse
 from piezo_hysteresis.dashboard.panel import Controls
 from piezo_hysteresis.dashboard.pictures import Pictures
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE, page_template
-from piezo_hysteresis.dashboard.words import say, words_div
+from piezo_hysteresis.dashboard.texts import set_text, text_div
 
 SLOWLY = 0.3  # words and spectra change no faster [s]
 TIMEOUT = 10.0  # after which a picture counts as lost on its way [s]
@@ -82,7 +82,7 @@ class Page:
         self._live = backend.live(actuator)
         self._pictures = Pictures()
         self._controls = Controls(backend, actuator)
-        self._banner = words_div('banner')
+        self._banner = text_div('banner')
         self._pulse = Div(text='', name='pulse', stylesheets=[WIDGET_STYLE])
         self._actuator = Select(
             value=actuator or '/', options=[actuator or '/'], name='actuator', width=180
@@ -122,9 +122,9 @@ class Page:
     def _draw(self, slowly: bool) -> None:
         if slowly:
             self._offer_actuators()
-            say(self._banner, banner(self._live))
-            say(self._pulse, pulse(self._live, self._pictures.tracking))
-            self._controls.tell()
+            set_text(self._banner, banner(self._live))
+            set_text(self._pulse, pulse(self._live, self._pictures.tracking))
+            self._controls.show_state()
         self._pictures.refresh(self._live, slowly)
 
     def _offer_actuators(self) -> None:

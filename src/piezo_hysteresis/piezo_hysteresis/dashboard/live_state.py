@@ -166,7 +166,7 @@ class BackgroundJob:
 
 
 @dataclass(frozen=True)
-class ShownBelief:
+class InvestigationState:
     """State of an investigation at one time.
 
     Attributes
@@ -244,7 +244,7 @@ class Live:
         self.sweep = BackgroundJob()
         self.discovery = BackgroundJob()
         self.investigation = BackgroundJob()
-        self.beliefs: list[ShownBelief] = []  # of the newest investigation
+        self.states: list[InvestigationState] = []  # of the newest investigation
         self.sweeps_offered = self.discoveries_offered = self.investigations_offered = False
 
     def note(self, topic: str) -> None:

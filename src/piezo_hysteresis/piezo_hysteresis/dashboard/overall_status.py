@@ -8,7 +8,7 @@ from html import escape
 
 from piezo_hysteresis.dashboard.live_state import SILENCE, Gap, Live, NodeState
 
-GONE_SHOWN = 600.0  # a node that left is shown for so long [s]
+LOST_SHOWN = 600.0  # a node that left is shown for so long [s]
 UNTRACKED = 0.2  # tracking error, in parts of the reference, beyond which it is not followed
 CORRECTED = 0.1  # tracking error, in parts of the gap, below which a correction takes it off
 #: Nodes that watch the loop and are not part of it: what they report does not change its light.
@@ -24,7 +24,7 @@ _NO_COMMAND = 'no command'
 
 
 @dataclass(frozen=True)
-class Wellbeing:
+class OverallStatus:
     """A status.
 
     Attributes
@@ -44,7 +44,7 @@ def ago(seconds: float) -> str:
     return f'{seconds:.0f} s' if seconds < 120 else f'{seconds / 60:.0f} min'
 
 
-def resting(live: Live) -> bool:
+def at_rest(live: Live) -> bool:
     """Return whether no motion is requested: links without input are then correct."""
     mode = live.parameter('excitation', 'mode')
     health = live.diagnostics.get('excitation')
@@ -52,19 +52,19 @@ def resting(live: Live) -> bool:
     return mode is not None and mode.value == 'idle' and not failed
 
 
-def of_node(live: Live, node: NodeState) -> Wellbeing:
+def of_node(live: Live, node: NodeState) -> OverallStatus:
     """Return the status of one node, from its diagnostics and from those of others."""
     now = live.clock()
     if not node.present:
-        return Wellbeing('gone', f'ended {ago(now - node.since)} ago')
+        return OverallStatus('gone', f'ended {ago(now - node.since)} ago')
     health = live.diagnostics.get(node.name)
     if health is None:
-        return Wellbeing('ok', 'running')
-    if resting(live) and health.text.startswith((_NO_INPUT, _NO_COMMAND)):
-        return Wellbeing('ok', 'rests: no experiment runs')
+        return OverallStatus('ok', 'running')
+    if at_rest(live) and health.text.startswith((_NO_INPUT, _NO_COMMAND)):
+        return OverallStatus('ok', 'rests: no experiment runs')
     if now - health.at > MUTE:
-        return Wellbeing('warning', f'{health.text} (reported {ago(now - health.at)} ago)')
-    return Wellbeing(health.level, health.text)
+        return OverallStatus('warning', f'{health.text} (reported {ago(now - health.at)} ago)')
+    return OverallStatus(health.level, health.text)
 
 
 def corrected(gap: Gap, error: float) -> bool:
@@ -72,7 +72,7 @@ def corrected(gap: Gap, error: float) -> bool:
     return error < CORRECTED * gap.rms
 
 
-def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) -> Wellbeing:
+def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) -> OverallStatus:
     """Return the status of the loop: the worst of its nodes and of the tracking.
 
     Warnings of nodes that only watch the loop are added to the text and do not change the level.
@@ -85,13 +85,13 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
         Rms of the tracking error and of the reference [m], NaN where nothing is tracked.
     """
     if live.silence('state') > SILENCE:
-        return Wellbeing('gone', 'no signal')
-    found: list[Wellbeing] = []
+        return OverallStatus('gone', 'no signal')
+    found: list[OverallStatus] = []
     aside: list[str] = []
     error, size = tracking
     if size > 0.0 and error > UNTRACKED * size:
         share = 100 * error / size
-        found.append(Wellbeing('error', f'the reference is not followed: error {share:.0f} %'))
+        found.append(OverallStatus('error', f'the reference is not followed: error {share:.0f} %'))
     for node in sorted(live.nodes.values(), key=lambda n: n.name):
         state = of_node(live, node)
         mends = node.name == 'gap_monitor' and live.gaps and corrected(live.gaps[-1], error)
@@ -101,10 +101,10 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
         if node.name in WATCHERS:
             aside.append(text)
         else:
-            found.append(Wellbeing(state.level, text))
+            found.append(OverallStatus(state.level, text))
     found.sort(key=lambda each: each.level != 'error')
     texts = [*(each.text for each in found), *aside]
-    return Wellbeing(found[0].level if found else 'ok', '; '.join(texts))
+    return OverallStatus(found[0].level if found else 'ok', '; '.join(texts))
 
 
 def trouble(live: Live) -> str:
@@ -156,14 +156,14 @@ def banner(live: Live) -> str:
     lost = [
         f'{node.name} (for {ago(now - node.since)})'
         for node in list(live.nodes.values())
-        if not node.present and now - node.since < GONE_SHOWN
+        if not node.present and now - node.since < LOST_SHOWN
     ]
     parts = [found] if found else []
     if lost:
         parts.append(f'Nodes that have ended: {", ".join(lost)}.')
     if not parts:
         return ''
-    kind = ' calm' if not lost and resting(live) and live.published else ''
+    kind = ' calm' if not lost and at_rest(live) and live.published else ''
     return f'<div class="banner{kind}" role="status">{escape(" ".join(parts))}</div>'
 
 

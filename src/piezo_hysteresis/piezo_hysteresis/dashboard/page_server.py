@@ -26,7 +26,7 @@ from piezo_hysteresis.dashboard.live_page import Page
 from piezo_hysteresis.errors import PiezoError
 
 # A reader who went away is forgotten after so long [ms].
-FORGOTTEN = 5000
+OLDEST = 5000
 _NAMESPACE = re.compile(r'^[A-Za-z]\w*(/[A-Za-z]\w*)*$', re.ASCII)
 
 
@@ -131,8 +131,8 @@ class DashboardServer:
             access=self._access,
             extra_websocket_origins=self._access.names,
             extra_patterns=[(r'/reports/(.*)', ReportHandler, {'path': self._folder})],
-            unused_session_lifetime_milliseconds=FORGOTTEN,
-            check_unused_sessions_milliseconds=FORGOTTEN,
+            unused_session_lifetime_milliseconds=OLDEST,
+            check_unused_sessions_milliseconds=OLDEST,
             stats_log_frequency_milliseconds=3_600_000,
         )
         http = HTTPServer(tornado)

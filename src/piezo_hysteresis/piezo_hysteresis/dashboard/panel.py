@@ -21,7 +21,7 @@ from piezo_hysteresis.dashboard.controls import (
 from piezo_hysteresis.dashboard.forms import DiscoveryForm, SweepForm
 from piezo_hysteresis.dashboard.investigation_form import InvestigationForm
 from piezo_hysteresis.dashboard.rows import RowList
-from piezo_hysteresis.dashboard.words import say, status_words, words_div
+from piezo_hysteresis.dashboard.texts import set_text, status_text, text_div
 
 NONE = '(general)'
 
@@ -53,7 +53,7 @@ class Controls:
             partial(backend.cancel_investigation, actuator),
             partial(_new_name, 'investigation'), actuator,
         )  # fmt: skip
-        self._status = words_div('status')
+        self._status = text_div('status')
         choice = Row(self._node, self._group, sizing_mode='stretch_width')
         self.roots: list[Any] = [
             self._drive.root, self._effects.root, self._sweep.root, self._discovery.root,
@@ -71,11 +71,11 @@ class Controls:
         self._sweep.refresh(live.sweep, live.sweeps_offered, live.clock())
         self._discovery.refresh(live.discovery, live.discoveries_offered, live.clock())
         offered = live.investigations_offered
-        self._investigation.refresh(live.investigation, tuple(live.beliefs), offered, live.clock())
+        self._investigation.refresh(live.investigation, tuple(live.states), offered, live.clock())
 
-    def tell(self) -> None:
+    def show_state(self) -> None:
         """Show the state of the nodes, and the recorded data."""
-        say(self._status, status_words(self._live))
+        set_text(self._status, status_text(self._live))
         self._discovery.look()
 
     def _choose(self, parameters: Mapping[str, Mapping[str, ParameterState]]) -> None:

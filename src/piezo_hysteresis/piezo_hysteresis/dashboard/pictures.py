@@ -18,14 +18,14 @@ from piezo_hysteresis.dashboard.live_plots import (
 from piezo_hysteresis.dashboard.live_signals import Window
 from piezo_hysteresis.dashboard.live_state import Live
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE
-from piezo_hysteresis.dashboard.trends import EstimatePlot, GapPlot
-from piezo_hysteresis.dashboard.words import (
-    estimate_words,
-    gap_words,
-    say,
-    tracking_words,
-    words_div,
+from piezo_hysteresis.dashboard.texts import (
+    estimate_text,
+    gap_text,
+    set_text,
+    text_div,
+    tracking_text,
 )
+from piezo_hysteresis.dashboard.trends import EstimatePlot, GapPlot
 
 WINDOWS = {'0.5 s': 0.5, '2 s': 2.0, '5 s': 5.0, '20 s': 20.0}
 NOTHING = (float('nan'), float('nan'))
@@ -42,9 +42,9 @@ class Pictures:
         self._drawn = (-1, 0.0)
         self.tracking = NOTHING  # rms of the error and of the reference [m]
         self._stroke = math.nan  # range of the displacement [m]
-        self._tracking = words_div('tracking')
-        self._gap_words = words_div('gap_words')
-        self._estimates = words_div('estimates')
+        self._tracking = text_div('tracking')
+        self._gap_text = text_div('gap_text')
+        self._estimates = text_div('estimates')
         self._choice = Select(
             title='parameter', options=[], name='estimate_choice', sizing_mode='stretch_width'
         )
@@ -54,7 +54,7 @@ class Pictures:
         self._hold = Toggle(label='Hold', name='hold')
         self.roots: list[Any] = [
             self._view(), self._loop.figure, *(trace.figure for trace in self._traces),
-            self._spectrum.figure, self._tracking, self._gap.figure, self._gap_words, self._choice,
+            self._spectrum.figure, self._tracking, self._gap.figure, self._gap_text, self._choice,
             self._estimate.figure, self._estimates,
         ]  # fmt: skip
 
@@ -94,7 +94,7 @@ class Pictures:
     def refresh(self, live: Live, slowly: bool) -> None:
         """Draw what is known now."""
         if slowly:
-            self._slow_words(live)
+            self._slow_text(live)
         newest = live.signals.newest
         if self._hold.active or newest < 0:
             return
@@ -107,21 +107,21 @@ class Pictures:
                 trace.show(scene)
             if slowly:
                 self._spectrum.show(scene)
-                self._tell_tracking(window, scene.fundamental)
+                self._show_tracking(window, scene.fundamental)
 
-    def _tell_tracking(self, window: Window, fundamental: float) -> None:
+    def _show_tracking(self, window: Window, fundamental: float) -> None:
         moved = window.displacement[np.isfinite(window.displacement)]
         self._stroke = float(np.ptp(moved)) if moved.size else math.nan
         self.tracking = error_rms(window, fundamental) if window.tracked else NOTHING
-        say(self._tracking, tracking_words(*self.tracking))
+        set_text(self._tracking, tracking_text(*self.tracking))
 
-    def _slow_words(self, live: Live) -> None:
+    def _slow_text(self, live: Live) -> None:
         gaps, estimates = list(live.gaps), list(live.estimates)
         parameters = live.parameters
         monitored, error = 'gap_monitor' in parameters, self.tracking[0]
-        say(self._gap_words, gap_words(gaps, monitored, live.actuator, self._stroke, error))
+        set_text(self._gap_text, gap_text(gaps, monitored, live.actuator, self._stroke, error))
         known = 'identification' in parameters
-        say(self._estimates, estimate_words(estimates, known, live.actuator))
+        set_text(self._estimates, estimate_text(estimates, known, live.actuator))
         if not self._hold.active:
             self._gap.show(gaps, live.clock())
             self._estimate.show(estimates, live.clock())

@@ -11,7 +11,7 @@ from typing import Any
 from bokeh.models import Column, Div, NumericInput, Row, Select, Slider, Switch, TextInput
 
 from piezo_hysteresis.dashboard.backend import Answer
-from piezo_hysteresis.dashboard.controls import ParameterState, Value, reach, refusal_words
+from piezo_hysteresis.dashboard.controls import ParameterState, Value, reach, refusal_text
 from piezo_hysteresis.dashboard.template import SWITCH_STYLE, WIDGET_STYLE
 
 Send = Callable[[str, str, Value], Answer]
@@ -86,7 +86,7 @@ class ParameterRow:
             text=f'<b>{self._called}</b>{unit} <span class="soft">{escape(p.sentence)}</span>',
             sizing_mode='stretch_width', stylesheets=[WIDGET_STYLE],
         )  # fmt: skip
-        parts = self._number() if p.is_number else [self._word()]
+        parts = self._number() if p.is_number else [self._state_text()]
         line = Row(*parts, sizing_mode='stretch_width')
         return Column(head, line, self._reason, sizing_mode='stretch_width', margin=(0, 0, 8, 0))
 
@@ -126,15 +126,15 @@ class ParameterRow:
             margin=(8, 14, 0, 10), bar_color='#56b4e9',
         )  # fmt: skip
         box = NumericInput(
-            value=_tidy(shown), mode='int' if isinstance(p.value, int) else 'float', width=100,
-            name=f'{self.key}.number', margin=(0, 0, 0, 4),
+            value=_shortened(shown), mode='int' if isinstance(p.value, int) else 'float',
+            width=100, name=f'{self.key}.number', margin=(0, 0, 0, 4),
         )  # fmt: skip
         slider.on_change('value', lambda _, __, new: self._typed(new))
         box.on_change('value', lambda _, __, new: self._typed(new))
         self._slider, self._field = slider, box
         return [slider, box]
 
-    def _word(self) -> Any:
+    def _state_text(self) -> Any:
         p = self._parameter
         if p.choices:
             widget: Any = Select(value=str(p.value), options=list(p.choices))
@@ -160,9 +160,9 @@ class ParameterRow:
         if self._quiet or (value == self._parameter.value and self._answer is None):
             return
         self._waiting = [value]
-        self._go_on()
+        self._send_next()
 
-    def _go_on(self) -> None:
+    def _send_next(self) -> None:
         """Send the newest wish once the one before is answered."""
         if self._answer is None and self._waiting:
             self._parameter_wanted = self._waiting.pop()
@@ -175,13 +175,13 @@ class ParameterRow:
             if not self._answer.done:
                 return
             reason, self._answer = self._answer.reason, None
-            refusal = refusal_words(self._parameter, reason)
+            refusal = refusal_text(self._parameter, reason)
             self._reason.update(text=escape(refusal), visible=bool(refusal))
             self._refused = time.monotonic() if reason else None
             if not reason:
                 self._parameter = self._parameter.with_value(self._parameter_wanted)
             if self._waiting:
-                self._go_on()
+                self._send_next()
                 return
             self._show()
             return
@@ -221,10 +221,10 @@ class ParameterRow:
             span = reach(p, self._siblings)
             self._slider.update(start=span.start, end=span.end, step=span.step)
         self._slider.value = min(max(shown, self._slider.start), self._slider.end)
-        self._field.value = _tidy(shown)
+        self._field.value = _shortened(shown)
 
 
-def _tidy(value: float) -> float:
+def _shortened(value: float) -> float:
     return value if isinstance(value, int) else float(f'{value:.6g}')
 
 

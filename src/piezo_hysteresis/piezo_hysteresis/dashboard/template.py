@@ -67,7 +67,7 @@ _PAGE = """{% from macros import embed %}<!DOCTYPE html>
 <figure class="first">{{ embed(roots.trace) }}</figure>
 <figure>{{ embed(roots.spectrum) }}</figure>
 <figure>{{ embed(roots.error) }}{{ embed(roots.tracking) }}</figure>
-<figure>{{ embed(roots.gap) }}{{ embed(roots.gap_words) }}</figure>
+<figure>{{ embed(roots.gap) }}{{ embed(roots.gap_text) }}</figure>
 <figure>{{ embed(roots.voltage) }}</figure>
 <figure>{{ embed(roots.estimate) }}{{ embed(roots.estimate_choice) }}</figure>
 <figure>{{ embed(roots.estimates) }}</figure>

@@ -13,7 +13,7 @@ TIMEOUT = 5.0
 #: Of a serial port, where the address gives none [1/s].
 BAUD = 115_200
 #: Times as long as for an answer, a controller that was late is waited for.
-PATIENCE = 5
+ATTEMPTS = 5
 _LOOK = 0.05  # how often a serial port is looked at, at least [s]
 
 

@@ -63,7 +63,7 @@ def compensator_of(
     """
     fields = (*limits, *(field for section in sections for field in section.fields))
     step: Any = _pass
-    reset: Any = _forget
+    reset: Any = _no_reset
     take: Any = _take_nothing
     size, place = HEAD, len(limits)
     for section in sections:
@@ -92,7 +92,7 @@ def _pass(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -
 
 
 @leaf
-def _forget(s: FloatArray) -> None:
+def _no_reset(s: FloatArray) -> None:
     return
 
 
@@ -248,11 +248,11 @@ def _changing(judge: Any, take: Any, mark: float) -> Callable[[FloatArray, Float
 
 def _resetting(reset: Any, mark: float) -> Callable[[FloatArray], int]:
     @leaf
-    def forget(s: FloatArray) -> int:
+    def reset_all(s: FloatArray) -> int:
         if s[_MARK] != mark:
             return UNINITIALISED
         reset(s)
         s[_TICK] = s[_ASKED] = s[_VOLTAGE] = 0.0
         return OK
 
-    return forget
+    return reset_all

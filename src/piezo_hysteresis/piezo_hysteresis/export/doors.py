@@ -37,7 +37,7 @@ def plant_doors(name: str, plant: Component) -> list[Entry]:
 
 
 def _common(name: str, part: Component) -> list[Entry]:
-    begin, change, forget, size = part.begin, part.change, part.reset, part.size
+    begin, change, reset_state, size = part.begin, part.change, part.reset, part.size
     count = len(part.fields)
 
     @leaf
@@ -50,7 +50,7 @@ def _common(name: str, part: Component) -> list[Entry]:
 
     @leaf
     def reset(s: Any) -> int:
-        return forget(carray(s, (size,)))
+        return reset_state(carray(s, (size,)))
 
     return [
         Entry(f'{name}_defaults', _defaults(part.fields), 'p'),

@@ -57,7 +57,13 @@ def of_table(table: ParameterTable, name: str, value: float, c_name: str = '') -
     above = spec.above > spec.low
     low = spec.above if above else spec.low
     return Field(
-        c_name or c_word(name), spec.unit, float(value), low, spec.high, spec.description, above
+        c_name or c_identifier(name),
+        spec.unit,
+        float(value),
+        low,
+        spec.high,
+        spec.description,
+        above,
     )
 
 
@@ -65,7 +71,7 @@ def of_model(model: Model, packed: FloatArray, live: Sequence[int]) -> list[Fiel
     """Return the fields of a model's parameters; those that are not `live` are fixed."""
     return [
         Field(
-            c_word(q.name), q.unit, float(value), min(q.low, float(value)),
+            c_identifier(q.name), q.unit, float(value), min(q.low, float(value)),
             max(q.high, float(value)), q.description, fixed=place not in live,
         )
         for place, (q, value) in enumerate(
@@ -74,7 +80,7 @@ def of_model(model: Model, packed: FloatArray, live: Sequence[int]) -> list[Fiel
     ]  # fmt: skip
 
 
-def c_word(name: str) -> str:
+def c_identifier(name: str) -> str:
     """Return a name as C takes it."""
     return re.sub(r'\W', '_', name)
 

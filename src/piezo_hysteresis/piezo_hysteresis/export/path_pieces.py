@@ -115,7 +115,7 @@ def _followed(
         return linear
     ((block, span),) = piece.parts
     if block.between is Between.CLOCK:
-        return _with(_on_the_clock(block, dt, points // 3, ahead), own[span])
+        return _with(_with_time(block, dt, points // 3, ahead), own[span])
     plain = _with(of_block(block, dt, points), own[span])
     if piece.turns and block.between is Between.PATH and block.along is None:
         return _turning(plain)
@@ -138,7 +138,7 @@ def _turning(run: Alone) -> Alone:
     return follow
 
 
-def _on_the_clock(block: Block, dt: float, steps: int, ahead: float) -> Alone:
+def _with_time(block: Block, dt: float, steps: int, ahead: float) -> Alone:
     """Return a function of the time along a path."""
     assert block.count is not None
     count, run = block.count, of_block(block, dt / steps)

@@ -18,7 +18,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.energy import EnergyLimits, energy_numbers
 from piezo_hysteresis.compensation.feedback import feedback_link as feedback
-from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink, forget_link
+from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink, reset_link
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid
 from piezo_hysteresis.compensation.feedback.pid import (
     PROPORTIONAL,
@@ -33,10 +33,10 @@ from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     LAWS,
     STEPS,
     HarmonicAttenuation,
-    forget_ramp,
+    reset_ramp,
 )
-from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, forget_repetitive
-from piezo_hysteresis.compensation.harmonics.supervision import GUARD_SIZE, forget_guard
+from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, reset_repetitive
+from piezo_hysteresis.compensation.harmonics.supervision import GUARD_SIZE, reset_guard
 from piezo_hysteresis.compensation.inverses import frequency_switch as switch
 from piezo_hysteresis.compensation.inverses import inverse_link as inverses
 from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
@@ -55,14 +55,14 @@ from piezo_hysteresis.compensation.limiter import (
 )
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.compensation.sensor_guard import FREQUENCY, forget_watch
+from piezo_hysteresis.compensation.sensor_guard import FREQUENCY, reset_watch
 from piezo_hysteresis.compensation.transition import (
     CROSS_SIZE,
     begin_cross,
     begin_fade,
     cross_fade,
-    forget_cross,
-    forget_fade,
+    reset_cross,
+    reset_fade,
 )
 from piezo_hysteresis.export.fields import OK, Field, of_table
 from piezo_hysteresis.export.inverse_numbers import numbers_of
@@ -158,7 +158,7 @@ def inverse_section(link: InverseLink, model_fields: Sequence[Field]) -> Section
     def reset(s: FloatArray) -> None:
         for k in range(packed, s.size):
             s[k] = 0.0 if at_rest or k < own else rest[k - own]
-        forget_fade(s[fading:own])
+        reset_fade(s[fading:own])
 
     @leaf
     def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
@@ -204,8 +204,8 @@ def feedback_section(link: FeedbackLink) -> Section:
 
     @leaf
     def reset(s: FloatArray) -> None:
-        forget_watch(s[packed:])
-        forget_link(s[packed:])
+        reset_watch(s[packed:])
+        reset_link(s[packed:])
 
     @leaf
     def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
@@ -249,7 +249,7 @@ _GAIN = {
 def attenuation_section(link: HarmonicAttenuation) -> Section:
     """Return the attenuation; its fields are its numbers, and the gain of the plant as a mode."""
     method = link.settings.method
-    kernel, forget, regain = STEPS[method], LAWS[method].forget, LAWS[method].regain
+    kernel, clear, regain = STEPS[method], LAWS[method].clear, LAWS[method].regain
     first_of = np.cumsum([link.numbers.size, link.packed.size, link.packed_gain.size])
     numbers, packed, gain = (int(place) for place in first_of)
     own = gain + attenuation.OWN
@@ -266,10 +266,10 @@ def attenuation_section(link: HarmonicAttenuation) -> Section:
 
     @leaf
     def reset(s: FloatArray) -> None:
-        forget_watch(s[gain:])
-        forget_ramp(s[gain:])
-        forget_guard(s[gain + attenuation.GUARD : gain + attenuation.GUARD + GUARD_SIZE])
-        forget(s[own:], s[numbers:packed], s[packed:gain], dt)
+        reset_watch(s[gain:])
+        reset_ramp(s[gain:])
+        reset_guard(s[gain + attenuation.GUARD : gain + attenuation.GUARD + GUARD_SIZE])
+        clear(s[own:], s[numbers:packed], s[packed:gain], dt)
 
     @leaf
     def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
@@ -313,7 +313,7 @@ def switched(section: Section, dt: float) -> Section:
 
     @leaf
     def reset(s: FloatArray) -> None:
-        forget_cross(s[1:head])
+        reset_cross(s[1:head])
         inner_reset(s[head:])
 
     @leaf
@@ -355,7 +355,7 @@ def frequency_section(
     times, size = fast_count - _TIMES, middle - own
     step_slow, step_fast = slow.step, fast.step
     reset_slow, reset_fast, take_slow, take_fast = slow.reset, fast.reset, slow.take, fast.take
-    choose, forget = switch.choose, switch.forget_switch
+    choose, clear = switch.choose, switch.reset_switch
 
     @leaf
     def step(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -> float:
@@ -367,7 +367,7 @@ def frequency_section(
 
     @leaf
     def reset(s: FloatArray) -> None:
-        forget(s[settings:own])
+        clear(s[settings:own])
         reset_slow(s[own:middle])
         reset_fast(s[middle:])
 
@@ -410,8 +410,8 @@ def repetitive_section(link: OddRepetitive) -> Section:
 
     @leaf
     def reset(s: FloatArray) -> None:
-        forget_watch(s[n:])
-        forget_repetitive(s[n:])
+        reset_watch(s[n:])
+        reset_repetitive(s[n:])
 
     @leaf
     def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:

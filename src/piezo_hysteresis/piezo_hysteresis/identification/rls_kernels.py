@@ -48,11 +48,11 @@ def _gain(
         for j in range(n):
             p[i, j] -= g[i] * g[j]
     if forgetting < 1.0:
-        _forget(p, forgetting)
+        _inflate(p, forgetting)
 
 
 @leaf
-def _forget(p: FloatArray, forgetting: float) -> None:
+def _inflate(p: FloatArray, forgetting: float) -> None:
     """Inflate P; it rests above a bound, because without excitation it would grow for ever."""
     n = p.shape[0]
     trace = 0.0

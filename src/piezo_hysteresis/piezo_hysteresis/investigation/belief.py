@@ -21,11 +21,11 @@ TEMPER = 0.25
 WIDER = 3.0
 # Relative standard deviation of a value without a known one.
 VAGUE = 0.3
-NOTHING = 'none'
+NO_EFFECT = 'none'
 
 
 @dataclass(frozen=True)
-class Rival:
+class CandidateModel:
     """One candidate model with its values.
 
     Attributes
@@ -74,14 +74,14 @@ class Belief:
     verdict: str
     names: tuple[str, ...]
     chances: dict[str, float]
-    surest: tuple[str, float]
-    rivals: tuple[Rival, ...]
+    most_probable: tuple[str, float]
+    candidates: tuple[CandidateModel, ...]
     left: bool
     floors: float
     alike: bool = False
 
 
-def nothing_known(hidden: Hidden) -> Belief:
+def prior_belief(hidden: Hidden) -> Belief:
     """Return the prior belief, before the first experiment."""
     chances = hidden.chances(())
     return Belief('none', (), chances, _first(chances), (), False, float('nan'))
@@ -102,11 +102,11 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
     verdict = found.verdict
     names = tuple(effect.name for effect in verdict.effects)
     rounds = [step.round for step in found.steps] if names else []
-    contest = min(rounds, key=_sureness) if rounds else found.last
-    chances, rivals = hidden.chances(done), tuple[Rival, ...]()
+    contest = min(rounds, key=_certainty) if rounds else found.last
+    chances, candidates = hidden.chances(done), tuple[CandidateModel, ...]()
     if contest is not None and contest.finalists:
-        chances, rivals = _chances(contest), _rivals(contest, found.alike)
-    surest = _first(chances)
+        chances, candidates = _chances(contest), _rivals(contest, found.alike)
+    most_probable = _first(chances)
     for each in rounds:
         name, chance = _first(each.probabilities())
         chances[name] = max(chance, chances.get(name, 0.0))
@@ -115,8 +115,8 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
         verdict.verdict,
         names,
         chances,
-        surest,
-        rivals,
+        most_probable,
+        candidates,
         verdict.unexplained.significant,
         verdict.held_out.after_in_floors,
         any(found.alike.values()),
@@ -127,20 +127,20 @@ def _first(chances: dict[str, float]) -> tuple[str, float]:
     return next(iter(chances.items()))
 
 
-def _sureness(contest: SelectionRound) -> float:
+def _certainty(contest: SelectionRound) -> float:
     return max(contest.probabilities().values(), default=0.0)
 
 
 def _chances(contest: SelectionRound) -> dict[str, float]:
     found = contest.probabilities()
     rest = max(0.0, 1.0 - sum(found.values()))
-    every = {**found, NOTHING: rest} if rest > 0.0 else found
+    every = {**found, NO_EFFECT: rest} if rest > 0.0 else found
     return dict(sorted(every.items(), key=lambda each: -each[1]))
 
 
 def _rivals(
     contest: SelectionRound, alike: Mapping[str, Sequence[ModelSpec]]
-) -> tuple[Rival, ...]:
+) -> tuple[CandidateModel, ...]:
     """Return the finalists, and the effects that the records cannot distinguish from them.
 
     An effect that the records cannot distinguish is as probable as the one it resembles.
@@ -152,7 +152,8 @@ def _rivals(
     pairs += [(model, float(shares[0])) for model in others]
     total = max(sum(share for _, share in pairs), 1e-300)
     return tuple(
-        Rival(model.effect, share / total, model, _deviations(model)) for model, share in pairs
+        CandidateModel(model.effect, share / total, model, _deviations(model))
+        for model, share in pairs
     )
 
 

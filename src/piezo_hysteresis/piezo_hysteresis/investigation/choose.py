@@ -11,7 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.detection.limits import APART
-from piezo_hysteresis.investigation.belief import Belief, Rival
+from piezo_hysteresis.investigation.belief import Belief, CandidateModel
 from piezo_hysteresis.investigation.criterion import binary_entropy, discrimination
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.predict import Outlook, answer_of, sensitivities_of
@@ -101,18 +101,18 @@ def unseen(
     new = [each for each in outlooks if each.experiment.name not in done]
     return [
         replace(each, why='shows the unexplained residual under another condition')
-        for each in choices(new, replace(belief, rivals=()), hidden, (), seconds)
+        for each in choices(new, replace(belief, candidates=()), hidden, (), seconds)
     ]
 
 
 def _evaluated(
     seen: Outlook, belief: Belief, hidden: Hidden, done: Sequence[str]
 ) -> ExperimentChoice:
-    names = [rival.name for rival in belief.rivals]
+    names = [candidate.name for candidate in belief.candidates]
     apart, pair = 0.0, ('', '', 0.0)
     if len(set(names)) > 1:
-        away = distances(belief.rivals, seen)
-        chances = np.array([rival.chance for rival in belief.rivals])
+        away = distances(belief.candidates, seen)
+        chances = np.array([candidate.chance for candidate in belief.candidates])
         apart = discrimination(chances, names, 0.5 * away**2)
         pair = _best_pair(chances, names, away)
     first_detection = hidden.first_detection(done, seen.experiment.name, belief.names)
@@ -121,17 +121,20 @@ def _evaluated(
     )
 
 
-def distances(rivals: Sequence[Rival], seen: Outlook) -> FloatArray:
+def distances(candidates: Sequence[CandidateModel], seen: Outlook) -> FloatArray:
     """Return the distance of candidate i from candidate j in an experiment, shape (n, n).
 
     In standard deviations, as the distances of `detection.look_alikes`; 0 for candidates of one
     name. Candidate j may adapt its values within their uncertainty.
     """
-    answers = [answer_of(rival.fit, seen.view) for rival in rivals]
-    rows = [sensitivities_of(rival.fit, rival.deviations, seen.view) for rival in rivals]
-    away = np.zeros((len(rivals), len(rivals)))
-    for i, j in product(range(len(rivals)), repeat=2):
-        if rivals[i].name != rivals[j].name:
+    answers = [answer_of(candidate.fit, seen.view) for candidate in candidates]
+    rows = [
+        sensitivities_of(candidate.fit, candidate.deviations, seen.view)
+        for candidate in candidates
+    ]
+    away = np.zeros((len(candidates), len(candidates)))
+    for i, j in product(range(len(candidates)), repeat=2):
+        if candidates[i].name != candidates[j].name:
             away[i, j] = seen.distance(answers[i], answers[j], rows[j])
     return away
 

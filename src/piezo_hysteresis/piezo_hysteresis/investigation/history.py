@@ -32,7 +32,7 @@ class History:
         """Whether the state of the actuator follows from the last record."""
         return self._last is not None
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         """Discard the history, because the actuator received other commands."""
         self._last = None
 
@@ -49,7 +49,7 @@ class History:
         start, before = record.start - self._zero, None
         if self._last is not None:
             rest = round((start - self._last.start) / record.dt) - len(self._last)
-            before = self._gone_through(rest, round(LONGEST / record.dt)) if rest >= 0 else None
+            before = self._voltage_before(rest, round(LONGEST / record.dt)) if rest >= 0 else None
         if before is None:
             self._zero, start = record.start, 0.0
         begins = record.info.start if before is None else 'step'
@@ -57,7 +57,7 @@ class History:
         self._last = replace(record, start=start, before=before, info=info)
         return self._last
 
-    def _gone_through(self, rest: int, most: int) -> FloatArray:
+    def _voltage_before(self, rest: int, most: int) -> FloatArray:
         """Return the voltage before a record that starts after `rest` ticks at 0 V.
 
         The voltage is limited to the last `most` ticks.

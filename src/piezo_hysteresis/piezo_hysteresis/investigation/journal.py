@@ -194,13 +194,13 @@ def line_of(
         'follows': follows,
         'budget': budget,
         'answer': answer.words,
-        'before': believed(answer.before),
-        'after': believed(answer.after),
+        'before': belief_to_dict(answer.before),
+        'after': belief_to_dict(answer.after),
         'spent': answer.spent,
     }
 
 
-def believed(belief: Belief) -> dict[str, Any]:
+def belief_to_dict(belief: Belief) -> dict[str, Any]:
     """Return a belief as a dictionary for the journal."""
     return {
         'verdict': belief.verdict,
@@ -210,8 +210,8 @@ def believed(belief: Belief) -> dict[str, Any]:
     }
 
 
-def belief_from(content: dict[str, Any]) -> Belief:
-    """Return a belief from the output of `believed`, which does not contain the candidates."""
+def belief_from_dict(content: dict[str, Any]) -> Belief:
+    """Return a belief from the output of `belief_to_dict`; it has no candidates."""
     chances = dict(content['chances'])
     return Belief(
         content['verdict'],

@@ -19,7 +19,7 @@ from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.journal import (
     Journal,
     Setup,
-    belief_from,
+    belief_from_dict,
     line_of,
     record_of,
 )
@@ -145,7 +145,7 @@ def conduct(
     journal = Journal.create_or_resume(folder, setup)
     on_progress(InvestigationProgress('prepare'))
     course = _Course(journal, journal.setup.investigation(workers), actuator, on_progress)
-    course.go_on()
+    course.resume()
     stop = course.to_the_end()
     return course.concluded(stop, apply)
 
@@ -163,7 +163,7 @@ class _Course:
         self._journal, self._now = journal, investigation
         self._actuator, self._on_progress = actuator, on_progress
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Load the finished experiments; the intermediate beliefs are in the journal."""
         lines = self._journal.lines
         for line in lines:
@@ -171,7 +171,7 @@ class _Course:
         if lines:
             self._tell('judge', len(lines), lines[-1]['experiment'], lines[-1]['why'])
             self._now.judge()
-            self._now.history.forget()
+            self._now.history.discard()
 
     def to_the_end(self) -> Stop:
         """Run experiments until a stopping rule applies."""
@@ -192,7 +192,7 @@ class _Course:
         """Return the record of an experiment, and whether it follows the previous one at rest."""
         follows = self._actuator.run(experiment, bag) and self._now.history.known
         if not follows:
-            self._now.history.forget()
+            self._now.history.discard()
         record = record_of(bag)
         if abs(record.rate / self._now.rate - 1.0) > 1e-6:
             raise RecordError(
@@ -271,9 +271,9 @@ class _Course:
 def taken_in(now: Investigation, journal: Journal, line: dict[str, Any]) -> None:
     """Add a record of the journal and the belief after it."""
     if not line.get('follows', False):
-        now.history.forget()
+        now.history.discard()
     experiment = now.experiment(line['experiment'])
-    now.keep(experiment, record_of(journal.bag(line['number'])), belief_from(line['after']))
+    now.keep(experiment, record_of(journal.bag(line['number'])), belief_from_dict(line['after']))
 
 
 def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
@@ -333,7 +333,7 @@ def repeated(
         )
         follows = line.get('follows', False)
         if not follows:
-            now.history.forget()
+            now.history.discard()
         answer = now.take(choice.experiment, record_of(journal.bag(line['number'])))
         lines.append(line_of(line['number'], choice, answer, follows, budget))
         if lines[-1]['after']['names'] != line['after']['names']:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 from piezo_hysteresis.discovery import Discovery, discover
-from piezo_hysteresis.investigation.belief import Belief, belief_of, nothing_known
+from piezo_hysteresis.investigation.belief import Belief, belief_of, prior_belief
 from piezo_hysteresis.investigation.catalogue import catalogue
 from piezo_hysteresis.investigation.choose import ExperimentChoice, choices, unseen
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
@@ -105,12 +105,12 @@ class ExperimentAnswer:
         gap = f'remaining gap {after.floors:.3g} noise floors'
         if after.names:
             return f'{" and ".join(after.names)} with {_chance(after)}; {gap}'
-        name, chance = after.surest
+        name, chance = after.most_probable
         return f'an unidentified effect, perhaps {name} ({chance:.2g}); {gap}'
 
 
 def _chance(belief: Belief) -> str:
-    return f'probability {belief.surest[1]:.3g}'
+    return f'probability {belief.most_probable[1]:.3g}'
 
 
 @dataclass
@@ -173,7 +173,7 @@ class Investigation:
                 'smaller range of voltages'
             )
         self.hidden = hidden_effects(in_use(self.model), self.outlooks, self.limits.amplitude)
-        self.belief = nothing_known(self.hidden)
+        self.belief = prior_belief(self.hidden)
         self.records: list[Record] = []
         self.answers: list[ExperimentAnswer] = []
         self.found: Discovery | None = None
@@ -213,7 +213,7 @@ class Investigation:
         ranked = self.ranked()
         if settled and not self.belief.left and not self._separates(ranked):
             return self._sure()
-        telling = any(self._tells(each) for each in ranked)
+        telling = any(self._is_informative(each) for each in ranked)
         if settled and not telling:
             return self._sure()
         if not ranked:
@@ -246,7 +246,7 @@ class Investigation:
             and not (len(last) == self.rules.nameless and all(unknown))
         )
 
-    def _tells(self, choice: ExperimentChoice) -> bool:
+    def _is_informative(self, choice: ExperimentChoice) -> bool:
         """Return whether the expected information of an experiment justifies its run."""
         return (
             choice.first_detection >= self.rules.quiet or choice.discrimination >= self.rules.least
@@ -258,7 +258,7 @@ class Investigation:
         return Stop('sure', f'{names}: sure, and confirmed by another experiment{rest}')
 
     def _is_significant(self) -> bool:
-        return bool(self.belief.names) and self.belief.surest[1] >= self.rules.sure
+        return bool(self.belief.names) and self.belief.most_probable[1] >= self.rules.sure
 
     def _confirming(self) -> bool:
         """Return whether a certain name still needs confirmation by another experiment."""

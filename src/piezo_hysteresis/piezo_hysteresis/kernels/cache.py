@@ -43,7 +43,7 @@ class KernelCache(_BASE):
         self._name = f'{function.__module__}.{function.__qualname__}'.replace('<locals>.', '')
         self._stamps: tuple[str, str] | None = None
 
-    def known_by(self, digest: str, source: Callable[..., Any]) -> None:
+    def named_by_digest(self, digest: str, source: Callable[..., Any]) -> None:
         """Name entries by the digest of a generated text, and what its `source` depends on."""
         self._stamps = digest, fresh.stamp(source)
 
@@ -103,7 +103,7 @@ class KernelCache(_BASE):
 
 
 TURNS = Turns()
-_said = False
+_warned = False
 
 
 def _entry(folder: Path, name: str) -> Any:
@@ -120,13 +120,13 @@ def _write(name: str, sig: Any, reduced: Any) -> None:
         except OSError:
             continue
         return
-    _say_once()
+    _warn_once()
 
 
-def _say_once() -> None:
-    global _said
-    if not _said:
-        _said = True
+def _warn_once() -> None:
+    global _warned
+    if not _warned:
+        _warned = True
         tried = ' nor '.join(str(folder) for folder in folders())
         print(
             f'note: compiled kernels cannot be kept in {tried}: every process compiles its own; '

@@ -32,7 +32,7 @@ else:
     from piezo_hysteresis.kernels.cache import KernelCache
     from piezo_hysteresis.kernels.symbols import name_apart
 
-    class _Teller(event.Listener):
+    class _Listener(event.Listener):
         """Tells `watch` what numba compiles."""
 
         def on_start(self, found: Any) -> None:
@@ -43,7 +43,7 @@ else:
             """Take note of its end."""
             watch.end()
 
-    event.register('numba:compile', _Teller())
+    event.register('numba:compile', _Listener())
     name_apart()
     resolved.remember()
 
@@ -155,5 +155,5 @@ def generated(
     if inner:
         return _piece(function)  # type: ignore[no-any-return]
     cache = KernelCache(function)
-    cache.known_by(digest, source)
+    cache.named_by_digest(digest, source)
     return _kept(numba.njit(**_OPTIONS)(function), function, cache)  # type: ignore[no-any-return]

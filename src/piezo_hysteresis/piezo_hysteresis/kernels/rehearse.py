@@ -122,7 +122,7 @@ def kernels(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
     return found
 
 
-def forgotten(packages: Iterable[str] = PACKAGES) -> list[str]:
+def not_rehearsed(packages: Iterable[str] = PACKAGES) -> list[str]:
     """Return the kernels that were neither run in this process nor lie within one that was."""
     everything = kernels(packages)
     reached: set[Callable[..., Any]] = set()

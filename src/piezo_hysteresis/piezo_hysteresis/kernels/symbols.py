@@ -20,9 +20,9 @@ _BITS = 62
 
 def name_apart() -> None:
     """Let this process, and every one that is forked from it, count from a number of its own."""
-    _begin_anew()
-    os.register_at_fork(after_in_child=_begin_anew)
+    _restart()
+    os.register_at_fork(after_in_child=_restart)
 
 
-def _begin_anew() -> None:
+def _restart() -> None:
     FunctionIdentity._unique_ids = itertools.count(secrets.randbits(_BITS))

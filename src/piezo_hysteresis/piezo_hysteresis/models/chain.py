@@ -252,7 +252,7 @@ class Model:
             If the model has nothing that the block could stand beside.
         """
         name = name or f'{self.name}+{block.name}'
-        if block.beside:
+        if block.in_parallel:
             places = [i for i, each in enumerate(self.blocks) if each.slot is block.slot]
             if not places:
                 raise ModelError(f'model {self.name} has no {block.slot} for {block.name} to join')

@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.models.plain import mapping, number, refuse_stray
+from piezo_hysteresis.models.plain import mapping, number, refuse_unknown
 from piezo_hysteresis.models.repeating import Repeating, of_orders, repeating
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
@@ -123,7 +123,7 @@ class Condition:
             If anything is unknown, missing or impossible.
         """
         row = mapping(content, 'a row of the discrepancy')
-        refuse_stray(row, {*cls.__dataclass_fields__, 'share'}, 'a row of the discrepancy')
+        refuse_unknown(row, {*cls.__dataclass_fields__, 'share'}, 'a row of the discrepancy')
 
         def size(name: str) -> float:
             return number(row.get(name), f'discrepancy {name}')
@@ -353,7 +353,7 @@ class Discrepancy:
             If anything is unknown, missing or impossible.
         """
         whole = mapping(content, 'discrepancy')
-        refuse_stray(whole, {'judged_on', 'rms', 'share', 'conditions'}, 'discrepancy')
+        refuse_unknown(whole, {'judged_on', 'rms', 'share', 'conditions'}, 'discrepancy')
         judged = whole.get('judged_on')
         if judged not in ('held-out', 'fitted'):
             raise ModelError(f'discrepancy is judged on held-out or fitted data, got {judged!r}')

@@ -123,7 +123,7 @@ def applicable(model: Model, effect: Effect) -> bool:
     if effect.block is None:
         return True
     displaced = any(block.slot is Slot.HYSTERESIS for block in model.blocks)
-    if effect.block.beside:
+    if effect.block.in_parallel:
         return displaced and effect.block.name not in present
     if effect.first and effect.block.slot is Slot.STRUCTURE and not displaced:
         return False  # before an oscillator there is a force and no displacement

@@ -25,7 +25,7 @@ from piezo_hysteresis.models.plain import (
     mapping,
     number,
     read_yaml,
-    refuse_stray,
+    refuse_unknown,
     write_yaml,
     yaml_text,
 )
@@ -386,7 +386,7 @@ _KEYS = {'schema', 'name', 'chain', 'parameters', 'correlation', 'discrepancy', 
 
 def _from_dict(content: object) -> ModelFile:
     whole = mapping(content, 'a model file')
-    refuse_stray(whole, _KEYS, 'the model file')
+    refuse_unknown(whole, _KEYS, 'the model file')
     if whole.get('schema') != SCHEMA:
         raise ModelError(f'schema is {whole.get("schema")!r}, expected {SCHEMA}; save it anew')
     chain = whole.get('chain')
@@ -394,13 +394,13 @@ def _from_dict(content: object) -> ModelFile:
         raise ModelError('chain must be a list of block names, from the voltage to the sensor')
     rows = mapping(whole.get('parameters'), 'parameters')
     model = Model(str(whole.get('name', '')), tuple(named_block(str(each)) for each in chain))
-    refuse_stray(rows, set(model.parameter_names), f'parameters of model {model.name}')
+    refuse_unknown(rows, set(model.parameter_names), f'parameters of model {model.name}')
     values, deviations, held = {}, {}, {}
     for parameter in model.parameters:
         if parameter.name not in rows:
             continue  # ModelFile says which are missing
         row = mapping(rows[parameter.name], f'parameter {parameter.name}')
-        refuse_stray(row, {'value', 'unit', 'std', 'held'}, f'parameter {parameter.name}')
+        refuse_unknown(row, {'value', 'unit', 'std', 'held'}, f'parameter {parameter.name}')
         if row.get('unit', parameter.unit) != parameter.unit:
             raise ModelError(
                 f'{parameter.name} is in {row["unit"]}, expected {parameter.unit}; convert it'
@@ -422,7 +422,7 @@ def _from_dict(content: object) -> ModelFile:
 
 def _provenance(content: object) -> Provenance:
     rows = mapping(content, 'provenance')
-    refuse_stray(rows, set(Provenance.__dataclass_fields__), 'provenance')
+    refuse_unknown(rows, set(Provenance.__dataclass_fields__), 'provenance')
     numbers = {
         key: number(rows[key], f'provenance {key}')
         for key in ('rate', 'noise_floor', 'free_run_rms')

@@ -181,7 +181,7 @@ ONLINE: dict[str, tuple[tuple[str, ...], ...]] = {
     'pi_bank': (RECIPES[BANK].blocks, (BANK, 'mode', 'offset')),
 }
 #: Two blocks that answer the same voltage, for the kernels that do it.
-BESIDE = ('bouc_wen_exact', 'electrostriction')
+PARALLEL = ('bouc_wen_exact', 'electrostriction')
 #: Chains that are followed between the ticks, one of each way, for the kernels that do it.
 FOLLOWED = (
     ('transport_delay', 'bouc_wen_exact', 'mode', 'creep'),

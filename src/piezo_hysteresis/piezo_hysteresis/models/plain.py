@@ -107,7 +107,7 @@ def mapping(value: object, what: str) -> Mapping[str, Any]:
     return {str(key): each for key, each in value.items()}
 
 
-def refuse_stray(found: Mapping[str, Any], known: set[str], what: str) -> None:
+def refuse_unknown(found: Mapping[str, Any], known: set[str], what: str) -> None:
     """Raise if `found` holds names that `what` does not know."""
     stray = sorted(set(found) - known)
     if stray:

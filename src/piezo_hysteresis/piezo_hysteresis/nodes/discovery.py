@@ -14,7 +14,7 @@ from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level,
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.nodes.investigation.investigation_server import InvestigationServer
-from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled
+from piezo_hysteresis.nodes.investigation.node_requests import Cancelled
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.node_tables import DISCOVERY
 from piezo_hysteresis.reporting.folder import check_folder
@@ -51,7 +51,7 @@ class DiscoveryNode(Node):
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
         self._investigations = InvestigationServer(
-            self, self._params, self._begin, self._tell, self._end
+            self, self._params, self._begin, self._log, self._end
         )
 
     def close(self) -> None:
@@ -69,7 +69,7 @@ class DiscoveryNode(Node):
         self._counts['runs'] += 1
         return ''
 
-    def _tell(self, words: str) -> None:
+    def _log(self, words: str) -> None:
         self._at = words
 
     def _end(self, words: str, failed: bool) -> None:

@@ -136,7 +136,9 @@ class GcsDriver(Node):
         done, bag = Future(), self._bag_of(goal.request)
         self._counts['sweeps'] += 1
         running = self._thread.run(
-            self._order(goal.request, bag), self._teller(goal), lambda: goal.is_cancel_requested
+            self._order(goal.request, bag),
+            self._progress_callback(goal),
+            lambda: goal.is_cancel_requested,
         )
         running.add_done_callback(lambda ended: self._hand_over(done, ended))
         outcome: SweepOutcome = await done
@@ -148,8 +150,8 @@ class GcsDriver(Node):
         if self.executor is not None:
             self.executor.create_task(done.set_result, ended.result())
 
-    def _teller(self, goal: Any) -> Callable[[SweepProgress], None]:
-        def tell(now: SweepProgress) -> None:
+    def _progress_callback(self, goal: Any) -> Callable[[SweepProgress], None]:
+        def report(now: SweepProgress) -> None:
             goal.publish_feedback(
                 RunSweep.Feedback(
                     record=now.record,
@@ -160,7 +162,7 @@ class GcsDriver(Node):
                 )
             )
 
-        return tell
+        return report
 
     def _bag_of(self, goal: RunSweep.Goal) -> Path:
         """Return the bag of a goal, a new one where it names none.

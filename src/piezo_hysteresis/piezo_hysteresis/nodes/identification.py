@@ -147,7 +147,7 @@ class IdentificationNode(Node):
         if not changes.keys().isdisjoint(SETTINGS):
             self._course.change(self._new_method())
         elif 'forgetting' in changes:
-            self._course.forget_at(forgetting_of(self._params.values))
+            self._course.set_forgetting(forgetting_of(self._params.values))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._course.reset()

@@ -43,7 +43,7 @@ def windowed(signal: FloatArray, *, trend: bool = False) -> FloatArray:
     return np.asarray(np.abs(np.fft.rfft(np.hanning(signal.size) * flat)))
 
 
-def beside_the_drive(
+def non_harmonic_lines(
     signal: FloatArray, dt: float, drive: float, *, trend: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and magnitudes of the lines that are no harmonic of the drive.

@@ -20,7 +20,7 @@ def _links() -> dict[str, ParameterTable]:
     return {f'of {name} (-p {name}:NAME:=VALUE)': table for name, table in links.items()}
 
 
-def _told(voltage: str) -> tuple[str, str]:
+def _command_topics(voltage: str) -> tuple[str, str]:
     """Return the topics of a voltage and of how fast it may change."""
     return voltage, topics.slew_of(voltage)
 
@@ -36,7 +36,7 @@ _ALL = (
         subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
         publishes=(
             topics.REFERENCE,
-            *_told(topics.VOLTAGE_COMMAND),
+            *_command_topics(topics.VOLTAGE_COMMAND),
             topics.MARKER,
             '/diagnostics',
         ),
@@ -49,7 +49,7 @@ _ALL = (
         'nothing. It subscribes to the actuator only while it receives no reference.',
         node_tables.FEEDFORWARD,
         subscribes=(topics.REFERENCE, topics.ESTIMATE, topics.STATE),
-        publishes=(*_told(topics.VOLTAGE_FEEDFORWARD), '~/status', '/diagnostics'),
+        publishes=(*_command_topics(topics.VOLTAGE_FEEDFORWARD), '~/status', '/diagnostics'),
         services=('~/load_model', '~/use_estimate'),
         managed=True,
         model=True,
@@ -59,7 +59,12 @@ _ALL = (
         'Second controller of the voltage chain: suppresses harmonics of the tracking error.',
         node_tables.ATTENUATION,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
-        publishes=(*_told(topics.VOLTAGE_COMMAND), topics.HARMONICS, '~/status', '/diagnostics'),
+        publishes=(
+            *_command_topics(topics.VOLTAGE_COMMAND),
+            topics.HARMONICS,
+            '~/status',
+            '/diagnostics',
+        ),
         services=('~/load_model', '~/reset'),
         managed=True,
     ),
@@ -70,7 +75,7 @@ _ALL = (
         'or after that node.',
         node_tables.FEEDBACK,
         subscribes=(topics.REFERENCE, topics.STATE, topics.VOLTAGE_FEEDFORWARD),
-        publishes=(*_told(topics.VOLTAGE_COMMAND), '~/status', '/diagnostics'),
+        publishes=(*_command_topics(topics.VOLTAGE_COMMAND), '~/status', '/diagnostics'),
         services=('~/load_model', '~/reset'),
         managed=True,
     ),
@@ -82,9 +87,9 @@ _ALL = (
         ParameterTable(()),
         subscribes=(topics.REFERENCE, topics.STATE, topics.ESTIMATE),
         publishes=(
-            *_told(topics.VOLTAGE_FEEDFORWARD),
-            *_told(topics.VOLTAGE_ATTENUATED),
-            *_told(topics.VOLTAGE_COMMAND),
+            *_command_topics(topics.VOLTAGE_FEEDFORWARD),
+            *_command_topics(topics.VOLTAGE_ATTENUATED),
+            *_command_topics(topics.VOLTAGE_COMMAND),
             topics.HARMONICS,
             '/diagnostics',
         ),
@@ -135,7 +140,7 @@ _ALL = (
         'the parameters and actions of the other nodes.',
         node_tables.DASHBOARD,
         publishes=('/diagnostics',),
-        words=dashboard_table.configure,
+        add_options=dashboard_table.configure,
     ),
     NodeSheet(
         'recorder',

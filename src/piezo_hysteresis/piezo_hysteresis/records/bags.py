@@ -189,15 +189,15 @@ def _settled(markers: list[Marker], places: list[tuple[int, int]]) -> list[_Edge
 
     A marker that judges ends the record that it judges and no other one.
     """
-    judges = _judges(markers)
+    rejections = _rejections(markers)
     edges: list[_Edge] = []
     running = -1
     # At one tick, the end of a record stands in front of the beginning of the next.
     for k in sorted(range(len(markers)), key=lambda k: (places[k], bool(markers[k].record))):
-        marker, judge = markers[k], judges.get(k, -1)
+        marker, judge = markers[k], rejections.get(k, -1)
         void = markers[judge].verdict if judge >= 0 else ''
         never = void == MOVED or (void and places[k] >= places[judge])
-        if never or (marker.judged and judges.get(running) != k):
+        if never or (marker.judged and rejections.get(running) != k):
             continue
         edges.append(_Edge(*places[k], marker, void))
         running = k if marker.record else -1
@@ -240,17 +240,17 @@ def _cut(runs: list[Track], edges: list[_Edge], path: Path, log: DamageLog) -> l
     return parts
 
 
-def _judges(markers: list[Marker]) -> dict[int, int]:
+def _rejections(markers: list[Marker]) -> dict[int, int]:
     """Return which marker says that a record does not count, by that which begins the record.
 
     A marker that judges means the newest of its name that was started before it and still counts.
     """
-    judges: dict[int, int] = {}
+    rejections: dict[int, int] = {}
     for k, judge in enumerate(markers):
         if judge.judged:
             named = [j for j, m in enumerate(markers[:k]) if m.record == judge.judged]
-            judges |= dict.fromkeys([j for j in named if j not in judges][-1:], k)
-    return judges
+            rejections |= dict.fromkeys([j for j in named if j not in rejections][-1:], k)
+    return rejections
 
 
 def _reference(

@@ -259,7 +259,7 @@ def _effects(verdict: Verdict) -> PageSection | None:
     rows: list[tuple[str, str, str]] = []
     for effect in verdict.effects:
         parts.append(f'`{effect.name}`: {" ".join(effect.evidence)}')
-        rows.append((effect.name, f'{effect.probability:.3f}', chance_words(effect.p_value)))
+        rows.append((effect.name, f'{effect.probability:.3f}', probability_text(effect.p_value)))
         rows += [(f'or {a.name}', f'{a.probability:.3f}', '') for a in effect.alternatives]
     if verdict.unexplained.significant:
         parts.append(f'Remaining residual: {verdict.unexplained.description}')
@@ -297,7 +297,7 @@ def effect_values(effect: NamedEffect) -> list[Value]:
 _SMALLEST_P = 1e-9
 
 
-def chance_words(p_value: float) -> str:
+def probability_text(p_value: float) -> str:
     """Return a p-value as text, with a lower display limit."""
     return f'{p_value:.1e}' if p_value > _SMALLEST_P else f'below {_SMALLEST_P:.0e}'
 

@@ -14,7 +14,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from piezo_hysteresis.common.health import Health, Level
-from piezo_hysteresis.ros.readiness import Herald, Readiness
+from piezo_hysteresis.ros.readiness import HeartbeatPublisher, Readiness
 from piezo_hysteresis.ros.timers import wall_timer
 
 TOPIC = '/diagnostics'
@@ -32,7 +32,7 @@ STATE = 'state'
 
 
 class Diagnostics:
-    """Asks a node how it is and publishes the answer; make it before whatever takes time.
+    """ParameterClient a node how it is and publishes the answer; make it before whatever takes time.
 
     Parameters
     ----------
@@ -49,13 +49,13 @@ class Diagnostics:
         self._reported = 0.0
         # That of a managed node would be mute while the node is inactive.
         self._publisher = Node.create_publisher(node, DiagnosticArray, TOPIC, 10)
-        self._herald = Herald(self._starts, self._compiles)
-        node.context.on_shutdown(self._herald.close)
+        self._heartbeat = HeartbeatPublisher(self._starts, self._compiles)
+        node.context.on_shutdown(self._heartbeat.close)
         wall_timer(node, LOOK, self.look)
 
     def look(self) -> None:
         """Publish where the level has changed or a second is over."""
-        self._herald.ready()
+        self._heartbeat.ready()
         health = self._ask()
         now = time.monotonic()
         if health.level == self._level and now - self._reported < PERIOD - 0.5 * LOOK:
@@ -84,7 +84,7 @@ class Diagnostics:
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
 
-    def last_word(self) -> None:
+    def publish_final_status(self) -> None:
         """Say how the node is for the last time, and wait until that was heard."""
         self._level = None
         self.look()

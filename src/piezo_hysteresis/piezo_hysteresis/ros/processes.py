@@ -226,7 +226,7 @@ class NodeProcesses:
         """Every node that was started."""
         return tuple(self._running)
 
-    def forget(self, node: NodeProcess) -> None:
+    def retire(self, node: NodeProcess) -> None:
         """End `node` for good and expect nothing of it any more."""
         node.stop()
         self._running.remove(node)

@@ -32,7 +32,7 @@ class Readiness(StrEnum):
 WORKS = (Readiness.STARTING, Readiness.COMPILING)
 
 
-class Herald:
+class HeartbeatPublisher:
     """Tells that a node starts, until `ready` is called, and whenever it compiles afterwards.
 
     Parameters
@@ -44,16 +44,18 @@ class Herald:
     """
 
     def __init__(
-        self, say: Callable[[Readiness, str], None], compiles: Callable[[], None] = lambda: None
+        self,
+        publish: Callable[[Readiness, str], None],
+        compiles: Callable[[], None] = lambda: None,
     ) -> None:
-        self._say = say
+        self._publish_state = publish
         self._compiles = compiles
         self._reported = self._closed = self._ready = False
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._started = time.monotonic()
         self._leave = watch.listen(self._start)
-        self._tell()
+        self._publish()
         self._start()
 
     def ready(self) -> None:
@@ -80,11 +82,11 @@ class Herald:
         while not self._closed and (watch.compiling() or not self._ready):
             # what the node publishes through may be gone before this thread is
             with contextlib.suppress(Exception):
-                self._tell()
+                self._publish()
             self._wake.clear()
             self._wake.wait(PERIOD)
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         kernel, seconds = watch.compiling(), time.monotonic() - self._started
         if kernel and not self._reported:
             self._reported = True
@@ -94,7 +96,7 @@ class Herald:
         state = Readiness.COMPILING if self._ready else Readiness.STARTING
         values = [state.value] if state is Readiness.STARTING else []
         values += ['compiles its kernels, once'] if kernel else []
-        self._say(state, f'{": ".join(values)} ({seconds:.0f} s)')
+        self._publish_state(state, f'{": ".join(values)} ({seconds:.0f} s)')
 
     def _log(self) -> None:
         with contextlib.suppress(Exception):  # the node may be gone
@@ -116,7 +118,7 @@ class Heartbeats:
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
-        self._said: dict[str, tuple[str, str, float]] = {}
+        self._reported_states: dict[str, tuple[str, str, float]] = {}
         self._met: dict[str, float] = {}
         self.newest = float('-inf')
 
@@ -126,7 +128,7 @@ class Heartbeats:
         `newest` becomes the time at which a node last said that it works [s].
         """
         now = self._now()
-        self._said[name.strip('/')] = (state, words, now)
+        self._reported_states[name.strip('/')] = (state, words, now)
         if state in WORKS:
             self.newest = now
 
@@ -139,22 +141,24 @@ class Heartbeats:
         """Return newly discovered nodes without a first heartbeat."""
         now = self._now()
         return sorted(
-            name for name, met in self._met.items() if name not in self._said and now - met < FRESH
+            name
+            for name, met in self._met.items()
+            if name not in self._reported_states and now - met < FRESH
         )
 
-    def quiet(self) -> float:
+    def silence(self) -> float:
         """Return how long no node has said that it works [s]; infinite where none ever did."""
         return self._now() - self.newest
 
     def is_ready(self, name: str) -> bool:
         """Return whether the node `name` has said that it can answer."""
-        return self._said.get(name.strip('/'), ('',))[0] == Readiness.READY
+        return self._reported_states.get(name.strip('/'), ('',))[0] == Readiness.READY
 
     def working(self) -> str:
         """Return who works and at what, empty where nobody does."""
         now = self._now()
         return ', '.join(
             f'{name}: {work}'
-            for name, (state, work, received) in sorted(self._said.items())
+            for name, (state, work, received) in sorted(self._reported_states.items())
             if state in WORKS and now - received < FRESH
         )

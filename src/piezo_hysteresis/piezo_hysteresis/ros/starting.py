@@ -17,7 +17,7 @@ from pathlib import Path
 
 from piezo_hysteresis.common.registry import NODES, SHEETS, package_of
 
-HELP_WORDS = ('-h', '--help')
+HELP_FLAGS = ('-h', '--help')
 
 # Names the process that a node must not outlive; `processes.NodeProcess` sets it.
 OWNER = 'PIEZO_OWNER'
@@ -89,7 +89,7 @@ def __getattr__(name: str) -> Callable[[], None]:
 
     def run() -> None:
         install_early_exit_handlers()
-        if any(option in HELP_WORDS for option in sys.argv[1:]):
+        if any(option in HELP_FLAGS for option in sys.argv[1:]):
             return print_help(name)
         end_with_owner()
         importlib.import_module(NODES[name]).main()

@@ -28,7 +28,7 @@ class ActuatorClock:
         """How often the stamp of a state did not follow from the one before."""
         return self._stamps.jumps
 
-    def hear(self, sample: int, nanoseconds: int) -> None:
+    def update(self, sample: int, nanoseconds: int) -> None:
         """Take in that the state of tick `sample` is stamped `nanoseconds` [ns]."""
         true = self._stamps.true_time(sample, nanoseconds)
         if not true:

@@ -13,7 +13,7 @@ _SENTENCES: dict[str, Finding] = {
     'strays': (Level.WARN, 'states are numbered far from the others: is there a second actuator?'),
     'reordered': (Level.WARN, 'states come out of order: is there a second actuator?'),
     'stamp_jumps': (Level.WARN, 'time stamps of states jump: the numbers of the samples hold'),
-    'eased': (
+    'limited': (
         Level.WARN,
         'commands are held back to slew: they come late, or are planned faster',
     ),

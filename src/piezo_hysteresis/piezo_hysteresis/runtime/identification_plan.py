@@ -150,7 +150,7 @@ class RecordSegmenter:
 
     def __post_init__(self) -> None:
         self.stamps = StampValidator(1.0 / self.rate)
-        self._hindsight: RollbackBuffer[MethodState] = RollbackBuffer(self._remember)
+        self._rollback: RollbackBuffer[MethodState] = RollbackBuffer(self._remember)
 
     def mark(self, edge: SegmentEdge) -> None:
         """Note an edge; it acts on the samples from its time on, had they come already or not."""
@@ -158,7 +158,7 @@ class RecordSegmenter:
         # Edges come in order; one that lies further back belongs to an actuator that starts anew.
         follows = not known or (edge.nanoseconds >= known[-1].nanoseconds and edge != known[-1])
         self._edges.append(edge)
-        if follows and edge.nanoseconds <= self._hindsight.newest:
+        if follows and edge.nanoseconds <= self._rollback.newest:
             self._take_back(edge)
 
     def take(self, sample: int, nanoseconds: int, voltage: float, displacement: float) -> bool:
@@ -170,17 +170,17 @@ class RecordSegmenter:
         if not self.intake.take(sample):
             return False
         came = Sample(sample, self.stamps.true_time(sample, nanoseconds), voltage, displacement)
-        if sample < known or came.nanoseconds < self._hindsight.newest:
-            self._forget_samples()
-        self._hindsight.note(came)
-        return self._feed(came, anew=sample < known)
+        if sample < known or came.nanoseconds < self._rollback.newest:
+            self._reset_samples()
+        self._rollback.note(came)
+        return self._feed(came, restarts=sample < known)
 
     def _edge_due(self, nanoseconds: int) -> bool:
         return bool(self._edges) and self._edges[0].nanoseconds <= nanoseconds
 
-    def _feed(self, sample: Sample, anew: bool = False) -> bool:
+    def _feed(self, sample: Sample, restarts: bool = False) -> bool:
         _, nanoseconds, voltage, displacement = sample
-        if anew and not self._edge_due(nanoseconds):
+        if restarts and not self._edge_due(nanoseconds):
             self._rest()
         while self._edges and self._edges[0].nanoseconds <= nanoseconds:
             edge = self._edges.popleft()
@@ -210,7 +210,7 @@ class RecordSegmenter:
 
     def _take_back(self, edge: SegmentEdge) -> None:
         """Make anew what was made of the samples since an edge."""
-        found = self._hindsight.back_to(edge.nanoseconds)
+        found = self._rollback.back_to(edge.nanoseconds)
         if found is None:
             self.late += 1
             self._passed.clear()
@@ -225,7 +225,7 @@ class RecordSegmenter:
             self._passed.remove(each)
         self._edges.extendleft(reversed(again))
         for sample in samples:
-            self._hindsight.note(sample)
+            self._rollback.note(sample)
             self._feed(sample)
 
     def _remember(self) -> MethodState:
@@ -239,27 +239,27 @@ class RecordSegmenter:
             len(run.voltage),
         )
 
-    def _forget_samples(self) -> None:
-        self._hindsight.clear()
+    def _reset_samples(self) -> None:
+        self._rollback.clear()
         self._passed.clear()
 
-    def forget_at(self, forgetting: float) -> None:
+    def set_forgetting(self, forgetting: float) -> None:
         """Go on with another forgetting factor."""
         self.method.forgetting = forgetting
-        self._forget_samples()
+        self._reset_samples()
 
     def change(self, method: OnlineMethod) -> None:
         """Go on with another method, which knows nothing yet."""
         self.method = method
         self._before = None
-        self._forget_samples()
+        self._reset_samples()
 
     def reset(self) -> None:
         """Forget what was learnt, and that there were records."""
         self.method.reset()
         self._open = True
         self._before = None
-        self._forget_samples()
+        self._reset_samples()
 
     def settled(self, estimate: Estimate, free_run: float = math.nan) -> bool:
         """Return whether the estimate stood still since this was asked last, and is of use.

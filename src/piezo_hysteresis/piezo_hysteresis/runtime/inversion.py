@@ -76,7 +76,7 @@ class Inversion:
         self._past.append(point)
         return None if self._inverse is None else self._inverse.step(point, 0.0, None)
 
-    def forget(self) -> None:
+    def restart(self) -> None:
         """Start again from rest."""
         self._past.clear()
         if self._inverse is not None:

@@ -55,15 +55,15 @@ class SteadyCommand:
         self._rate, self._now, self._still = rate, now, 0
         self._applied: float | None = None
         self._sent: deque[_Sent] = deque(maxlen=_ON_THEIR_WAY)
-        self.eased = 0
+        self.limited = 0
         self.behind = False
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Begin again with an actuator that was started anew."""
         self._applied, self._still, self.behind = None, 0, False
         self._sent.clear()
 
-    def hear(self, sample: int, voltage: float) -> None:
+    def update(self, sample: int, voltage: float) -> None:
         """Note what was applied at a tick [V]: what was sent before that is over."""
         if voltage == self._applied:  # held: nothing more is known of what is on its way
             self._still += self.behind
@@ -75,9 +75,9 @@ class SteadyCommand:
             else:  # an actuator that goes its own way
                 while len(self._sent) > 1:
                     self._sent.popleft()
-        self._forget_what_came(sample)
+        self._drop_arrived(sample)
 
-    def _forget_what_came(self, sample: int) -> None:
+    def _drop_arrived(self, sample: int) -> None:
         """Drop commands that had come before tick `sample`, as the last states have reported them.
 
         What was sent long ago is over only where that tick was long after it, too: states may
@@ -104,7 +104,7 @@ class SteadyCommand:
                 low, high = self._applied - most, self._applied + most
             command = min(max(planned, low), high)
         self.behind = command != planned
-        self.eased += self.behind
+        self.limited += self.behind
         if not self._sent or self._sent[-1].voltage != command:
             self._sent.append(_Sent(command, sample, self._now()))
         return command

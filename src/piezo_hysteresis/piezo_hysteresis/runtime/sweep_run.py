@@ -66,7 +66,7 @@ class SweepRun:
         # the newest states of which none is missing: `_since` to `_newest`
         self._since, self._newest = 0, -1
 
-    def hear(self, sample: int, *, kept: bool = True) -> None:
+    def add_state(self, sample: int, *, kept: bool = True) -> None:
         """Note the state of tick `sample`, in a bag unless it had to be dropped."""
         if not kept:
             self._since = sample + 1

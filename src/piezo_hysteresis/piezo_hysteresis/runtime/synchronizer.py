@@ -56,7 +56,7 @@ class SampleSynchronizer(Generic[Tag]):
         self._newest_measured: Measured | None = None
         self.dropped = 0
         self._done = -1
-        self._impatient = -1
+        self._repeated = -1
 
     @property
     def done(self) -> int:
@@ -89,7 +89,7 @@ class SampleSynchronizer(Generic[Tag]):
         there is, so that a link that started later than the others does not hold it up for ever.
         """
         if sample in self._voltages:
-            self._impatient = sample
+            self._repeated = sample
             return False
         if sample <= self._done:
             return False
@@ -113,14 +113,14 @@ class SampleSynchronizer(Generic[Tag]):
                 self.dropped += 1
                 continue
             measured = self._measured.get(sample - 1)
-            if measured is None and sample > 0 and waiting and sample != self._impatient:
+            if measured is None and sample > 0 and waiting and sample != self._repeated:
                 return None
             voltage, tag = self._voltages.pop(sample)
-            self._forget(sample)
+            self._discard(sample)
             return Tick(point, voltage, measured or self._newest_measured, tag)
         return None
 
-    def _forget(self, sample: int) -> None:
+    def _discard(self, sample: int) -> None:
         self._done = sample
         for book in (self._points, self._voltages):
             for old in [each for each in book if each <= sample]:

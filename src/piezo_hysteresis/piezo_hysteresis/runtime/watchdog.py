@@ -46,7 +46,7 @@ class Watchdog:
         self.newest = sample
         self.stale = self._arrived = False
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Wait for the first command again."""
         self.newest = -1
         self.stale = self._arrived = False

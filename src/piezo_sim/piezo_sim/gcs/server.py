@@ -53,7 +53,7 @@ class Fault:
         return kind
 
 
-class Spoken(Protocol):
+class ServedProtocol(Protocol):
     """Interface of a protocol: line ends and answers.
 
     Attributes
@@ -85,7 +85,7 @@ class Conversation:
         Injected fault.
     """
 
-    def __init__(self, language: Spoken, fault: Fault) -> None:
+    def __init__(self, language: ServedProtocol, fault: Fault) -> None:
         self._language, self._fault = language, fault
         self._line = bytearray()
         self.is_over = False
@@ -173,7 +173,7 @@ class PtyServer:
     """
 
     def __init__(
-        self, controller: SimulatedController, language: Spoken, fault: Fault | None = None
+        self, controller: SimulatedController, language: ServedProtocol, fault: Fault | None = None
     ) -> None:
         self.controller, self.fault = controller, fault or Fault()
         self._talk = Conversation(language, self.fault)

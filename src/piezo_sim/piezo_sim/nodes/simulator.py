@@ -120,7 +120,7 @@ class Simulator(Node):
             if self._book.arrive(sample, voltage, self._tick):
                 self._check_stamp(head, sample)
         elif sample <= self._newest_command:
-            self._say_where()
+            self._publish_next_tick()
         else:
             self._step_with(head, sample, voltage)
 
@@ -140,7 +140,7 @@ class Simulator(Node):
         self._stamps.true_time(sample, nanoseconds_of_head(head))
         self._book.counts['stamp_jumps'] = self._stamps.jumps
 
-    def _say_where(self) -> None:
+    def _publish_next_tick(self) -> None:
         """Publish the next tick for a client that repeats a command because it missed the state.
 
         The state itself is not repeated, because it would occur twice in every record.
@@ -199,7 +199,7 @@ class Simulator(Node):
     def _watch(self) -> None:
         deadline = self._params.number('lock_step_deadline')
         if self._lock_step and self._waiting_since is not None:
-            waited = min(time.monotonic() - self._waiting_since, self._neighbours.quiet())
+            waited = min(time.monotonic() - self._waiting_since, self._neighbours.silence())
             if waited > deadline and not self._warned:
                 self._warned = True
                 self.get_logger().warning(
@@ -211,7 +211,7 @@ class Simulator(Node):
     def _judge(self) -> Health:
         waited = 0.0
         if self._lock_step and self._waiting_since is not None:
-            silent = min(time.monotonic() - self._waiting_since, self._neighbours.quiet())
+            silent = min(time.monotonic() - self._waiting_since, self._neighbours.silence())
             waited = silent if silent > self._params.number('lock_step_deadline') else 0.0
         remark = self._plant.idle_effects
         return self._health.judge(self._book, self._tick, self._plant.fault, waited, remark)

@@ -94,7 +94,7 @@ def _level(p: Any, d: Any, s: Any, position: int, end: int, moving: bool) -> int
     """Return the coarsest level that is compatible with grid, signals and coming events."""
     level = int(d.level_moving if moving else d.level_still)
     if d.nonlinear:
-        quick = structure.quickness(p, d, s) * d.step[0]
+        quick = structure.rate_of_change(p, d, s) * d.step[0]
         while level < LEVELS and quick > d.stride * (1 << level):
             level += 1
         if d.memory:

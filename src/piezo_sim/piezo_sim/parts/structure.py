@@ -135,7 +135,7 @@ EFFECTS = (
 
 
 @leaf
-def quickness(p: Any, d: Any, s: Any) -> float:
+def rate_of_change(p: Any, d: Any, s: Any) -> float:
     """Return the largest rate [1/s] of the nonlinear forces in the present state."""
     x, speed, omega = s.x[0], abs(s.v[0]), d.omega[0]
     stiff = 1.0 + 3.0 * abs(p.structure.cubic) * x * x

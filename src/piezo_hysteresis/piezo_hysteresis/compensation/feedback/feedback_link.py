@@ -24,7 +24,7 @@ from piezo_hysteresis.compensation.sensor_guard import (
     write_point,
     write_read,
 )
-from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, forget_fade
+from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, reset_fade
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 
@@ -123,11 +123,11 @@ def stepping(law: FeedbackLaw) -> Callable[..., float]:
 
 
 @jit
-def forget_link(memory: FloatArray) -> None:
+def reset_link(memory: FloatArray) -> None:
     """Forget everything but the watch over the sensor, which forgets by itself."""
     for k in range(WATCH_SIZE, memory.size):
         memory[k] = 0.0
-    forget_fade(memory[_FADING:OWN])
+    reset_fade(memory[_FADING:OWN])
 
 
 def packed_settings(dt: float, limits: Limits | None) -> FloatArray:
@@ -192,4 +192,4 @@ class FeedbackLink:
     def reset(self) -> None:
         """Forget everything but the parameters."""
         self._watch.reset()
-        forget_link(self.memory)
+        reset_link(self.memory)

@@ -43,10 +43,10 @@ from piezo_hysteresis.compensation.harmonics.steering import (
     SEEN,
     THETA,
     begin_line,
-    believed,
-    doubt,
+    gain_estimate,
     harmonic_of,
     move,
+    withdraw,
 )
 from piezo_hysteresis.compensation.linear_gain import gain_at
 from piezo_hysteresis.jit import jit, leaf, scratch
@@ -134,7 +134,7 @@ def afc_size(p: FloatArray) -> int:
 
 
 @jit
-def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+def clear(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Forget every correction."""
     for k in range(memory.size):
         memory[k] = 0.0
@@ -195,9 +195,9 @@ def take_back(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> No
     """Take the last step of every line back, and measure again before the next one."""
     memory[REVERTED] += 1.0
     memory[_SHARE] = max(_LESS * memory[_SHARE], _LEAST_SHARE)
-    doubt(memory[_MEAN:_LINES])
+    withdraw(memory[_MEAN:_LINES])
     for i in range(int(memory[_COUNT])):
-        doubt(memory[_LINES + LINE_SIZE * i : _LINES + LINE_SIZE * (i + 1)])
+        withdraw(memory[_LINES + LINE_SIZE * i : _LINES + LINE_SIZE * (i + 1)])
     drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
@@ -208,7 +208,7 @@ def retreat(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None
     for i in range(-1, int(memory[_COUNT])):
         line = memory[_MEAN + LINE_SIZE * (i + 1) : _MEAN + LINE_SIZE * (i + 2)]
         line[THETA] = line[THETA + 1] = line[MOVED] = line[MOVED + 1] = 0.0
-        doubt(line)
+        withdraw(line)
     if memory[_FREQUENCY] > 0.0:
         drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
 
@@ -339,7 +339,7 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
         drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
         return
     memory[WINDOWS] += 1.0
-    judge_window(normal[normal.size - 1] / (memory[_TICKS] - memory[_SKIP]), memory)
+    evaluate_window(normal[normal.size - 1] / (memory[_TICKS] - memory[_SKIP]), memory)
     count = int(memory[_COUNT])
     with_mean = p[WITH_MEAN] > 0.0
     errors, changes = scratch((count + 1, 2)), scratch(count + 1)
@@ -379,7 +379,7 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
 
 
 @leaf
-def judge_window(power: float, memory: FloatArray) -> None:
+def evaluate_window(power: float, memory: FloatArray) -> None:
     """Take the mean square error [m^2] of a window: without harm the next steps may be larger."""
     if 0.0 < power <= _HARMLESS * memory[_POWER]:
         memory[_SHARE] = min(_MORE * memory[_SHARE], 1.0)
@@ -401,7 +401,7 @@ def gains(memory: FloatArray) -> dict[int, complex]:
     """Return the plant gain [m/V] as it is believed now, by order."""
     rows = (_LINES + LINE_SIZE * i for i in range(int(memory[_COUNT])))
     lines = (memory[row : row + LINE_SIZE] for row in rows)
-    return {int(line[ORDER]): complex(believed(line)) for line in lines}
+    return {int(line[ORDER]): complex(gain_estimate(line)) for line in lines}
 
 
 def counters(memory: FloatArray) -> dict[str, int]:

@@ -35,7 +35,7 @@ def filtered_size(p: FloatArray) -> int:
 
 
 @jit
-def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+def clear(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Forget every correction; the covariance begins where it settles for unit sines."""
     m = 2 * (p.size - ORDERS)
     level = 2.0 * (1.0 - p[FORGETTING])

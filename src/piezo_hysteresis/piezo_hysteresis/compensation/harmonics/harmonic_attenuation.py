@@ -21,9 +21,9 @@ from piezo_hysteresis.compensation.harmonics.supervision import (
     RESUME,
     RETREAT,
     fade,
-    forget_guard,
     guard_counters,
     learns,
+    reset_guard,
     supervise,
 )
 from piezo_hysteresis.compensation.linear_gain import LinearGain
@@ -89,7 +89,7 @@ class HarmonicLaw(NamedTuple):
     """
 
     size: Callable[[FloatArray], int]
-    forget: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    clear: Callable[[FloatArray, FloatArray, FloatArray, float], None]
     update: Callable[..., None]
     voltage: Callable[..., float]
     disturb: Callable[[FloatArray, FloatArray, FloatArray, float], None]
@@ -102,8 +102,8 @@ class HarmonicLaw(NamedTuple):
 
 def _law(module: Any, size: Callable[[FloatArray], int]) -> HarmonicLaw:
     return HarmonicLaw(
-        size, module.forget, module.update, module.voltage, module.disturb, module.regain,
-        getattr(module, 'retreat', module.forget), module is not afc, module.harmonics,
+        size, module.clear, module.update, module.voltage, module.disturb, module.regain,
+        getattr(module, 'retreat', module.clear), module is not afc, module.harmonics,
         module.counters,
     )  # fmt: skip
 
@@ -125,7 +125,7 @@ def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
     period before, so that a reference of several tones is no ramp.
     """
     if point[FREQUENCY] <= 0.0:
-        forget_ramp(memory)
+        reset_ramp(memory)
         return False
     omega = 2.0 * math.pi * point[FREQUENCY]
     size = math.hypot(point[VELOCITY] / omega, point[ACCELERATION] / (omega * omega))
@@ -139,7 +139,7 @@ def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
 
 
 @jit
-def forget_ramp(memory: FloatArray) -> None:
+def reset_ramp(memory: FloatArray) -> None:
     """Forget the periods before."""
     memory[_TURN], memory[_LARGEST], memory[_BEFORE] = -1.0, 0.0, 0.0
 
@@ -248,6 +248,6 @@ class HarmonicAttenuation:
     def reset(self) -> None:
         """Forget everything but the settings."""
         self._watch.reset()
-        forget_ramp(self.memory)
-        forget_guard(self.memory[GUARD:OWN])
-        self._law.forget(self.memory[OWN:], self.packed, self.packed_gain, self.dt)
+        reset_ramp(self.memory)
+        reset_guard(self.memory[GUARD:OWN])
+        self._law.clear(self.memory[OWN:], self.packed, self.packed_gain, self.dt)

@@ -93,7 +93,7 @@ def rls_size(p: FloatArray) -> int:
 
 
 @jit
-def forget(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
+def clear(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Forget every correction; the covariance is the identity, as in Fujii 2018."""
     m, place = unknowns(p), unknowns_at(p)
     for k in range(memory.size):

@@ -98,7 +98,7 @@ def _recall(memory: FloatArray, newest: int, back: float) -> float:
 
 
 @jit
-def forget_repetitive(memory: FloatArray) -> None:
+def reset_repetitive(memory: FloatArray) -> None:
     """Forget what was learned; the watch over the sensor is forgotten apart."""
     for k in range(_PAST, memory.size):
         memory[k] = 0.0
@@ -180,7 +180,7 @@ class OddRepetitive:
     def reset(self) -> None:
         """Forget what was learned."""
         self._sensor.reset()
-        forget_repetitive(self.memory)
+        reset_repetitive(self.memory)
 
 
 def mode_cancelling(

@@ -52,7 +52,7 @@ def begin_line(line: FloatArray, order: float) -> None:
 
 
 @jit
-def believed(line: FloatArray) -> complex:
+def gain_estimate(line: FloatArray) -> complex:
     """Return the gain [m/V] as it is believed now."""
     modelled = complex(line[MODELLED], line[MODELLED + 1])
     return modelled * complex(line[RATIO], line[RATIO + 1])
@@ -89,7 +89,7 @@ def clearness_of(size: float, deviation: float) -> float:
 
 
 @leaf
-def doubt(line: FloatArray) -> None:
+def withdraw(line: FloatArray) -> None:
     """Take the last step back; the gain is kept, but is to be confirmed again."""
     for k in range(2):
         line[THETA + k] -= line[MOVED + k]
@@ -118,7 +118,7 @@ def move(
     seen = line[SEEN] > 0.0
     if seen:
         change = error - before_error
-        expected = max(abs(change), abs(believed(line) * moved))
+        expected = max(abs(change), abs(gain_estimate(line) * moved))
         unclear = math.hypot(foreign, _UNSETTLED * line[CHANGED])
         clearness = clearness_of(expected, unclear) * clearness_of(abs(moved), _CROSS * others)
         observe(line, change, clearness)
@@ -126,7 +126,7 @@ def move(
     grown = seen and abs(error) > 1.1 * abs(before_error) + 3.0 * deviation
     line[RISES] = line[RISES] + 1.0 if grown else 0.0
     line[ERROR], line[ERROR + 1], line[SEEN] = error.real, error.imag, 1.0
-    gain, happened = believed(line), 0
+    gain, happened = gain_estimate(line), 0
     if line[RISES] >= _RISES and abs(error) > 0.5 * abs(gain * theta):
         happened, theta = 1, complex(0.0, 0.0)
         line[RISES] = line[CONFIRMED] = 0.0

@@ -21,7 +21,7 @@ _SPAN, _FADE, _SLOWER = 0.25, 0.2, 2.0
 # Wait after the first failure, doubled by each further one up to the longest [s].
 _WAIT, _LONGEST = 1.0, 60.0
 # Shortest time between two experiments that found no harm, doubled by each further one [s].
-_COOL = 2.0
+_PAUSE = 2.0
 # Mean square error, as a multiple of that without a correction, that is suspicious in so many
 # windows in a row; that is suspicious at once; and that is so after the frequency has changed, for
 # which there is no measurement without a correction yet.
@@ -50,7 +50,7 @@ GUARD_SIZE = 17
 
 
 @jit
-def forget_guard(memory: FloatArray) -> None:
+def reset_guard(memory: FloatArray) -> None:
     """Forget everything: the correction has its full weight."""
     for k in range(GUARD_SIZE):
         memory[k] = 0.0
@@ -158,7 +158,7 @@ def judge(power: float, frequency: float, size: float, memory: FloatArray) -> in
     if memory[STATE] != RUNNING or memory[BASE] == 0.0:
         memory[BASE], memory[SIZE], memory[FREQUENCY] = power, size, frequency
         memory[VALID], memory[RISES] = 1.0, 0.0
-    elif judged_larger(power, frequency, size, memory):
+    elif is_larger(power, frequency, size, memory):
         memory[STATE], memory[BEFORE] = MEASURING, power
         memory[CHECKED] += 1.0
         return NOTHING
@@ -169,14 +169,14 @@ def judge(power: float, frequency: float, size: float, memory: FloatArray) -> in
             memory[BACKED_OFF] += 1.0
             memory[STATE] = WAITING
             return RETREAT
-        memory[LEFT] = doubled(_COOL, memory[CHECKS])
+        memory[LEFT] = doubled(_PAUSE, memory[CHECKS])
         memory[CHECKS] += 1.0
     memory[STATE] = RUNNING
     return NOTHING
 
 
 @leaf
-def judged_larger(power: float, frequency: float, size: float, memory: FloatArray) -> bool:
+def is_larger(power: float, frequency: float, size: float, memory: FloatArray) -> bool:
     """Return whether the error [m^2] is so much larger than without a correction to be tested."""
     if abs(frequency - memory[FREQUENCY]) > _CHANGE * memory[FREQUENCY]:
         memory[VALID] = 0.0

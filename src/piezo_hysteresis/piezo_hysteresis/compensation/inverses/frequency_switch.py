@@ -13,7 +13,7 @@ from piezo_hysteresis.compensation.inverses import inverse_link
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Run
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.sensor_guard import FREQUENCY, POINT_SIZE, write_point
-from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, forget_fade
+from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, reset_fade
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 
@@ -27,10 +27,10 @@ DT, BORDER, DURATION, SLEW = range(4)
 
 
 @jit
-def forget_switch(memory: FloatArray) -> None:
+def reset_switch(memory: FloatArray) -> None:
     """Forget which one is in charge, and every change."""
     memory[_FAST], memory[SWITCHES] = -1.0, 0.0
-    forget_fade(memory[_FADING:])
+    reset_fade(memory[_FADING:])
 
 
 @leaf
@@ -111,7 +111,7 @@ class FrequencySwitch:
         self.settings = np.array([dt, frequency, transition, slew], dtype=np.float64)
         self._memory, self._point = np.zeros(SWITCH_SIZE), np.zeros(POINT_SIZE)
         self._step = stepping(slow.run, fast.run)
-        forget_switch(self._memory)
+        reset_switch(self._memory)
 
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
@@ -134,4 +134,4 @@ class FrequencySwitch:
         """Reset both links."""
         self.slow.reset()
         self.fast.reset()
-        forget_switch(self._memory)
+        reset_switch(self._memory)

@@ -72,13 +72,13 @@ def condition(
 
 
 @leaf
-def eased_point(
-    point: FloatArray, eased: FloatArray, memory: FloatArray, settings: FloatArray
+def conditioned_point(
+    point: FloatArray, shaped: FloatArray, memory: FloatArray, settings: FloatArray
 ) -> None:
     """Condition the reference of one tick, see `condition`."""
     row = scratch((3, 1))
     row[0, 0], row[1, 0], row[2, 0] = point[1], point[2], point[3]
-    condition(row, eased, memory[:FADING], settings[OFFSET], settings[EASING], settings[DT])
+    condition(row, shaped, memory[:FADING], settings[OFFSET], settings[EASING], settings[DT])
 
 
 @leaf
@@ -99,9 +99,9 @@ def stepping(run: Run) -> Callable[..., float]:
     def step(
         point: FloatArray, received: float, memory: FloatArray, settings: FloatArray, p: FloatArray
     ) -> float:
-        eased, answer = scratch((3, 1)), scratch(1)
-        eased_point(point, eased, memory, settings)
-        run(eased, answer, memory[OWN:], p, settings[DT], settings[LOW], settings[HIGH])
+        shaped, answer = scratch((3, 1)), scratch(1)
+        conditioned_point(point, shaped, memory, settings)
+        run(shaped, answer, memory[OWN:], p, settings[DT], settings[LOW], settings[HIGH])
         return received + faded_answer(answer[0], memory, settings)
 
     return step

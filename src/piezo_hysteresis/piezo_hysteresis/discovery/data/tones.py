@@ -17,7 +17,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, tone_amplitude
-from piezo_hysteresis.numerics.spectrum import BINS, beside_the_drive
+from piezo_hysteresis.numerics.spectrum import BINS, non_harmonic_lines
 
 # Ratio to the local median of the spectrum from which a line is significant.
 PROMINENT = 30.0
@@ -45,7 +45,7 @@ class Tone:
 
 def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and power of `error` without the harmonics of the drive."""
-    frequency, lines = beside_the_drive(error, view.dt, view.frequency, trend=True)
+    frequency, lines = non_harmonic_lines(error, view.dt, view.frequency, trend=True)
     return frequency, lines**2
 
 

@@ -11,7 +11,7 @@ from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.verdict.locate import places
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import solve_least_squares
-from piezo_hysteresis.numerics.spectrum import beside_the_drive
+from piezo_hysteresis.numerics.spectrum import non_harmonic_lines
 
 # Ratio to the median of the spectrum from which a line is reported: twice that of `tones`, which
 # also requires several records to agree.
@@ -92,7 +92,7 @@ def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray])
     for view, error in zip(views, errors, strict=True):
         if error.size < 1000:
             continue
-        frequency, lines = beside_the_drive(error, view.dt, view.frequency)
+        frequency, lines = non_harmonic_lines(error, view.dt, view.frequency)
         power = lines**2
         top = int(np.argmax(power))
         others = power[power > 0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from piezo_hysteresis.drivers.errors import DriverError
-from piezo_hysteresis.drivers.wires import PATIENCE, Wire, silent
+from piezo_hysteresis.drivers.wires import ATTEMPTS, Wire, silent
 
 PORT = 50_000
 STOP, RUNNING, IDENTITY = b'\x18', b'\x09', '*IDN?'
@@ -125,7 +125,7 @@ class GcsConnection:
     def _catch_up(self) -> None:
         """Read until the controller says who it is: all that was asked before is answered."""
         self.send(IDENTITY)
-        for _ in range(PATIENCE if self._identity else 0):
+        for _ in range(ATTEMPTS if self._identity else 0):
             try:
                 while self._identity not in self._next():
                     pass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from piezo_hysteresis.drivers.errors import DriverError
-from piezo_hysteresis.drivers.wires import PATIENCE, Wire, silent
+from piezo_hysteresis.drivers.wires import ATTEMPTS, Wire, silent
 
 #: Of its telnet server.
 PORT = 23
@@ -71,7 +71,7 @@ class Nv200Connection:
     def _catch_up(self) -> None:
         """Read until the controller says who it is: all that was asked before is answered."""
         self._wire.send(b'\r\n')
-        for _ in range(PATIENCE):
+        for _ in range(ATTEMPTS):
             try:
                 while MODEL not in self._next():
                     pass

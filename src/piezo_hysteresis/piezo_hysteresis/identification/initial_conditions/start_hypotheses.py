@@ -199,7 +199,7 @@ class StartSearch:
     @cached_property
     def _levels(self) -> bool:
         """Whether levels before a record are tried, and not states alone."""
-        return any(b.remembers if self._lasting else b.needs_levels for b in self._model.blocks)
+        return any(b.has_memory if self._lasting else b.needs_levels for b in self._model.blocks)
 
     def _is_free(self, record: Record) -> bool:
         return 'auto' in (self._wanted, record.info.start)

@@ -79,7 +79,7 @@ def numbers_alone(function: Callable[..., Any]) -> bool:
     return hint == 'float' or several
 
 
-def hands_on(function: Callable[..., Any], call: ast.Call) -> bool:
+def passes_unchanged(function: Callable[..., Any], call: ast.Call) -> bool:
     """Return whether a call hands input, output, state and parameters on as they are."""
     pairs = zip(hints_of(function), call.args, strict=True)
     same = {name for name, each in pairs if ast.unparse(each) == name}
@@ -95,7 +95,7 @@ def names_each(kernel: Callable[..., Any]) -> bool:
         if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
             known.add(id(node.value))
         called = called_in(node, space)
-        if called is not None and isinstance(node, ast.Call) and hands_on(called, node):
+        if called is not None and isinstance(node, ast.Call) and passes_unchanged(called, node):
             known |= {id(each) for each in node.args} if names_each(called) else set()
     own = [n for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id == PARAMETERS]
     return all(id(each) in known for each in own)

@@ -19,10 +19,10 @@ from piezo_hysteresis.kernels.forward.source import (
     base_of,
     called_in,
     definition,
-    hands_on,
     hints_of,
     names_in,
     numbers_alone,
+    passes_unchanged,
     space_of,
 )
 
@@ -273,7 +273,7 @@ class Writer:
             made = self._made(called, 0, True, still, 0)
             self._by_jacobian(node, target, made, [a for _, a in moving])
             return
-        own = self._flow.own if hands_on(called, node) else 0
+        own = self._flow.own if passes_unchanged(called, node) else 0
         made = self._made(called, len(self.lanes) - own, False, still, own)
         given = [ast.unparse(each) for each in node.args]
         for name, argument in moving:

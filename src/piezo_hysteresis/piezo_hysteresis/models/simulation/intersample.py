@@ -82,7 +82,7 @@ def follow(
     return output
 
 
-def on_the_clock(
+def with_time(
     block: Block,
     path: FloatArray,
     p: FloatArray,

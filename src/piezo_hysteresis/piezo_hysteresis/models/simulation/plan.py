@@ -33,7 +33,7 @@ from piezo_hysteresis.models.simulation.state_space import (
 from piezo_hysteresis.models.simulation.substep_run import PathRun
 
 # Recursions of a linear stage that are kept: records of one fit, and steps of its parameters.
-_REMEMBERED = 32
+_CACHED = 32
 # What leaves a held signal held.
 _HOLDS = (Between.INSTANT, Between.PATH, Between.TICK, Between.DELAY)
 
@@ -196,7 +196,7 @@ class LinearStage:
         ]
         made = whole, hold_of(in_series(systems), dt, part)
         # of other threads, too: a dictionary that is full begins again
-        self.__dict__['_last'] = {**last, key: made} if len(last) < _REMEMBERED else {key: made}
+        self.__dict__['_last'] = {**last, key: made} if len(last) < _CACHED else {key: made}
         return made
 
 

@@ -21,7 +21,7 @@ from piezo_hysteresis.models.simulation.state_space import decayed, fastest, in_
 
 #: Fastest pole times the tick up to which an impulse response is a polynomial of moderate degree.
 SLOW = 25.0
-_LEFT = 1e-10  # of an impulse response that its polynomial may leave
+_TAIL = 1e-10  # of an impulse response that its polynomial may leave
 _OVER = 10.0  # time constants after which a lag has come to its end
 _FEWEST = 4  # Gauss points
 _MISSED = 1e-5  # of what moves within a tick, which they may miss
@@ -76,7 +76,7 @@ def response_of(systems: Sequence[System], dt: float) -> Response:
     pace = 0.5 * dt * fastest(systems)
     degree = 3 + len(systems)
     # the error of Chebyshev interpolation of an exponential
-    while (degree + 1) * log(max(0.5 * pace, 1e-3)) - lgamma(degree + 2) > log(0.5 * _LEFT):
+    while (degree + 1) * log(max(0.5 * pace, 1e-3)) - lgamma(degree + 2) > log(0.5 * _TAIL):
         degree += 1
     places = np.polynomial.chebyshev.chebpts1(degree + 1)
     values = [decayed(system.a, 0.5 * (1.0 - t) * dt) @ system.b * dt for t in places]

@@ -18,8 +18,8 @@ from piezo_hysteresis.models.simulation.intersample import (
     PAST,
     follow,
     joined,
-    on_the_clock,
     read,
+    with_time,
 )
 from piezo_hysteresis.models.simulation.quadrature_run import QuadratureRun
 from piezo_hysteresis.models.simulation.state_layout import (
@@ -284,9 +284,7 @@ def followed(
     ((block, span),) = piece.parts
     own = p[span]
     if block.between is Between.CLOCK:
-        return on_the_clock(
-            block, path, own, state, clock.dt, points=clock.points, ahead=clock.ahead
-        )
+        return with_time(block, path, own, state, clock.dt, points=clock.points, ahead=clock.ahead)
     if block.along is not None:
         output = np.empty_like(path)
         block.along(path, output, state, own, clock.dt, clock.frequency, clock.points)

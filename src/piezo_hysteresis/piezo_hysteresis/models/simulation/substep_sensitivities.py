@@ -106,7 +106,7 @@ class _Nonlinear:
         block = at.block
         dt, frequency, points, _ = clock = self._clock
         if block.between is Between.CLOCK:
-            return on_the_clock(block, path, rows, at, state, clock)
+            return with_time(block, path, rows, at, state, clock)
         if block.along is not None:
             return through(block.along, path, rows, at, state, moved, dt, frequency, points)
         turns = self._turns and block.between is Between.PATH and self._block.along is None
@@ -131,7 +131,7 @@ def turned(path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, 
     return wide, late, answers
 
 
-def on_the_clock(
+def with_time(
     block: Block, path: FloatArray, rows: FloatArray, at: At, state: FloatArray, clock: PathClock
 ) -> tuple[FloatArray, FloatArray]:
     """Return the output of a function of the time and its derivatives, see `intersample`."""

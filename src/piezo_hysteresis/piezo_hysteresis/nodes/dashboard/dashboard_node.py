@@ -47,7 +47,7 @@ class ActuatorSession:
     def __init__(self, node: Node, live: Live, folder: Path) -> None:
         self.live = live
         self._node = silent_node(node, 'dashboard_listener', live.actuator)
-        self.ear = TopicCollector(self._node, live)
+        self.collector = TopicCollector(self._node, live)
         self.directory = NodeRegistry(node, live)
         self.jobs = Jobs(node, live, folder)
         self.investigation = InvestigationJob(node, live, folder)
@@ -82,9 +82,9 @@ class Dashboard(Node):
         super().__init__('dashboard')
         self._params = NodeParameters(self, DASHBOARD)
         self._folder = Path(self._params.text('folder')).expanduser()
-        self._wishes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._due: list[tuple[float, Callable[[], None]]] = []
-        self._desks: dict[str, ActuatorSession] = {}
+        self._sessions: dict[str, ActuatorSession] = {}
         self._lives: dict[str, Live] = {}
         self._found: list[str] = []
         self._collector_node = silent_node(self, 'dashboard_ear')
@@ -128,8 +128,8 @@ class Dashboard(Node):
     # --- in the thread of ROS ------------------------------------------------------------------
 
     def _tick(self) -> None:
-        while not self._wishes.empty():
-            self._wishes.get()()
+        while not self._requests.empty():
+            self._requests.get()()
         now = self._now()
         self._lags += now - self._ticked > LAG
         self._ticked = now
@@ -137,8 +137,8 @@ class Dashboard(Node):
             self._due.remove(entry)
             entry[1]()
         self._common.poll()
-        for desk in self._desks.values():
-            desk.ear.poll()
+        for session in self._sessions.values():
+            session.collector.poll()
 
     def _health(self) -> Health:
         findings = self._watch.findings({'lags': self._lags})
@@ -147,7 +147,7 @@ class Dashboard(Node):
         fine = f'serves {self._server.url}'
         values = {
             'actuators': ', '.join(self._found),
-            'looked_at': len(self._desks),
+            'looked_at': len(self._sessions),
             'lags': self._lags,
         }
         return judge(findings, fine, values)
@@ -164,13 +164,13 @@ class Dashboard(Node):
         for name, space in self.get_node_names_and_namespaces():
             if shown(name):
                 spaces.setdefault(space.strip('/'), set()).add(name)
-        for actuator, desk in self._desks.items():
-            publishers = self.get_publishers_info_by_topic(desk.ear.topic(topics.STATE))
-            desk.live.published = bool(publishers)
+        for actuator, session in self._sessions.items():
+            publishers = self.get_publishers_info_by_topic(session.collector.topic(topics.STATE))
+            session.live.published = bool(publishers)
             if publishers:
-                desk.ear.counting = publishers[0].node_name
-            desk.directory.look(spaces.get(actuator, set()))
-            desk.watch()
+                session.collector.counting = publishers[0].node_name
+            session.directory.look(spaces.get(actuator, set()))
+            session.watch()
 
     def _wanted(self) -> list[str]:
         """Return the namespaces that were asked for, none where all are welcome."""
@@ -194,12 +194,12 @@ class Dashboard(Node):
 
     def _on_event(self, event: ParameterEvent) -> None:
         space, _, name = event.node.rpartition('/')
-        desk = self._desks.get(space.strip('/'))
-        if desk is not None:
-            desk.directory.follow(name, event)
+        session = self._sessions.get(space.strip('/'))
+        if session is not None:
+            session.directory.follow(name, event)
 
     def _open(self, live: Live) -> None:
-        self._desks[live.actuator] = ActuatorSession(self, live, self._folder)
+        self._sessions[live.actuator] = ActuatorSession(self, live, self._folder)
         self._look()
 
     # --- from the threads of the page ----------------------------------------------------------
@@ -217,75 +217,75 @@ class Dashboard(Node):
         """Return what is known of an actuator."""
         if actuator not in self._lives:
             live = self._lives[actuator] = Live(actuator)
-            self._wishes.put(lambda: self._open(live))
+            self._requests.put(lambda: self._open(live))
         return self._lives[actuator]
 
     def set_parameters(self, actuator: str, node: str, values: Mapping[str, Value]) -> Answer:
         """Set parameters of a node."""
         answer = Answer()
-        self._wish(actuator, lambda desk: desk.directory.set(node, values, answer))
+        self._request(actuator, lambda session: session.directory.set(node, values, answer))
         return answer
 
     def start_sweep(self, actuator: str, order: SweepOrder) -> None:
         """Run a sweep and record it, after the experiment that runs has been ended."""
         self.live(actuator).sweep = BackgroundJob('asked', 0.0, 'asking the excitation')
-        self._wish(actuator, lambda desk: self._rest_then_sweep(desk, order))
+        self._request(actuator, lambda session: self._rest_then_sweep(session, order))
 
-    def _rest_then_sweep(self, desk: ActuatorSession, order: SweepOrder) -> None:
-        mode = desk.live.parameter('excitation', 'mode')
+    def _rest_then_sweep(self, session: ActuatorSession, order: SweepOrder) -> None:
+        mode = session.live.parameter('excitation', 'mode')
         answer = Answer()
         if mode is None or mode.value == 'idle':
             answer.give()
         else:
-            desk.directory.set('excitation', {'mode': 'idle'}, answer)
+            session.directory.set('excitation', {'mode': 'idle'}, answer)
 
         def go_on() -> None:
             if not answer.done:
                 self._later(LISTEN_EVERY, go_on)
             elif answer.reason:
-                desk.live.sweep = BackgroundJob('failed', 0.0, answer.reason)
+                session.live.sweep = BackgroundJob('failed', 0.0, answer.reason)
             else:
-                desk.jobs.run_sweep(order)
+                session.jobs.run_sweep(order)
 
         go_on()
 
     def cancel_sweep(self, actuator: str) -> None:
         """Let the actuator return to rest."""
-        self._wish(actuator, lambda desk: desk.jobs.sweep.cancel())
+        self._request(actuator, lambda session: session.jobs.sweep.cancel())
 
     def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
         """Find what the baseline misses in recorded data."""
         self.live(actuator).discovery = BackgroundJob('asked', 0.0, 'asking the discovery node')
-        self._wish(actuator, lambda desk: desk.jobs.run_discovery(order))
+        self._request(actuator, lambda session: session.jobs.run_discovery(order))
 
     def cancel_discovery(self, actuator: str) -> None:
         """Give a discovery up."""
-        self._wish(actuator, lambda desk: desk.jobs.discovery.cancel())
+        self._request(actuator, lambda session: session.jobs.discovery.cancel())
 
     def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
         """Find what the model in use misses by experiments."""
         asking = BackgroundJob('asked', 0.0, 'asking the discovery node')
         self.live(actuator).investigation = asking
-        self._wish(actuator, lambda desk: desk.investigation.run(order))
+        self._request(actuator, lambda session: session.investigation.run(order))
 
     def cancel_investigation(self, actuator: str) -> None:
         """Give an investigation up."""
-        self._wish(actuator, lambda desk: desk.investigation.cancel())
+        self._request(actuator, lambda session: session.investigation.cancel())
 
     def bags(self, actuator: str) -> list[str]:
         """Return the bags that were recorded, the newest first."""
-        desk = self._desks.get(actuator)
-        return desk.jobs.bags() if desk is not None else []
+        session = self._sessions.get(actuator)
+        return session.jobs.bags() if session is not None else []
 
-    def _wish(self, actuator: str, what: Callable[[ActuatorSession], None]) -> None:
+    def _request(self, actuator: str, what: Callable[[ActuatorSession], None]) -> None:
         self.live(actuator)
-        self._wishes.put(lambda: what(self._desks[actuator]))
+        self._requests.put(lambda: what(self._sessions[actuator]))
 
     def close(self) -> None:
         """End the server and finish what is being recorded."""
         self._server.stop()
-        for desk in self._desks.values():
-            desk.close()
+        for session in self._sessions.values():
+            session.close()
         self._collector_node.destroy_node()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from rclpy.node import Node
 
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
-from piezo_hysteresis.dashboard.live_state import Live, ShownBelief
+from piezo_hysteresis.dashboard.live_state import InvestigationState, Live
 from piezo_hysteresis.nodes.dashboard.jobs import ActionJob, what_was_found
 from piezo_interfaces.action import Investigate
 
@@ -35,7 +35,7 @@ class InvestigationJob(ActionJob):
 
     def run(self, order: InvestigationOrder) -> None:
         """Find what the model in use misses by experiments on the actuator."""
-        self._page.beliefs = []
+        self._page.states = []
         goal = Investigate.Goal(
             low=order.low,
             high=order.high,
@@ -44,19 +44,19 @@ class InvestigationJob(ActionJob):
             out=str(self._folder.resolve() / INVESTIGATIONS / order.name),
             apply=True,
         )
-        self.send(goal, self._heard)
+        self.send(goal, self._progress)
 
-    def _heard(self, feedback: Investigate.Feedback) -> str:
+    def _progress(self, feedback: Investigate.Feedback) -> str:
         if feedback.names:
-            self._page.beliefs = [*self._page.beliefs, belief_of(feedback)]
+            self._page.states = [*self._page.states, belief_of(feedback)]
         doing = {'judge': 'judges', 'run': 'runs', 'apply': 'uses what was found, runs'}
         word = doing.get(feedback.stage, 'looks what can be asked')
         return f'{word} {feedback.experiment}'.strip()
 
 
-def belief_of(feedback: Investigate.Feedback) -> ShownBelief:
+def belief_of(feedback: Investigate.Feedback) -> InvestigationState:
     """Return what a feedback says, for the page."""
-    return ShownBelief(
+    return InvestigationState(
         feedback.stage,
         feedback.number,
         feedback.experiment,

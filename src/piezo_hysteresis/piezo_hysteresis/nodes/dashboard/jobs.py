@@ -18,7 +18,7 @@ from piezo_interfaces.action import Discover, Investigate, RunSweep
 
 SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
 EXPLAINED = 2.0  # within which a node that refuses says why in its log [s]
-GONE = 5.0  # without the node a job is lost [s]
+TIMEOUT = 5.0  # without the node a job is lost [s]
 
 
 class ActionJob:
@@ -126,7 +126,7 @@ class ActionJob:
             return
         now = self._live.clock()
         self._missed_since = min(self._missed_since, now)
-        if now - self._missed_since > GONE:
+        if now - self._missed_since > TIMEOUT:
             self.fail(f'{self._server} has gone; start it again')
 
     def _explain(self) -> None:

@@ -80,18 +80,18 @@ class TopicCollector:
         self._prefix = f'/{live.actuator}/' if live.actuator else '/'
         self.counting = 'actuator'  # node that publishes the counters of the loop
         self.channels: dict[str, Channel[Any]] = {}
-        self._hear(node, RecordMarker, topics.MARKER, LOOP, self._markers)
-        self._hear(node, ActuatorState, topics.STATE, LOOP, self._states)
-        self._hear(node, Reference, topics.REFERENCE, LOOP, self._references)
-        self._hear(node, GapMessage, topics.GAP, LATCHED, self._gaps)
-        self._hear(node, ModelEstimate, topics.ESTIMATE, LATCHED, self._estimates)
-        self._hear(
+        self._receive(node, RecordMarker, topics.MARKER, LOOP, self._markers)
+        self._receive(node, ActuatorState, topics.STATE, LOOP, self._states)
+        self._receive(node, Reference, topics.REFERENCE, LOOP, self._references)
+        self._receive(node, GapMessage, topics.GAP, LATCHED, self._gaps)
+        self._receive(node, ModelEstimate, topics.ESTIMATE, LATCHED, self._estimates)
+        self._receive(
             node, LoopStatus, topics.LOOP_STATUS, LATCHED, lambda m: self._count(self.counting, m)
         )
         for name in COUNTING:
-            self._hear(node, LoopStatus, f'{name}/status', LATCHED, self._counter(name))
+            self._receive(node, LoopStatus, f'{name}/status', LATCHED, self._counter(name))
 
-    def _hear(
+    def _receive(
         self,
         node: Node,
         kind: type[Message],

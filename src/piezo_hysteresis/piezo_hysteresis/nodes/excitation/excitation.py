@@ -76,7 +76,7 @@ class Excitation(Node):
         self._params = NodeParameters(self, EXCITATION)
         self._rate = self._params.number('rate')
         # A single state that says 0 moves nothing: a restart shows in the status, or confirmed.
-        self._intake = SequenceFilter(anew=False)
+        self._intake = SequenceFilter(restarts=False)
         self._times = ActuatorClock(self._rate)
         self._steady = SteadyCommand(self._rate)
         self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
@@ -124,11 +124,11 @@ class Excitation(Node):
             return
         if sample < before:
             self._follow_restart(sample - 1)
-        self._times.hear(sample, nanoseconds_of_head(head))
+        self._times.update(sample, nanoseconds_of_head(head))
         if sample <= self._newest_state:
             return
         self._newest_state = sample
-        self._steady.hear(sample, voltage)
+        self._steady.update(sample, voltage)
         self._sweeps.note_state(sample, voltage, payload)
         if not self._sweeps.waits:
             self._received = time.monotonic()
@@ -141,7 +141,7 @@ class Excitation(Node):
         self._newest_state = self._emitted = sample
         self._experiment = None
         self._last = None
-        self._steady.forget()
+        self._steady.reset()
         self._sweeps.follow_restart()
 
     def _begin(self) -> None:
@@ -301,7 +301,7 @@ class Excitation(Node):
         working = self._neighbours.working()
         if working and not idle and silent > SILENCE:
             self.get_logger().info(f'waits for {working}', throttle_duration_sec=10.0)
-        if idle or min(silent, self._neighbours.quiet()) < deadline:
+        if idle or min(silent, self._neighbours.silence()) < deadline:
             return
         if self._sweeps.waits:
             reason = (
@@ -328,7 +328,7 @@ class Excitation(Node):
             **self._intake.counters(),
             'stamp_jumps': self._times.jumps,
             'restarts': self._restarts,
-            'eased': self._steady.eased,
+            'limited': self._steady.limited,
             **self._sweeps.counters(),
         }
         return self._health.judge(self._doing(), counts, self._sweeps.last)

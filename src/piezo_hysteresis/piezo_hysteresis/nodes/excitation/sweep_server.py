@@ -186,7 +186,7 @@ class SweepServer:
         """Note that a state has come, and record it."""
         self._voltage = voltage
         if self._run is not None and self._first >= 0:
-            self._run.hear(sample, kept=self._markers.state(payload))
+            self._run.add_state(sample, kept=self._markers.state(payload))
 
     def give_up(self, reason: str) -> None:
         """End the sweep because the actuator does not answer."""

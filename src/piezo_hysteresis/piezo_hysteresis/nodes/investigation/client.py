@@ -19,7 +19,7 @@ FOUND_WITHIN, BACK_WITHIN = 15.0, 120.0
 ANSWERS_WITHIN = 30.0
 
 
-class _Gone(Exception):
+class _NodeLost(Exception):
     """The discovery node has gone."""
 
 
@@ -49,16 +49,16 @@ class Asking(Client):
         PiezoError
             If nobody offers it, or it is refused.
         """
-        patience = FOUND_WITHIN
+        timeout = FOUND_WITHIN
         while True:
-            if not self.wait(self._client.server_is_ready, patience):
+            if not self.wait(self._client.server_is_ready, timeout):
                 raise PiezoError(
                     'no discovery node is running: start it, and say the same words again'
                 )
             try:
                 return self._once(goal, on_feedback)
-            except _Gone:
-                patience = BACK_WITHIN
+            except _NodeLost:
+                timeout = BACK_WITHIN
 
     def _once(
         self, goal: Investigate.Goal, on_feedback: Callable[[Investigate.Feedback], None]
@@ -83,16 +83,16 @@ class Asking(Client):
     def _cancelled(self, ended: Any) -> None:
         try:
             self._follow(ended)
-        except _Gone:
+        except _NodeLost:
             raise PiezoError('the discovery node has gone: see that the actuator rests') from None
 
-    def _follow(self, future: Any, patience: float = inf) -> None:
+    def _follow(self, future: Any, timeout: float = inf) -> None:
         def here() -> None:
             if self._watch.lost and not future.done():
-                raise _Gone
+                raise _NodeLost
 
-        if not self.wait(future.done, patience, here):
-            raise _Gone
+        if not self.wait(future.done, timeout, here):
+            raise _NodeLost
 
 
 def goal_of(**fields: Any) -> Investigate.Goal:

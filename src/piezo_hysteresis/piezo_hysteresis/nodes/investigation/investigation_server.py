@@ -15,7 +15,7 @@ from rclpy.task import Future
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.nodes.investigation.neighbours_asked import (
+from piezo_hysteresis.nodes.investigation.node_requests import (
     Cancelled,
     Neighbourhood,
     Unanswered,
@@ -56,11 +56,11 @@ class InvestigationServer:
         node: Node,
         parameters: NodeParameters,
         begin: Callable[[], str],
-        tell: Callable[[str], None],
+        log: Callable[[str], None],
         end: Callable[[str, bool], None],
     ) -> None:
         self._node, self._parameters = node, parameters
-        self._begin, self._tell, self._end = begin, tell, end
+        self._begin, self._log, self._end = begin, log, end
         self._status = LoopStatus()
         self._closing = False
         self._sweeper = Sweeper(node, lambda: self._status.sample)
@@ -144,7 +144,7 @@ class InvestigationServer:
         def report(progress: InvestigationProgress) -> None:
             if stopped():
                 raise Cancelled('cancelled; the actuator is at rest and the journal is kept')
-            self._tell(f'{progress.stage} {progress.experiment}'.strip())
+            self._log(f'{progress.stage} {progress.experiment}'.strip())
             goal.publish_feedback(_feedback(progress))
 
         request: Investigate.Goal = goal.request
@@ -171,10 +171,10 @@ class InvestigationServer:
             )
         finally:
             if not self._closing:
-                self._go_back_to(before, usual)
+                self._return_to(before, usual)
         _fill(result, found, self._folder(request))
 
-    def _go_back_to(self, mode: str, slew: float) -> None:
+    def _return_to(self, mode: str, slew: float) -> None:
         try:
             self._neighbours.set_excitation(slew=slew, mode=mode)
         except Unanswered as error:  # the result, or the failure, is reported all the same

@@ -17,7 +17,7 @@ from rclpy.qos import qos_profile_action_status_default
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
 from piezo_hysteresis.nodes.investigation.in_thread import in_thread_of
-from piezo_hysteresis.nodes.investigation.neighbours_asked import Cancelled, Unanswered, waited
+from piezo_hysteresis.nodes.investigation.node_requests import Cancelled, Unanswered, waited
 from piezo_interfaces.action import RunSweep
 
 ACTION = 'run_sweep'
@@ -62,7 +62,7 @@ class SweepGoals:
         )
 
     def run(
-        self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float
+        self, goal: RunSweep.Goal, stopped: Callable[[], bool], timeout: float
     ) -> RunSweep.Result:
         """Run a sweep to its end and return its result.
 
@@ -77,10 +77,10 @@ class SweepGoals:
         """
         if not waited(self._client.server_is_ready, stopped):
             raise Unanswered('no excitation is running: start it, and investigate again')
-        self._end_left(stopped)
+        self._end_stale(stopped)
         self._watch.begin()
         try:
-            return self._run(goal, stopped, patience)
+            return self._run(goal, stopped, timeout)
         except PiezoError:
             self._asked.discard(self._own or b'')  # nobody waits for it any more
             raise
@@ -88,7 +88,7 @@ class SweepGoals:
             self._own = None
 
     def _run(
-        self, goal: RunSweep.Goal, stopped: Callable[[], bool], patience: float
+        self, goal: RunSweep.Goal, stopped: Callable[[], bool], timeout: float
     ) -> RunSweep.Result:
         sent = in_thread_of(self._node, lambda: self._send(goal))
         # a client that stops it now has to wait for the answer: an accepted sweep must be ended
@@ -99,7 +99,7 @@ class SweepGoals:
             raise PiezoError(self._refusal())
         ended = in_thread_of(self._node, handle.get_result_async)
         try:
-            waited(lambda: ended.done() or self._watch.lost, stopped, patience)
+            waited(lambda: ended.done() or self._watch.lost, stopped, timeout)
         except Cancelled:
             self._rest(ended)
             raise
@@ -155,7 +155,7 @@ class SweepGoals:
     def _left(self) -> list[bytes]:
         return [each for each in self._running - self._asked if each.startswith(self._mark)]
 
-    def _end_left(self, stopped: Callable[[], bool]) -> None:
+    def _end_stale(self, stopped: Callable[[], bool]) -> None:
         """End sweeps of before until there are none."""
         end = time.monotonic() + RESTS_WITHIN
         while left := self._left():

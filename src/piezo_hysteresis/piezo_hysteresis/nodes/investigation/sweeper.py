@@ -18,7 +18,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.nodes.codecs import STATE
 from piezo_hysteresis.nodes.investigation.in_thread import in_thread_of
-from piezo_hysteresis.nodes.investigation.neighbours_asked import Unanswered, waited
+from piezo_hysteresis.nodes.investigation.node_requests import Unanswered, waited
 from piezo_hysteresis.nodes.investigation.sweep_goals import SweepGoals
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.action import RunSweep
@@ -109,7 +109,7 @@ class Sweeper:
     ) -> bool:
         shutil.rmtree(bag, ignore_errors=True)
         node, inlets = self._node, list[Subscription]()
-        in_thread_of(node, lambda: inlets.append(self._hear()))
+        in_thread_of(node, lambda: inlets.append(self._receive()))
         try:
             if again:
                 self._come_to_rest(AT_REST * experiment.amplitude, under)
@@ -120,7 +120,7 @@ class Sweeper:
             raise Unanswered('the excitation missed some of the record')
         return bool(result.samples <= (experiment.seconds + RESTARTED) * under.rate)
 
-    def _hear(self) -> Subscription:
+    def _receive(self) -> Subscription:
         """Keep the newest state: where the actuator is left shows how it comes to rest."""
 
         def keep(payload: bytes) -> None:

@@ -77,7 +77,7 @@ class Feedforward(LinkNode):
             rebuild=any(k in ('transition', 'law') or k.startswith('limits.') for k in changes),
         )
         if 'follow_estimate' not in changes:
-            self.go_over()
+            self.cross_fade()
 
     def refuse(self, changes: dict[str, Value]) -> str:
         """Return '' or why the loaded model has no inverse by another law."""
@@ -99,8 +99,8 @@ class Feedforward(LinkNode):
             return
         self.stamps.true_time(sample, nanoseconds_of_head(head))
         if sample <= newest:
-            self._inversion.forget()
-            self.begin_anew(sample)
+            self._inversion.restart()
+            self.restart_at(sample)
         voltage = self._inversion.voltage(point)
         if voltage is None:
             voltage = point.displacement / self._gain
@@ -149,7 +149,7 @@ class Feedforward(LinkNode):
         """
         if not self._inversion.take(loaded):
             return
-        self.go_over()
+        self.cross_fade()
         chain = ', '.join(loaded.model.block_names)
         self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {chain}')
 

@@ -74,7 +74,7 @@ class LinkNode(LifecycleNode):
         self._refused = 0
         self._late = 0
         self._sample = -1
-        self._said: tuple[bytes, int, float] | None = None
+        self._logged: tuple[bytes, int, float] | None = None
         self._next: Callable[[bytes, int, float], None] | None = None
         self._alarms: set[str] = set()
         self.parameters = NodeParameters(self, table)
@@ -142,7 +142,7 @@ class LinkNode(LifecycleNode):
             self._limiter.retune(self.limits(), self.energy())
         if limits or 'transition' in changes:
             self._fade.retune(self.parameters.number('transition'), self.limits().slew)
-            self._say_slew()
+            self._publish_slew()
         self._watchdog.timeout = self._timeout()
         self._watchdog.safe_voltage = self.parameters.number('safe_voltage')
         self._watchdog.ramp = self.parameters.number('safe_ramp')
@@ -170,7 +170,7 @@ class LinkNode(LifecycleNode):
 
     def _become(self, active: bool) -> None:
         self.active = active
-        self.go_over()
+        self.cross_fade()
 
     # --- the voltage ---------------------------------------------------------------------------
 
@@ -178,13 +178,13 @@ class LinkNode(LifecycleNode):
         """Return what carries the share over a change."""
         return Transition(self.dt, self.parameters.number('transition'), self.limits().slew)
 
-    def go_over(self) -> None:
+    def cross_fade(self) -> None:
         """Let the share go over smoothly from the last one to what comes next."""
         self._fade.start()
 
-    def begin_anew(self, sample: int) -> None:
+    def restart_at(self, sample: int) -> None:
         """Take note that the loop was started anew, with tick `sample`: at tick 0 from rest."""
-        self._watchdog.forget()
+        self._watchdog.reset()
         self._fade = self.new_fade()
         if sample == 0:
             limits = self._limiter.limits
@@ -216,17 +216,17 @@ class LinkNode(LifecycleNode):
 
     def _send(self, head: bytes, sample: int, voltage: float) -> None:
         if sample == 0 or sample != self._sample + 1:  # another may have commanded meanwhile
-            self._say_slew()
+            self._publish_slew()
         self._sample = sample
-        self._said = (head, sample, voltage)
-        self._say(*self._said)
+        self._logged = (head, sample, voltage)
+        self._log(*self._logged)
 
-    def _say(self, head: bytes, sample: int, voltage: float) -> None:
+    def _log(self, head: bytes, sample: int, voltage: float) -> None:
         if self._next is not None:
             self._next(head, sample, voltage)
         self._voltage_publisher.publish(voltage_bytes(head, sample, voltage))
 
-    def _say_slew(self) -> None:
+    def _publish_slew(self) -> None:
         """Tell the receiver how fast the voltage may change, also where commands come late."""
         self._slew_sample = self._sample
         self._slew_publisher.publish(Float64(data=self._limiter.limits.slew))
@@ -237,8 +237,8 @@ class LinkNode(LifecycleNode):
 
     def pass_on_again(self, sample: int) -> None:
         """Repeat the last voltage, if it was for tick `sample`, to a link that missed it."""
-        if sample == self._sample and self._said is not None:
-            self._say(*self._said)
+        if sample == self._sample and self._logged is not None:
+            self._log(*self._logged)
 
     def watch(self, head: bytes, sample: int) -> None:
         """Take note that the actuator has reached tick `sample`; ramp to safety where due."""
@@ -250,9 +250,9 @@ class LinkNode(LifecycleNode):
         if voltage is not None:
             self._send(head, sample + 1, voltage)
         if watchdog.stale and not before:
-            self._tell_stale()
+            self._log_stale()
 
-    def _tell_stale(self) -> None:
+    def _log_stale(self) -> None:
         watchdog = self._watchdog
         message = f'no input since tick {watchdog.newest}: the voltage goes to '
         message += f'{watchdog.safe_voltage:g} V'
@@ -304,7 +304,7 @@ class LinkNode(LifecycleNode):
 
     def _publish_status(self) -> None:
         if self._sample != self._slew_sample:
-            self._say_slew()
+            self._publish_slew()
         counts = self.all_counters()
         status = LoopStatus(sample=max(0, self._sample))
         status.missed, status.late = counts['missed'], counts['late']

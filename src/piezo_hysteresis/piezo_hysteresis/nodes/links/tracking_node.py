@@ -119,7 +119,7 @@ class TrackingNode(LinkNode):
         values = self.parameters.values
         if changed and not self._laws.adjust(self.law, values, changed, self._model):
             self._install(self._built({}))
-            self.go_over()
+            self.cross_fade()
 
     def _install(self, law: Link | None) -> None:
         """Put a law into force, and say what is to be known of it."""
@@ -192,7 +192,7 @@ class TrackingNode(LinkNode):
             self._dropped += self._book.dropped
             self._book = SampleSynchronizer()
             self._started = False
-            self.begin_anew(sample)
+            self.restart_at(sample)
             if self.law is not None:
                 self.law.reset()
 
@@ -213,7 +213,7 @@ class TrackingNode(LinkNode):
         if math.isfinite(voltage):
             return voltage
         self._law_resets += 1
-        self._forget()
+        self._reset()
         return tick.received
 
     def _join(self, tick: Tick[bytes]) -> None:
@@ -230,13 +230,13 @@ class TrackingNode(LinkNode):
             self.law.reset()
         super()._become(active)
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         if self.law is not None:
             self.law.reset()
-        self.go_over()
+        self.cross_fade()
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._forget()
+        self._reset()
         response.success, response.message = True, 'the correction starts anew'
         return response
 

@@ -80,12 +80,12 @@ class Listeners:
         """
         started = time.monotonic()
         while not self._complete(started):
-            if self._impatient(started):
+            if self._timed_out(started):
                 raise PiezoError(self._missing())
             time.sleep(0.02)
 
     @property
-    def anybody(self) -> bool:
+    def has_listeners(self) -> bool:
         """Whether there is anybody to wait for."""
         return bool(self._known())
 
@@ -94,7 +94,7 @@ class Listeners:
         self._neighbours.look()
         if self._neighbours.awaiting_first_heartbeat() or self._reports.silent():
             return False
-        quiet = time.monotonic() - max(started, self._reports.quiet_since()) >= QUIET
+        quiet = time.monotonic() - max(started, self._reports.unchanged_since()) >= SETTLING_TIME
         return quiet and (self._recorders or bool(self._known()))
 
     def _missing(self) -> str:
@@ -117,7 +117,7 @@ class Listeners:
         """
         started = time.monotonic()
         while any(self._unmatched(each) for each in publishers):
-            if self._impatient(started):
+            if self._timed_out(started):
                 raise PiezoError('the listeners could not be connected; start them and play again')
             time.sleep(0.02)
 
@@ -159,7 +159,7 @@ class Listeners:
             return 0.0
         started = time.monotonic()
         # In short steps, so that a node that is to end meanwhile ends too.
-        while (late := behind()) and not self._impatient(started):
+        while (late := behind()) and not self._timed_out(started):
             self.awaited, self.since = ', '.join(late), started
             with self._condition:
                 self._condition.wait_for(lambda: not behind(), 0.1)
@@ -173,7 +173,7 @@ class Listeners:
             )
         return time.monotonic() - started
 
-    def _impatient(self, started: float) -> bool:
+    def _timed_out(self, started: float) -> bool:
         if self._ended():
             raise Ended
         return time.monotonic() - started > self._timeout()
@@ -186,7 +186,7 @@ class Listeners:
 # So long nothing may change among the nodes before they count as all there [s]. Two processes find
 # each other within 0.3 s on an idle machine; with four busy ones to a core that was too short for
 # the first record of 1 sweep in 50.
-QUIET = 1.0
+SETTLING_TIME = 1.0
 
 STATUS = 'piezo_interfaces/msg/LoopStatus'
 _UNKNOWN = '_NODE_NAME_UNKNOWN_'
@@ -239,9 +239,9 @@ class Reports:
             if f'{name}/status' in topics:
                 self._follow(name)
         for name in self.progress.keys() - names:
-            self._forget(name)
+            self._remove(name)
 
-    def quiet_since(self) -> float:
+    def unchanged_since(self) -> float:
         """Return since when nobody came or went [s], on the monotonic clock."""
         return self._changed
 
@@ -268,7 +268,7 @@ class Reports:
             LoopStatus, f'{name}/status', on_status, LATCHED
         )
 
-    def _forget(self, name: str) -> None:
+    def _remove(self, name: str) -> None:
         del self.progress[name]
         self._node.destroy_subscription(self._subscriptions.pop(name))
 

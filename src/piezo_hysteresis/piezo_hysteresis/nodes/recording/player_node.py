@@ -168,7 +168,7 @@ class PlayerNode(Node):
     def _find_recorders(self, state: str) -> None:
         listeners = self._listeners_of(state, recorders=True)
         listeners.find()
-        if listeners.anybody:
+        if listeners.has_listeners:
             listeners.wait_matched(list(self._topics.values()))
             listeners.begin()
             self._listeners, self._marker = listeners, state.removesuffix(topics.STATE)
@@ -185,7 +185,7 @@ class PlayerNode(Node):
     def _timeout(self) -> float:
         """Return how long somebody is waited for [s]: without end while others still start."""
         wait = self._params.number('wait')
-        return wait if self._neighbours.quiet() >= wait else math.inf
+        return wait if self._neighbours.silence() >= wait else math.inf
 
     def _send(self, played: Played, sent: int) -> int:
         name, listeners = played.topic.name, self._listeners
@@ -239,7 +239,7 @@ class PlayerNode(Node):
         for publisher in self._topics.values():
             left = max(0.0, end - time.monotonic())
             publisher.wait_for_all_acked(Duration(seconds=left))
-        self._diagnostics.last_word()
+        self._diagnostics.publish_final_status()
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -68,8 +68,8 @@ class RecorderNode(Node):
         self._subscribe_ahead()
         self._look()
         wall_timer(self, 0.1, self._look)
-        wall_timer(self, REPORT_AFTER, self._report.tell_news)
-        wall_timer(self, 1.0, self._tell)
+        wall_timer(self, REPORT_AFTER, self._report.publish_if_changed)
+        wall_timer(self, 1.0, self._publish_progress)
 
     def _give_up(self, reason: str) -> None:
         self.get_logger().fatal(reason)
@@ -124,8 +124,8 @@ class RecorderNode(Node):
 
         return on_message
 
-    def _tell(self) -> None:
-        self._report.tell()
+    def _publish_progress(self) -> None:
+        self._report.publish_counts()
         status = self._recorder.status
         if status.problem != self._problem:
             self._problem = status.problem

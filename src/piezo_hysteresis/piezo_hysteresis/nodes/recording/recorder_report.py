@@ -34,25 +34,25 @@ class RecorderReport:
         """Report from now on; it `counts` where it takes both states and markers."""
         self._recorder = recorder
         self._taken = {TAKEN: 0, MARKED: 0} if counts else {}
-        self.tell()
+        self.publish_counts()
 
     def on_state(self) -> None:
         """Count a state."""
         self._taken[TAKEN] += 1
         if self._taken[TAKEN] % REPORT_EVERY == 0:
-            self.tell()
+            self.publish_counts()
 
     def on_marker(self) -> None:
         """Count a marker."""
         self._taken[MARKED] += 1
-        self.tell()
+        self.publish_counts()
 
-    def tell_news(self) -> None:
+    def publish_if_changed(self) -> None:
         """Publish if the counts have changed since they were last published."""
         if self._taken != self._reported:
-            self.tell()
+            self.publish_counts()
 
-    def tell(self) -> None:
+    def publish_counts(self) -> None:
         """Publish how much the recorder has taken, and how much of it is in the bag."""
         if self._recorder is None:
             return

@@ -16,23 +16,23 @@ from piezo_hysteresis.ros.client import Client
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 
-PATIENCE = 180.0  # s until what is expected has to be heard, on a busy machine
+TIMEOUT = 180.0  # s until what is expected has to be heard, on a busy machine
 STRETCH, STRETCHES = 2000, 3  # ticks that a tracking error is the rms of; the worst one counts
 
 
-class Ear(Client):
+class TopicRecorder(Client):
     """A node that listens in a domain."""
 
     def __init__(self, domain: int, check: Callable[[], None]) -> None:
         super().__init__('reader', domain)
         self._check = check
 
-    def until(self, condition: Callable[[], bool], seconds: float = PATIENCE) -> bool:
+    def until(self, condition: Callable[[], bool], seconds: float = TIMEOUT) -> bool:
         """Serve until `condition` holds or the time is over; say whether it does."""
         return self.wait(condition, seconds, self._check)
 
 
-def tracking_rms(ear: Ear) -> Iterator[float]:
+def tracking_rms(recorder: TopicRecorder) -> Iterator[float]:
     """Yield the rms of displacement minus reference, the worst of three stretches [m]."""
     wanted: dict[int, float] = {}
     squares: list[float] = []
@@ -48,41 +48,41 @@ def tracking_rms(ear: Ear) -> Iterator[float]:
         if len(wanted) > 10 * STRETCH:
             del wanted[next(iter(wanted))]
 
-    ear.node.create_subscription(Reference, 'reference', desire, LOOP)
-    ear.node.create_subscription(ActuatorState, 'actuator/state', note, LOOP)
-    while ear.until(lambda: len(squares) >= STRETCH):
+    recorder.node.create_subscription(Reference, 'reference', desire, LOOP)
+    recorder.node.create_subscription(ActuatorState, 'actuator/state', note, LOOP)
+    while recorder.until(lambda: len(squares) >= STRETCH):
         last.append(math.sqrt(sum(squares[:STRETCH]) / STRETCH))
         del squares[:STRETCH]
         if len(last) == STRETCHES:
             yield max(last)
 
 
-def states(ear: Ear) -> Iterator[float]:
+def states(recorder: TopicRecorder) -> Iterator[float]:
     """Yield how many ticks of the actuator were heard [1]."""
-    heard: list[ActuatorState] = []
-    ear.node.create_subscription(ActuatorState, 'actuator/state', heard.append, LOOP)
+    received: list[ActuatorState] = []
+    recorder.node.create_subscription(ActuatorState, 'actuator/state', received.append, LOOP)
     while True:
-        ear.until(lambda: False, 0.5)
-        yield float(len(heard))
+        recorder.until(lambda: False, 0.5)
+        yield float(len(received))
 
 
-def not_numbers(ear: Ear) -> Iterator[float]:
+def not_numbers(recorder: TopicRecorder) -> Iterator[float]:
     """Yield how many voltages are no number while the commands are none [1]."""
-    publisher = ear.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
-    heard: list[bool] = []
+    publisher = recorder.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
+    received: list[bool] = []
     commanded = [0]
 
     def answer(state: ActuatorState) -> None:
-        heard.append(not math.isfinite(state.voltage))
+        received.append(not math.isfinite(state.voltage))
         publisher.publish(VoltageCommand(sample=state.sample + 1, voltage=math.nan))
         commanded[0] += publisher.get_subscription_count()
 
-    ear.node.create_subscription(ActuatorState, 'actuator/state', answer, LOOP)
-    if ear.until(lambda: commanded[0] > 500 and len(heard) > 500):
-        yield float(sum(heard))
+    recorder.node.create_subscription(ActuatorState, 'actuator/state', answer, LOOP)
+    if recorder.until(lambda: commanded[0] > 500 and len(received) > 500):
+        yield float(sum(received))
 
 
-MEASURES: dict[str, Callable[[Ear], Iterator[float]]] = {
+MEASURES: dict[str, Callable[[TopicRecorder], Iterator[float]]] = {
     'tracking_rms': tracking_rms,
     'states': states,
     'not_numbers': not_numbers,
@@ -90,7 +90,7 @@ MEASURES: dict[str, Callable[[Ear], Iterator[float]]] = {
 assert MEASURES.keys() == QUANTITIES.keys()
 
 
-def hear(expected: Live, domain: int, check: Callable[[], None]) -> None:
+def listen(expected: Live, domain: int, check: Callable[[], None]) -> None:
     """Wait until what is expected is heard.
 
     Raises
@@ -101,33 +101,33 @@ def hear(expected: Live, domain: int, check: Callable[[], None]) -> None:
     if expected.quantity == 'serves':
         _served(expected.value, check)
         return
-    with Ear(domain, check) as ear:
+    with TopicRecorder(domain, check) as recorder:
         if expected.quantity == 'answers':
-            _answered(ear, expected.value)
+            _answered(recorder, expected.value)
             return
         holds, bound = COMPARISONS[expected.comparison], float(expected.value)
-        end = time.monotonic() + PATIENCE
-        heard: list[float] = []
-        for each in MEASURES[expected.quantity](ear):
-            heard.append(each)
+        end = time.monotonic() + TIMEOUT
+        received: list[float] = []
+        for each in MEASURES[expected.quantity](recorder):
+            received.append(each)
             if holds(each, bound):
                 return
             if time.monotonic() > end:
                 break
-    shown = ', '.join(f'{each:.4g}' for each in heard[-5:]) or 'nothing'
+    shown = ', '.join(f'{each:.4g}' for each in received[-5:]) or 'nothing'
     raise AssertionError(f'{expected.quantity} was {shown}, not {expected.comparison} {bound:g}')
 
 
-def _answered(ear: Ear, name: str) -> None:
-    client: Any = ear.node.create_client(ListParameters, f'{name}/list_parameters')
-    assert ear.until(client.service_is_ready), f'{name} is not there'
+def _answered(recorder: TopicRecorder, name: str) -> None:
+    client: Any = recorder.node.create_client(ListParameters, f'{name}/list_parameters')
+    assert recorder.until(client.service_is_ready), f'{name} is not there'
     future = client.call_async(ListParameters.Request())
-    assert ear.until(future.done), f'{name} does not answer'
+    assert recorder.until(future.done), f'{name} does not answer'
     assert future.result().result.names, f'{name} has no parameters'
 
 
 def _served(url: str, check: Callable[[], None]) -> None:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TIMEOUT
     while True:
         check()
         try:

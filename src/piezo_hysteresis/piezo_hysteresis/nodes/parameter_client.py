@@ -25,7 +25,7 @@ ALONE = 4.0
 AGAIN = 1.0
 
 
-class Asks(Client):
+class ParameterClient(Client):
     """Asks for the life of a `with` block.
 
     Parameters

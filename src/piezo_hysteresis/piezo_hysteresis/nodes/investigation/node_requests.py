@@ -18,7 +18,7 @@ from piezo_interfaces.srv import LoadModel
 LOOK = 0.02
 # For an answer, and for a node that is there at all: it may have been started just now, on a slow
 # machine [s].
-PATIENCE = 30.0
+TIMEOUT = 30.0
 # For a model to be in use: what has never run before is compiled [s].
 COMPILED_WITHIN = 120.0
 EXCITATION = 'excitation'
@@ -35,7 +35,7 @@ class Unanswered(PiezoError):
 
 
 def waited(
-    condition: Callable[[], bool], stopped: Callable[[], bool], patience: float = PATIENCE
+    condition: Callable[[], bool], stopped: Callable[[], bool], timeout: float = TIMEOUT
 ) -> bool:
     """Wait until a condition holds; return whether it does.
 
@@ -44,7 +44,7 @@ def waited(
     Cancelled
         If it was `stopped` meanwhile.
     """
-    end = time.monotonic() + patience
+    end = time.monotonic() + timeout
     while not condition():
         if stopped():
             raise Cancelled('cancelled; the actuator is at rest and the journal is kept')
@@ -123,7 +123,7 @@ class Neighbourhood:
         if not waited(self._excitation.services_are_ready, stopped):
             raise Unanswered('no excitation is running: start it, and investigate again')
 
-    def _answer(self, future: Any, stopped: Callable[[], bool], patience: float = PATIENCE) -> Any:
-        if not waited(future.done, stopped, patience) or future.result() is None:
+    def _answer(self, future: Any, stopped: Callable[[], bool], timeout: float = TIMEOUT) -> Any:
+        if not waited(future.done, stopped, timeout) or future.result() is None:
             raise Unanswered('a node did not answer: see that it runs, and investigate again')
         return future.result()

@@ -27,7 +27,7 @@ LOG_SHOWN = 60.0
 ENOUGH = 0.05
 
 
-def tracking_words(rms: float, size: float) -> str:
+def tracking_text(rms: float, size: float) -> str:
     """Return the tracking error as text; [m], not finite without a reference."""
     if not math.isfinite(rms):
         return '<p class="soft">No reference.</p>'
@@ -35,7 +35,7 @@ def tracking_words(rms: float, size: float) -> str:
     return f'<p>Tracking error <b>{micrometres(rms)} µm</b> rms{share}.</p>'
 
 
-def start_words(what: str, node: str, actuator: str, *settings: str) -> str:
+def start_text(what: str, node: str, actuator: str, *settings: str) -> str:
     """Return the missing node, and the command that starts it for this actuator."""
     options = [node, *(f'-p {each}' for each in settings)]
     if actuator:
@@ -47,7 +47,7 @@ def start_words(what: str, node: str, actuator: str, *settings: str) -> str:
     )
 
 
-def gap_words(
+def gap_text(
     gaps: Sequence[Gap],
     monitored: bool,
     actuator: str = '',
@@ -61,7 +61,7 @@ def gap_words(
                 '<p class="soft">The gap monitor has no model yet: load one with its service '
                 '<code>load_model</code>, or wait for the first whole window.</p>'
             )
-        return start_words(
+        return start_text(
             'No gap monitor is running.', 'gap_monitor', actuator, 'model_file:=MODEL.yaml'
         )
     gap = gaps[-1]
@@ -80,13 +80,13 @@ def gap_words(
     return f'<p>{text}.</p>'
 
 
-def estimate_words(
+def estimate_text(
     estimates: Sequence[ShownEstimate], identifying: bool, actuator: str = ''
 ) -> str:
     """Return the newest estimate as a table with standard deviations."""
     if not estimates:
         if not identifying:
-            return start_words('No identification is running.', 'identification', actuator)
+            return start_text('No identification is running.', 'identification', actuator)
         return (
             '<p class="soft">No estimate yet; between the records of a sweep '
             'only with <code>only_records</code> false.</p>'
@@ -111,7 +111,7 @@ def estimate_words(
     return head + _table(('parameter', 'value', 'std', 'unit'), rows)
 
 
-def status_words(live: Live) -> str:
+def status_text(live: Live) -> str:
     """Return the nodes with their health and counters, and what was logged last."""
     now = live.clock()
     rows = []
@@ -145,7 +145,7 @@ def _counter(name: str, count: int) -> str:
     return text if meaning is None else f'<abbr title="{escape(meaning)}">{text}</abbr>'
 
 
-def time_words(job: BackgroundJob, now: float) -> str:
+def time_text(job: BackgroundJob, now: float) -> str:
     """Return how long a job has run, and how long it will if it goes on at its pace."""
     if not job.busy or not math.isfinite(job.since):
         return ''
@@ -156,7 +156,7 @@ def time_words(job: BackgroundJob, now: float) -> str:
     return text
 
 
-def job_words(job: BackgroundJob) -> str:
+def job_text(job: BackgroundJob) -> str:
     """Return what a job does, brought out or failed with."""
     if job.phase == 'none':
         return ''
@@ -198,12 +198,12 @@ def _raw_table(headers: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
     )
 
 
-def words_div(name: str) -> Div:
+def text_div(name: str) -> Div:
     """Return an empty text element."""
     return Div(text='', name=name, stylesheets=[WIDGET_STYLE], sizing_mode='stretch_width')
 
 
-def say(place: Div, text: str) -> None:
+def set_text(place: Div, text: str) -> None:
     """Change the text only if it differs."""
     if place.text != text:
         place.text = text
