@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import sys
+from collections.abc import Iterator
 
 import pytest
 from pages import ROOT
@@ -47,6 +49,13 @@ DIALECT = {
     r'to be trusted': 'reliable',
 }
 WORDS = {re.compile(rf'\b(?:{bad})\b', re.IGNORECASE): good for bad, good in DIALECT.items()}
+
+# Of the same dialect, in names of functions, classes, arguments, attributes and variables.
+NAMES = re.compile(
+    '(any|every|no|some)body|begun|believed|crew|desk|doubt|ear|forgets?|forgotten|hears?|heard|'
+    'herald|hindsight|hopeful|impatient|lacks|mended|news|patience|raced|said|says|spoken|'
+    'tell(s|er|ing)?|told|who(ever|m)|wish(ed|es)?|worthy'
+)
 
 # Written from docstrings and --help, or a list of changes.
 GENERATED = ('docs/reference/', 'CHANGELOG.md')
@@ -92,3 +101,24 @@ def test_a_page_is_read_in_one_go(page: str) -> None:
 )
 def test_the_list_finds_dialect_and_nothing_else(text: str, count: int) -> None:
     assert len(dialect(text)) == count
+
+
+def defined(tree: ast.Module) -> Iterator[str]:
+    """Yield the names that a module defines."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.id if isinstance(node, ast.Name) else node.attr
+
+
+def test_names_of_the_source_use_the_terms_of_the_field() -> None:
+    found = {}
+    for path in (ROOT / 'src').rglob('*.py'):
+        for name in (path.stem, *defined(ast.parse(path.read_text(encoding='utf-8')))):
+            words = re.findall('[A-Z]?[a-z]+|[A-Z]+', name)
+            if any(NAMES.fullmatch(each.lower()) for each in words):
+                found[name] = path.relative_to(ROOT).as_posix()
+    assert not found

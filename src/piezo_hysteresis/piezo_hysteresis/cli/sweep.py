@@ -41,13 +41,13 @@ def run(arguments: argparse.Namespace) -> int:
     low, high = arguments.range or (None, None)
     with (
         open_controller(arguments.on, arguments.axis, low, high, arguments.slew) as controller,
-        progress_bar('sweep') as tell,
+        progress_bar('sweep') as report,
     ):
         controller.open_loop()
         records = sweep(
             controller, arguments.frequencies, arguments.amplitudes, arguments.seconds,
             warm_up=arguments.warm_up, waveform=arguments.waveform, options=arguments.options,
-            actuator=arguments.actuator, progress=tell,
+            actuator=arguments.actuator, progress=report,
         )  # fmt: skip
         about = controller.about()
     write_measured(out, records, about)

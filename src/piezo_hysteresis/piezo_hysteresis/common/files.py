@@ -1,4 +1,4 @@
-"""Files and folders that are there whole or not at all."""
+"""Atomic writing of files and folders."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pathlib import Path
 
 @contextmanager
 def write_atomically(path: Path) -> Iterator[Path]:
-    """Offer a name beside `path`, which takes its place when everything went well.
+    """Provide a temporary name next to `path`, renamed to `path` on success.
 
-    Whatever is written under that name, a file or a folder, is gone where something goes wrong.
-    The name is of this process, so that two may write the same file.
+    A file or folder with that name is deleted on an error. The name is unique to the process, so
+    that two processes can write the same file.
 
     Raises
     ------

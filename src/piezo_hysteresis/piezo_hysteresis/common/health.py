@@ -21,12 +21,12 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Health:
-    """What a node says about itself.
+    """Health report of a node.
 
     Attributes
     ----------
     level : Level
-        Fine, to be looked at, or not doing its work.
+        OK, warning or error.
     message : str
         One sentence.
     values : mapping of str to object
@@ -42,7 +42,7 @@ Finding = tuple[Level, str]
 
 
 def judge(findings: Iterable[Finding], fine: str, values: Mapping[str, object]) -> Health:
-    """Return the health that `findings` make: the worst level, and the sentences of it."""
+    """Return the health from `findings`: the worst level with its sentences."""
     found = list(findings)
     level = max((each for each, _ in found), default=Level.OK)
     worst = [sentence for each, sentence in found if each == level > Level.OK]
@@ -50,12 +50,12 @@ def judge(findings: Iterable[Finding], fine: str, values: Mapping[str, object]) 
 
 
 class CounterWatch:
-    """Turns counters that grow into findings, for as long as they have grown lately.
+    """Converts recently increased counters to findings.
 
     Parameters
     ----------
     sentences : mapping of str to (Level, str)
-        What it means that a counter grows. Counters that are not named do not matter.
+        Meaning of an increase of each counter. Other counters are ignored.
     now : callable, optional
         Clock [s].
     """

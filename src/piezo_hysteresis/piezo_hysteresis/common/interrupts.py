@@ -9,11 +9,11 @@ import sys
 
 
 def run_command_line(module: str, **known: object) -> int:
-    """Import `module`, run its ``main`` with what is `known`, and return the exit code.
+    """Import `module`, run its ``main`` with the arguments `known`, and return the exit code.
 
-    Until it is imported an interrupt ends the process in silence, as it does any program; Python
-    would show where in the imports it came. From then on it is said, and the code is 130. While
-    the interpreter shuts down it does nothing: what was run has said how it ended.
+    During the import an interrupt ends the process silently, without a traceback. After that a
+    message is printed and the exit code is 130. During the shutdown of the interpreter an
+    interrupt is ignored, because the outcome is already printed.
     """
     _on_interrupt(signal.SIG_DFL)
     main = importlib.import_module(module).main

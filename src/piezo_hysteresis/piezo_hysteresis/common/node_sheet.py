@@ -22,7 +22,7 @@ def _none() -> dict[str, ParameterTable]:
 
 @dataclass(frozen=True)
 class NodeSheet:
-    """What a page, a policy and ``--help`` tell about one node.
+    """Metadata of a node, for pages and ``--help``.
 
     Attributes
     ----------
@@ -39,9 +39,9 @@ class NodeSheet:
     model : bool
         Whether it also has the parameters of the loaded model.
     more : callable
-        Returns further tables, by what they are of; slow ones are made when they are asked for.
-    words : callable, optional
-        Adds the words that the executable takes in front of ``--ros-args``.
+        Returns further tables by title; slow ones are computed on demand.
+    add_options : callable, optional
+        Adds the options of the executable before ``--ros-args``.
     """
 
     executable: str
@@ -111,7 +111,7 @@ def _row(spec: ParameterSpec, width: int) -> list[str]:
 
 
 def _values(spec: ParameterSpec) -> str:
-    """Return the default and what is allowed."""
+    """Return the default and the range."""
     if isinstance(spec.default, bool):
         return f'{str(spec.default).lower()}; true or false'
     if spec.choices:

@@ -2,7 +2,7 @@
 
 from piezo_hysteresis.common.stamps import NANOSECONDS
 
-# Messages of one writer come in order; further back than this it was started anew.
+# Messages of one writer arrive in order; a larger backward step means a restart.
 REORDERED = 64
 
 # One message that is further ahead than this is a stray; the next one confirms a jump.
@@ -13,26 +13,25 @@ COUNTS = ('missed', 'doubled', 'reordered', 'strays')
 # No number follows this one.
 _NONE = -REORDERED - 1
 
-# Stamps may differ from what the numbers say by this: a clock that is set right, or jitter [ns].
+# Permitted deviation of a stamp from the index: clock adjustment or jitter [ns].
 TOLERANCE = NANOSECONDS // 2
 
 
 class SequenceFilter:
-    """Judges the numbers of one stream of messages and counts what is wrong with them.
+    """Checks the indices of a stream of messages and counts errors.
 
-    A number far from the others is believed once the next message confirms it. A source that
-    begins at 0 was started anew, and is believed at once.
+    A distant index is accepted once the next message confirms it. An index of 0 means a restart
+    and is accepted immediately.
 
     Parameters
     ----------
-    anew : bool
-        False where somebody else tells that the source was started anew: then 0 is a number like
-        all others.
+    restarts : bool
+        Whether an index of 0 means a restart; False if restarts are reported separately.
 
     Attributes
     ----------
     newest : int
-        Number of the newest message that was taken, -1 before the first.
+        Index of the newest accepted message, -1 before the first.
     """
 
     def __init__(self, *, restarts: bool = True) -> None:
@@ -42,7 +41,7 @@ class SequenceFilter:
         self._counts = dict.fromkeys(COUNTS, 0)
 
     def take(self, sample: int) -> bool:
-        """Return whether the message `sample` is to be used; it then is the newest."""
+        """Return whether the message `sample` is accepted; it then is the newest."""
         newest = self.newest
         if sample == newest + 1 or newest < 0:
             return self._taken(sample)
@@ -65,12 +64,12 @@ class SequenceFilter:
         return True
 
     def counters(self) -> dict[str, int]:
-        """Return what happened so far, by the names of `COUNTS`."""
+        """Return the counters by the names of `COUNTS`."""
         return dict(self._counts)
 
 
 class StampValidator:
-    """Holds time stamps against the numbers of samples, which are the truth.
+    """Validates time stamps by the sample indices.
 
     Parameters
     ----------
@@ -80,26 +79,26 @@ class StampValidator:
     Attributes
     ----------
     jumps : int
-        How often the time of a sample did not follow from that of the one before.
+        Number of stamps that are inconsistent with the previous one.
     """
 
     def __init__(self, dt: float) -> None:
         self.jumps = 0
         self._step = dt * NANOSECONDS
         self._sample = -1
-        self._stamped = 0  # what the newest sample said
-        self._time = 0  # what it is taken for
+        self._stamped = 0  # stamp of the newest sample
+        self._time = 0  # accepted time
 
     def begin(self) -> None:
-        """Believe the stamp of the next sample, whatever its number."""
+        """Accept the stamp of the next sample for any index."""
         self._sample = -1
 
     def true_time(self, sample: int, nanoseconds: int) -> int:
-        """Return the time of `sample`, where it says `nanoseconds` [ns].
+        """Return the time of `sample` with the stamp `nanoseconds` [ns].
 
-        One stamp that does not follow from those before is replaced by what the number says; a
-        clock that was set is believed from the next sample on. Samples must come in order. A
-        source that stamps nothing says 0, and that is no jump.
+        A single inconsistent stamp is replaced by the time from the index; a changed clock is
+        accepted from the next sample on. Samples must be in order. A source without stamps sends
+        0, which is no jump.
         """
         gained = round((sample - self._sample) * self._step)
         moved = nanoseconds - self._stamped

@@ -33,15 +33,15 @@ class ParameterSpec:
     description : str
         One sentence.
     unit : str
-        SI unit, ``1`` for numbers without one, '' for what is not a number.
+        SI unit, ``1`` for dimensionless numbers, '' for other types.
     low, high : float
         Smallest and largest value allowed, edges included.
     above : float
         The value must be strictly larger than this.
     choices : tuple of str
-        The words allowed; empty for any.
+        Permitted texts; empty for any.
     read_only : bool
-        Fixed once the node runs; all others are tunable while it runs.
+        Whether the value is fixed while the node runs.
     """
 
     name: str
@@ -55,10 +55,10 @@ class ParameterSpec:
     read_only: bool = False
 
     def coerce(self, value: object) -> object:
-        """Return `value` with what is meant as a float made one.
+        """Return `value` with numbers that are meant as floats converted.
 
-        That are integers, and ``5e-05``: to YAML 1.1 a text, as it has no point, but what
-        ``ros2 param set`` is given and ``ros2 param load`` makes of a file that says 5.0e-05.
+        These are integers, and ``5e-05``, which is a text in YAML 1.1 because it has no decimal
+        point: ``ros2 param set`` and ``ros2 param load`` pass it for 5.0e-05.
         """
         if isinstance(self.default, float) and type(value) is int:
             return float(value)
@@ -73,7 +73,7 @@ class ParameterSpec:
         return value
 
     def _coerce_list(self, value: object) -> object:
-        """Return the list that is meant: ``ros2 param set`` sends ``[1, 2.5]`` as a text."""
+        """Return the intended list: ``ros2 param set`` sends ``[1, 2.5]`` as a text."""
         if isinstance(value, str) and LIST.fullmatch(value.strip()) and self.element is not str:
             items = value.strip()[1:-1].split(',')
             try:
@@ -89,12 +89,12 @@ class ParameterSpec:
 
     @property
     def element(self) -> type:
-        """Type of what is in the list."""
+        """Type of the list elements."""
         assert isinstance(self.default, list)
         return type(self.default[0]) if self.default else float
 
     def judge(self, value: object) -> str:
-        """Return '' where `value` is allowed, else the reason and what is allowed."""
+        """Return '' if `value` is allowed, else the reason and the permitted values."""
         if isinstance(self.default, list):
             if not _is_list(value):
                 return f'{self.name} must be a list of {self.element.__name__}, got {value!r}'
@@ -126,7 +126,7 @@ class ParameterSpec:
         return ''
 
     def range_text(self) -> str:
-        """Say the range in words."""
+        """Return the range as text."""
         if math.isfinite(self.above):
             low = f'above {self.above:g}'
         else:
@@ -136,7 +136,7 @@ class ParameterSpec:
 
     @property
     def _unit_text(self) -> str:
-        """The unit behind a number; none where it is 1, which would read as another number."""
+        """Unit suffix of a number; empty if it is 1."""
         return f' {self.unit}' if self.unit not in ('', '1') else ''
 
 
@@ -182,7 +182,7 @@ class ParameterTable:
         return {spec.name: spec.default for spec in self.specs}
 
     def judge(self, current: Mapping[str, Value], changes: Mapping[str, object]) -> str:
-        """Return '' where `changes` may be made to `current`, else the reason."""
+        """Return '' if `changes` of `current` are allowed, else the reason."""
         merged: dict[str, Value] = dict(current)
         for name, value in changes.items():
             spec = self.spec(name)

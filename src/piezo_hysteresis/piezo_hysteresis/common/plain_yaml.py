@@ -1,7 +1,7 @@
-"""YAML of plain types: whatever a text or a file holds, it is read quickly or refused.
+"""YAML of plain types with bounded effort: a text or file is read quickly or refused.
 
-PyYAML takes a second for 100 kB, and a few lines of aliases may stand for a thousand million
-values: `LARGEST` bounds the text, `MOST` what it stands for.
+PyYAML takes one second for 100 kB, and a few lines of aliases can expand to 1e9 values: `LARGEST`
+limits the text, `MOST` the expanded nodes.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ MOST = 1_000_000  # values, counted where aliases repeat them
 
 
 class _Loader(yaml.SafeLoader):
-    """Counts what a document stands for before it makes anything of it."""
+    """Counts the expanded nodes of a document before it is constructed."""
 
     _depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Refuse what is nested too deeply, before the interpreter does."""
+        """Refuse deep nesting before the recursion limit is reached."""
         self._depth += 1
         if self._depth > DEEPEST:
             raise yaml.YAMLError('it is nested too deeply')
@@ -58,7 +58,7 @@ def _short(node: yaml.ScalarNode) -> yaml.ScalarNode:
 
 
 def _size(node: yaml.Node, known: dict[int, int]) -> int:
-    """Return how many nodes a node stands for; `known` are those that were counted."""
+    """Return the number of expanded nodes; `known` are those already counted."""
     if id(node) not in known:
         known[id(node)] = MOST + 1  # one that holds itself never ends
         children = node.value if isinstance(node, yaml.CollectionNode) else []
@@ -68,12 +68,12 @@ def _size(node: yaml.Node, known: dict[int, int]) -> int:
 
 
 def load(text: str) -> Any:
-    """Return what a YAML text says, in plain types only.
+    """Return the content of a YAML text, in plain types only.
 
     Raises
     ------
     yaml.YAMLError
-        If it is no YAML, or more or deeper than anything written for this suite.
+        If it is no YAML, or exceeds the limits of size or depth.
     """
     if len(text) > LARGEST:
         raise yaml.YAMLError(f'{len(text)} characters are too many, at most {LARGEST} are read')
@@ -85,14 +85,14 @@ def load(text: str) -> Any:
 
 
 def load_file(path: str | Path) -> Any:
-    """Return what a YAML file says, in plain types only.
+    """Return the content of a YAML file, in plain types only.
 
     Raises
     ------
     OSError
         If it is no regular file or cannot be read.
     yaml.YAMLError
-        If it is no text, no YAML, or more or deeper than anything written for this suite.
+        If it is no text, no YAML, or exceeds the limits of size or depth.
     """
     path = Path(path)
     if path.exists() and not path.is_file():  # a pipe would be waited for

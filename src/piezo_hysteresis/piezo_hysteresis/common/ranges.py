@@ -6,7 +6,7 @@ from math import isfinite
 
 
 def range_refusal(low: float | None, high: float | None) -> str:
-    """Return '' where `low` .. `high` [V] is a range or neither is given, else what is wrong."""
+    """Return '' if `low` .. `high` [V] is a range or neither is given, else the error."""
     if low is None and high is None:
         return ''
     if low is None or high is None:

@@ -1,7 +1,7 @@
 """Every node of the suite, by its name, and the module that runs it.
 
-Entry points, the verbs `node` and `loop`, launch files and pages go by this table. A node has a
-sheet besides, in `parameters/sheets.py`. No imports: setup.py reads this file.
+Entry points, the verbs `node` and `loop`, launch files and pages use this table. The sheet of each
+node is in `parameters/sheets.py`. No imports: setup.py reads this file.
 """
 
 NODES = {

@@ -1,7 +1,7 @@
 """Settings of a law, stated once: a frozen dataclass that makes its parameter table.
 
-A field says default, sentence, unit and range; from it come the checks when the dataclass is made,
-the rows of a node's table, what a command line offers, and the section of the docstring.
+A field states default, sentence, unit and range. The checks at construction, the rows of a node's
+table, the command-line options and the section of the docstring are derived from it.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def specs_of(kind: Any, prefix: str = '') -> tuple[ParameterSpec, ...]:
 
 
 def judge(settings: Any) -> str:
-    """Return '' where every setting is within its range, else the first reason."""
+    """Return '' if every setting is within its range, else the first reason."""
     for spec in specs_of(settings):
         value = getattr(settings, spec.name)
         reason = spec.judge(spec.coerce(list(value) if isinstance(value, tuple) else value))

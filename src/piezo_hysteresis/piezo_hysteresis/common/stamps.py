@@ -16,7 +16,7 @@ def stamp_into(stamp: Time, nanoseconds: int) -> None:
 
 
 def nanoseconds_of(stamp: Time) -> int:
-    """Return the nanoseconds since the epoch that `stamp` says."""
+    """Return `stamp` in nanoseconds since the epoch."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 

@@ -13,8 +13,8 @@ LOOP_STATUS = 'loop/status'
 
 
 def slew_of(voltage: str) -> str:
-    """Return the topic beside that of a voltage: how fast its sender lets it change [V/s].
+    """Return the topic of the slew limit of a voltage topic [V/s].
 
-    0 is any. A receiver keeps to it also where commands come late.
+    0 means no limit. A receiver also applies it to late commands.
     """
     return f'{voltage}/slew'

@@ -1,4 +1,4 @@
-"""Words that every command line shares: near names, plurals, errors of one line."""
+"""Texts that all command lines share: similar names, plurals, errors in one line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def near(name: str, known: Iterable[str]) -> str:
 
 
 def reason_of(error: BaseException) -> str:
-    """Return what an error says in one line, of the system without number and path."""
+    """Return the message of an error in one line, without errno and path."""
     return ' '.join(str(getattr(error, 'strerror', None) or error).split())
 
 
@@ -36,12 +36,12 @@ def short(number: float) -> str:
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Says what is wrong with a command line in one sentence; the usage is for ``--help``."""
+    """Reports an error of the command line in one sentence; ``--help`` prints the usage."""
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; a mistyped option is named before what seems to be missing for it."""
         given = list(sys.argv[1:] if args is None else args)
-        foreign = (argparse.REMAINDER, argparse.PARSER)  # words of somebody else stand behind
+        foreign = (argparse.REMAINDER, argparse.PARSER)  # arguments of another program follow
         if not any(action.nargs in foreign for action in self._actions):
             for word in given:
                 name = word.partition('=')[0]
@@ -70,7 +70,7 @@ class OneLineParser(argparse.ArgumentParser):
         return message
 
     def _written(self, name: str) -> str:
-        """Return an argument as it is written, with what stands behind it."""
+        """Return an argument as written, with its value."""
         for action in self._actions:
             if name in (*action.option_strings, action.metavar, action.dest):
                 value = f' {action.metavar}' if action.option_strings and action.metavar else ''

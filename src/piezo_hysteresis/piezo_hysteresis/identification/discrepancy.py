@@ -147,7 +147,7 @@ def condition_of(residual: RecordResidual) -> Condition:
     rms = float(np.sqrt(np.mean(error**2)))
     periodic = residual.frequency > 0.0 and error.size * residual.dt * residual.frequency >= 1.0
     least = LEAST_POWER * rms**2
-    lines, beside = _split(residual) if periodic else ({}, error)
+    lines, broadband = _split(residual) if periodic else ({}, error)
     sizes = {order: rms for order, rms in lines.items() if rms**2 > least}
     return Condition(
         frequency=residual.frequency if periodic else 0.0,
@@ -156,7 +156,7 @@ def condition_of(residual: RecordResidual) -> Condition:
         rms=rms,
         noise=residual.noise if isfinite(residual.noise) else None,
         harmonics=sizes,
-        bands=_beyond_noise(residual, beside, least)
+        bands=_beyond_noise(residual, broadband, least)
         if periodic
         else _octaves(error, residual.dt, least),
         phases=_phases(residual, sizes) if periodic else {},
@@ -174,17 +174,17 @@ def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
         rows, order_of = drive_lines(residual.voltage, dt, drive)
         if np.any(order_of == 0):  # the mean follows an amplitude that changes
             mean = float(np.mean(error))
-            shares, beside = projected_out(error - mean, rows)
+            shares, broadband = projected_out(error - mean, rows)
             power = np.bincount(order_of, shares**2 / error.size)
             power[0] += mean**2
-            return {n: sqrt(float(p)) for n, p in enumerate(power)}, beside
+            return {n: sqrt(float(p)) for n, p in enumerate(power)}, broadband
     orders, phasors, _ = harmonics(error, drive, dt)
     turn = 2j * np.pi * drive * dt * np.arange(error.size)
-    beside = error.copy()
+    broadband = error.copy()
     for order, phasor in zip(orders, phasors, strict=True):
-        beside -= np.real(phasor * np.exp(order * turn))
+        broadband -= np.real(phasor * np.exp(order * turn))
     sizes = np.abs(phasors) * np.where(np.array(orders) > 0, sqrt(0.5), 1.0)
-    return dict(zip(orders, map(float, sizes), strict=True)), beside
+    return dict(zip(orders, map(float, sizes), strict=True)), broadband
 
 
 def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]:

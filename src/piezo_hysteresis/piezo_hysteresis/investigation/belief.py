@@ -105,7 +105,7 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
     contest = min(rounds, key=_certainty) if rounds else found.last
     chances, candidates = hidden.chances(done), tuple[CandidateModel, ...]()
     if contest is not None and contest.finalists:
-        chances, candidates = _chances(contest), _rivals(contest, found.alike)
+        chances, candidates = _chances(contest), _candidates(contest, found.alike)
     most_probable = _first(chances)
     for each in rounds:
         name, chance = _first(each.probabilities())
@@ -138,7 +138,7 @@ def _chances(contest: SelectionRound) -> dict[str, float]:
     return dict(sorted(every.items(), key=lambda each: -each[1]))
 
 
-def _rivals(
+def _candidates(
     contest: SelectionRound, alike: Mapping[str, Sequence[ModelSpec]]
 ) -> tuple[CandidateModel, ...]:
     """Return the finalists, and the effects that the records cannot distinguish from them.

@@ -169,7 +169,7 @@ class _Course:
         for line in lines:
             taken_in(self._now, self._journal, line)
         if lines:
-            self._tell('judge', len(lines), lines[-1]['experiment'], lines[-1]['why'])
+            self._report('judge', len(lines), lines[-1]['experiment'], lines[-1]['why'])
             self._now.judge()
             self._now.history.discard()
 
@@ -181,12 +181,12 @@ class _Course:
                 return choice
             number = len(self._now.answers) + 1
             name = choice.experiment.name
-            self._tell('run', number, name, choice.why)
+            self._report('run', number, name, choice.why)
             record, follows = self._run(choice.experiment, self._journal.cleared(number))
-            self._tell('judge', number, name, choice.why)
+            self._report('judge', number, name, choice.why)
             answer = self._now.take(choice.experiment, record)
             self._journal.add(choice, answer, follows)
-            self._tell('judge', number, name, choice.why)  # now with the result
+            self._report('judge', number, name, choice.why)  # now with the result
 
     def _run(self, experiment: PlannedExperiment, bag: Path) -> tuple[Record, bool]:
         """Return the record of an experiment, and whether it follows the previous one at rest."""
@@ -215,7 +215,7 @@ class _Course:
             better = found.model_file(data)
             last = len(now.answers)
             experiment = self._widest()
-            self._tell('apply', last, experiment.name, 'shows the gap shrink')
+            self._report('apply', last, experiment.name, 'shows the gap shrink')
             applied = self._actuator.apply(better) if apply else ''
             bag = self._journal.cleared(last + 1)
             measured, _ = self._run(experiment, bag)
@@ -256,7 +256,7 @@ class _Course:
         with write_atomically(self._journal.folder / SUMMARY) as path:
             path.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
 
-    def _tell(self, stage: str, number: int, experiment: str, why: str) -> None:
+    def _report(self, stage: str, number: int, experiment: str, why: str) -> None:
         now = self._now
         answer = now.answers[-1].words if now.answers else ''
         share = min(1.0, now.spent / now.rules.budget)

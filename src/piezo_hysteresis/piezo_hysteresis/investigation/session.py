@@ -213,12 +213,12 @@ class Investigation:
         ranked = self.ranked()
         if settled and not self.belief.left and not self._separates(ranked):
             return self._sure()
-        telling = any(self._is_informative(each) for each in ranked)
-        if settled and not telling:
+        informative = any(self._is_informative(each) for each in ranked)
+        if settled and not informative:
             return self._sure()
         if not ranked:
             return Stop('budget', 'the budget ended without a result')
-        if telling or not self.answers or self._confirming():
+        if informative or not self.answers or self._confirming():
             return ranked[0]
         if self._nameless() and (others := self._unseen()):
             return others[0]

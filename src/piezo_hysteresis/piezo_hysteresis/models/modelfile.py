@@ -352,6 +352,11 @@ class ModelFile(Tabular):
         return _from_dict({**content, **({'provenance': provenance} if provenance else {})})
 
 
+# The class has the name of the Python interface; `models.Model` is the chain alone.
+ModelFile.__module__, ModelFile.__name__ = 'piezo_hysteresis', 'Model'
+ModelFile.__qualname__, ModelFile.__init__.__qualname__ = 'Model', 'Model.__init__'
+
+
 def parameter_columns(
     model: Model, values: Mapping[str, float], deviations: Mapping[str, float]
 ) -> dict[str, list[Any]]:

@@ -1,4 +1,4 @@
-"""What is exchanged at every tick, between its bytes and the objects of the core."""
+"""Codecs of the per-tick messages, between bytes and the objects of the core."""
 
 from __future__ import annotations
 

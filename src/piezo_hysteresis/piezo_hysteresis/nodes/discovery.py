@@ -30,7 +30,7 @@ SENTENCES: dict[str, Finding] = {
 
 
 class DiscoveryNode(Node):
-    """Runs one discovery or investigation at a time in a thread of its own."""
+    """Runs one discovery or investigation at a time in a separate thread."""
 
     def __init__(self) -> None:
         super().__init__('discovery')
@@ -55,7 +55,7 @@ class DiscoveryNode(Node):
         )
 
     def close(self) -> None:
-        """Leave an actuator that is investigated at rest; a discovery ends with its next word."""
+        """Bring an investigated actuator to rest; a discovery ends at its next progress report."""
         self._closing = True
         self._investigations.close()
 
@@ -142,7 +142,7 @@ class DiscoveryNode(Node):
             self.get_logger().error(str(error))
         except Exception as error:
             result.message = f'{type(error).__name__}: {error}; report it with the log of the node'
-            if not self._closing:  # a node that ends takes away what it was about to use
+            if not self._closing:  # the node is ending and its resources are destroyed
                 raise
         finally:
             if not self._closing:

@@ -1,4 +1,4 @@
-"""Runs the model beside the actuator and says how far apart they are."""
+"""Simulates the model in parallel with the actuator and publishes the gap."""
 
 from __future__ import annotations
 

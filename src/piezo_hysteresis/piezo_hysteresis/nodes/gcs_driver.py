@@ -41,7 +41,7 @@ _KEPT = 100
 
 
 class GcsDriver(Node):
-    """Serves ``run_sweep``, one goal at a time, and tells how the actuator stands."""
+    """Serves ``run_sweep``, one goal at a time, and publishes the state of the actuator."""
 
     def __init__(self) -> None:
         super().__init__('gcs_driver')
@@ -165,12 +165,12 @@ class GcsDriver(Node):
         return report
 
     def _bag_of(self, goal: RunSweep.Goal) -> Path:
-        """Return the bag of a goal, a new one where it names none.
+        """Return the bag of a goal, a new one if it names none.
 
         Raises
         ------
         PiezoError
-            If it is outside the folder of the node, or there already.
+            If it is outside the folder of the node, or exists.
         """
         if goal.bag:
             return new_inside(str(self._folder), goal.bag)

@@ -31,7 +31,7 @@ from piezo_hysteresis.runtime.identification_plan import (
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker
 from piezo_interfaces.srv import SaveModel
 
-# Samples, and seconds, between two messages that tell a player how far the node is.
+# Samples, and seconds, between two progress reports to a player.
 CONFIRM_EVERY = 64
 CONFIRM_AFTER = 0.05
 
@@ -47,7 +47,7 @@ SENTENCES: dict[str, Finding] = {
 
 
 class IdentificationNode(Node):
-    """Takes every state of the actuator in and publishes what it knows of the model."""
+    """Processes every state of the actuator and publishes the estimated model."""
 
     def __init__(self) -> None:
         super().__init__('identification')
@@ -65,7 +65,7 @@ class IdentificationNode(Node):
         self._status = LoopStatus(names=['taken', 'marked'], counts=[0, 0])
         self._status_publisher = self.create_publisher(LoopStatus, '~/status', LATCHED)
         self._status_publisher.publish(self._status)
-        # Before the states: a marker that waits beside them is taken first.
+        # Before the states: a marker that arrived with them is processed first.
         self.create_subscription(RecordMarker, topics.MARKER, self._on_marker, LOOP)
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -100,7 +100,7 @@ class IdentificationNode(Node):
         self._confirm()
 
     def _confirm(self) -> None:
-        """Tell a player how far this node is, where it has got on."""
+        """Publish the progress of this node for a player, if it has changed."""
         counts = [self._received, self._marked]
         if list(self._status.counts) != counts:
             self._status.counts = counts

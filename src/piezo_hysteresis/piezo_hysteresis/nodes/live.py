@@ -24,7 +24,7 @@ from piezo_interfaces.msg import LoopStatus
 
 Progress = Callable[[float, str], None]
 
-# A wait ends where nothing at all has moved for so long [s].
+# Timeout of a wait without any progress [s].
 STILL = 60.0
 
 
@@ -67,7 +67,7 @@ class Tracking:
 
 
 class Observer(Client):
-    """A node in this process that waits, watches and asks, in the domain of the processes."""
+    """A client node in this process, in the domain of the started processes."""
 
     def __init__(self, processes: NodeProcesses) -> None:
         self._processes = processes
@@ -77,23 +77,23 @@ class Observer(Client):
     def until(
         self, condition: Callable[[], bool], what: str, moved: Callable[[], object] = lambda: None
     ) -> None:
-        """Serve until `condition` holds, for as long as something moves.
+        """Spin until `condition` holds, as long as there is progress.
 
         Parameters
         ----------
         condition : callable
-            What is waited for.
+            The awaited condition.
         what : str
-            The same in words.
+            Its description for messages.
         moved : callable, optional
-            Returns something that changes while that comes nearer. Nodes that start or compile
-            count besides.
+            Returns a value that changes with progress. Nodes that start or compile also count as
+            progress.
 
         Raises
         ------
         PiezoError
-            If a process dies meanwhile or nothing has moved for long; the message says what was
-            awaited.
+            If a process dies or there is no progress until the timeout; the message states the
+            awaited condition.
         """
         still, before = time.monotonic(), object()
 
@@ -114,7 +114,7 @@ class Observer(Client):
         self.wait(condition, check=check)
 
     def _starting(self) -> object:
-        """Return what changes while nodes start: who is ready, works or uses the processor."""
+        """Return a value that changes while nodes start: readiness, tasks and processor time."""
         names = [node.name for node in self._processes.nodes]
         ready = tuple(map(self._neighbours.is_ready, names))
         busy = (
@@ -125,19 +125,19 @@ class Observer(Client):
         return ready, self._neighbours.newest, tuple(busy)
 
     def until_ready(self, *names: str) -> None:
-        """Wait until each of the nodes has said that it can answer.
+        """Wait until each of the nodes is ready.
 
         Raises
         ------
         PiezoError
-            If one does not.
+            If one does not become ready.
         """
         for name in names:
             ready = functools.partial(self._neighbours.is_ready, name)
             self.until(ready, f'the start of the {name}')
 
     def sweep(self, order: LiveSweep, bag: Path, progress: Progress) -> None:
-        """Let the excitation run a sweep and record it.
+        """Request a recorded sweep from the excitation.
 
         Raises
         ------
@@ -173,7 +173,7 @@ class Observer(Client):
         client.destroy()
 
     def watch_recorder(self) -> Callable[[], int]:
-        """Return a function that tells how many messages the recorder has written."""
+        """Return a function that returns the number of messages written by the recorder."""
         written = [0]
 
         def on_status(message: LoopStatus) -> None:
@@ -218,9 +218,9 @@ def record_sweep(
     preset : str
         Actuator to simulate.
     order : LiveSweep
-        What to run.
+        The sweep.
     bag : Path
-        Bag to create; one that is there is replaced.
+        Bag to create; an existing one is replaced.
     simulator : mapping, optional
         Further parameters of the simulator.
     progress : callable
@@ -260,14 +260,14 @@ def track(
     tracking : Tracking
         The reference.
     bag : Path
-        Bag to create; one that is there is replaced.
+        Bag to create; an existing one is replaced.
     feedforward, attenuation, simulator : mapping
         Parameters of the nodes.
 
     Raises
     ------
     PiezoError
-        If a process dies or does not answer.
+        If a process dies or does not respond.
     """
     with NodeProcesses() as processes, Observer(processes) as observer:
         settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 3, **(simulator or {})}

@@ -1,4 +1,4 @@
-"""Pairs of conversions between messages and the objects of the core; nothing else knows both."""
+"""Conversions between messages and the objects of the core, in both directions."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:  # at run time it would bring every method of identification a
 
 
 def estimate_into(estimate: Estimate, model: Model | None, message: ModelEstimate) -> None:
-    """Write `estimate` into `message`; header, sample and method stay as they are.
+    """Write `estimate` into `message`; header, sample and method are not changed.
 
-    Parameters of `model` that were not estimated are added at their defaults, with no deviation,
-    so that the message alone makes a model.
+    Parameters of `model` that were not estimated are added with their defaults and no deviation,
+    so that the message defines a complete model.
     """
     names, units = list(estimate.names), list(estimate.units)
     values = [float(value) for value in estimate.values]

@@ -1,8 +1,8 @@
 """The loaded model as ROS parameters ``model.name``, ``model.chain`` and ``model.NAME``.
 
-A parameter file sets them one after another. The model is therefore put together only once all of
-a request are set, and nobody sees it half changed. What the node cannot use is refused, or, where
-it came with others, taken back: the parameters show what is in force.
+A parameter file sets them one after another. The model is therefore built only once all parameters
+of a request are set, so that no inconsistent model is used. An unusable value is refused, or
+reverted if it was set together with others: the parameters show the model in use.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ class ModelParameters:
     Parameters
     ----------
     node : Node
-        That uses it.
+        The node that uses the model.
     parameters : NodeParameters
         Of the node.
     use : callable
-        Puts a model into force; raises PiezoError where it cannot, and then keeps the one before.
+        Activates a model; raises PiezoError if that fails, and then keeps the previous one.
     refusal : callable, optional
-        Returns '' or why a model cannot be used; changes nothing.
+        Returns '' or the reason why a model cannot be used; has no side effects.
     """
 
     def __init__(
@@ -99,14 +99,14 @@ class ModelParameters:
         self.follow(loaded)
 
     def follow(self, given: ModelFile | None = None) -> None:
-        """Use the model that the parameters describe, where they have changed.
+        """Use the model that the parameters describe, if they have changed.
 
-        A model that was given as a whole is used as it is: parameters hold its values only.
+        A model given as a file is used unchanged: the parameters contain only its values.
 
         Raises
         ------
         PiezoError
-            If they make no model that the node can use; they then show the one before again.
+            If they define no usable model; they are then reset to the previous one.
         """
         if not self._changed:
             return
@@ -139,7 +139,7 @@ class ModelParameters:
         self._changed = True
 
     def _change(self) -> None:
-        """Follow once all that was asked for together is set."""
+        """Update once all parameters of the request are set."""
         if not self._changed and self._node.executor is not None:
             self._node.executor.create_task(self._follow_later)
         self._changed = True
@@ -186,7 +186,7 @@ class ModelParameters:
             self._parameters.drop(self._table)
             self._table = None
         self._chain = chain
-        self._change()  # the values come after the chain
+        self._change()  # the values are set after the chain
         if chain:
             model = Model('', tuple(named_block(name) for name in chain))
             self._table = model_table(model, model.defaults())

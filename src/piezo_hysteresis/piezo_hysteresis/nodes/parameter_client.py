@@ -1,4 +1,4 @@
-"""Asks running nodes for their parameters and sets them: what the verb ``param`` does."""
+"""Reads and sets the parameters of running nodes, for the verb ``param``."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from piezo_hysteresis.common.wording import counted, near, reason_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.ros.client import Client
 
-# So long nobody new must come before those who are there are all [s].
+# Time without a new node after which discovery is complete [s].
 QUIET = 0.5
-# Fast DDS may take so long to find the first one [s].
+# Time in which Fast DDS finds the first node [s].
 ALONE = 4.0
-# Fast DDS drops an answer where it has not found within 0.1 s who asked, as on a busy machine [s].
+# Fast DDS drops a response if it does not find the client within 0.1 s, as on a busy machine [s].
 AGAIN = 1.0
 
 
 class ParameterClient(Client):
-    """Asks for the life of a `with` block.
+    """Client node, alive within a `with` block.
 
     Parameters
     ----------
     timeout : float
-        For each answer, and for a node to be found [s].
+        Timeout of each response, and of the discovery of a node [s].
     """
 
     def __init__(self, timeout: float) -> None:
@@ -44,7 +44,7 @@ class ParameterClient(Client):
         Raises
         ------
         PiezoError
-            If it does not answer.
+            If it does not respond.
         """
         if not node:
             return self._nodes()
@@ -61,7 +61,7 @@ class ParameterClient(Client):
         Raises
         ------
         PiezoError
-            If the node does not answer or has none of that name.
+            If the node does not respond or has no parameter of that name.
         """
         values = self._values(node, self._client(node), [name])
         if not values or parameter_value_to_python(values[0]) is None:
@@ -72,23 +72,23 @@ class ParameterClient(Client):
         return [_shown(parameter_value_to_python(values[0]))]
 
     def change(self, node: str, name: str, text: str) -> list[str]:
-        """Set a parameter to what a text means in YAML.
+        """Set a parameter to a value in YAML.
 
         Raises
         ------
         PiezoError
-            If the node does not answer or refuses; the message is its reason.
+            If the node does not respond or refuses; the message is its reason.
         """
         self._set(node, {name: _meant(text)})
         return [f'{node} {name} is {text}']
 
     def load(self, node: str, file: str) -> list[str]:
-        """Set the parameters that a file has for a node.
+        """Set the parameters of a node from a file.
 
         Raises
         ------
         PiezoError
-            If the file is none or holds nothing for the node, or the node refuses.
+            If the file is invalid or has no entry for the node, or the node refuses.
         """
         try:
             content = plain_yaml.load_file(file)
@@ -150,7 +150,7 @@ class ParameterClient(Client):
         return client
 
     def _answer(self, ask: Callable[[], Any], node: str) -> Any:
-        """Return the answer to a request, which is repeated: to do it twice changes nothing."""
+        """Return the response to a request; the request is idempotent and is repeated."""
         end = time.monotonic() + self._timeout
         asked: list[Any] = []
         while (left := end - time.monotonic()) > 0.0:

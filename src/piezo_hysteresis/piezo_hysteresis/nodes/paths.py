@@ -25,12 +25,12 @@ def inside(folder: str, path: str) -> Path:
 
 
 def new_inside(folder: str, path: str) -> Path:
-    """Return `path` inside `folder` where nothing is yet.
+    """Return the new `path` inside `folder`.
 
     Raises
     ------
     PiezoError
-        If it leads out of the folder, or is there.
+        If it is outside the folder, or exists.
     """
     target = inside(folder, path)
     if target.exists():

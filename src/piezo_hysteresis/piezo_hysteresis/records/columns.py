@@ -124,7 +124,7 @@ def assigned(
     """
     meanings = [meaning(name) for name in names]
     chosen: dict[int, tuple[str, str]] = {}
-    doubtful = []
+    uncertain = []
     for what in UNITS:
         rank = min((m.rank for m in meanings if m.what == what), default=NOT_ENOUGH)
         places = [k for k, m in enumerate(meanings) if (m.what, m.rank) == (what, rank)]
@@ -135,11 +135,11 @@ def assigned(
         if len(places) > 1 and rank == CERTAIN:
             raise RecordError(f'{where}: the column {what} stands twice; keep one of them')
         if len(places) > 1:
-            doubtful.append(f'{what} may be {" or ".join(repr(names[k]) for k in places)}')
+            uncertain.append(f'{what} may be {" or ".join(repr(names[k]) for k in places)}')
         else:
             chosen[places[0]] = (what, meanings[places[0]].unit)
     chosen = _one_input(chosen, meanings, where)
-    _require(chosen, names, meanings, doubtful, where, of_file)
+    _require(chosen, names, meanings, uncertain, where, of_file)
     guesses = [f'{what} from column {names[k]!r} in {unit}' for k, (what, unit) in chosen.items()
                if meanings[k].rank != CERTAIN]  # fmt: skip
     return chosen, ', '.join(guesses)
@@ -162,7 +162,7 @@ def _require(
     chosen: Mapping[int, tuple[str, str]],
     names: Sequence[str],
     meanings: Sequence[Meaning],
-    doubtful: Sequence[str],
+    uncertain: Sequence[str],
     where: object,
     of_file: bool,
 ) -> None:
@@ -176,7 +176,7 @@ def _require(
     unclear = [f'rename {name!r} to {m.what}_{_usual(m.what)} (or its unit)'
                for name, m in zip(names, meanings, strict=True)
                if m.what in missing and m.rank == NOT_ENOUGH]  # fmt: skip
-    advice = '; '.join([*doubtful, *unclear]) or f'columns are named like {EXAMPLE}'
+    advice = '; '.join([*uncertain, *unclear]) or f'columns are named like {EXAMPLE}'
     options = ' '.join(f'--{what} COLUMN:UNIT' for what in missing)
     last = f' and {missing[-1]}' if len(missing) > 1 else missing[-1]
     other = f', or use `import` with {options}' if of_file else ''

@@ -107,11 +107,11 @@ def _sums(samples: FloatArray, count: int) -> FloatArray:
     """Return the standard deviation and so many sums, shape (count + 1,)."""
     place = np.arange(samples.size, dtype=np.int64)
     square = place * place % _TURN
-    beside = samples - samples.mean()
-    found = [float(beside.std())]
+    deviation = samples - samples.mean()
+    found = [float(deviation.std())]
     for each in _MULTIPLIERS[:count]:
         weights = np.cos((2.0 * np.pi / _TURN) * (square * each % _TURN))
-        found.append(float(weights @ beside) / sqrt(samples.size))
+        found.append(float(weights @ deviation) / sqrt(samples.size))
     return np.array(found)
 
 

@@ -171,7 +171,7 @@ def next_section(found: Identification, data: Sequence[str] = (), folder: str = 
     lines = []
     if not found.converged:
         lines.append('The fit did not converge: record more, or use a simpler model.')
-    lacks = error_exceeds_noise(found)
+    exceeds = error_exceeds_noise(found)
     discover = (
         f'`{discover_command(found.model, data)}` reports what the model lacks, with '
         'probabilities and alternatives; it refits the model with every effect.'
@@ -184,7 +184,7 @@ def next_section(found: Identification, data: Sequence[str] = (), folder: str = 
         f'`python -m piezo_hysteresis validate OTHER_DATA --model {model} --out check` tests '
         'the model on held-out records: do this before you use it.'
     )
-    lines += [discover, judge] if lacks else [judge]
+    lines += [discover, judge] if exceeds else [judge]
     lines.append(changed)
     lines.append(
         f'`python -m piezo_hysteresis param load /feedforward {parameters}` loads it into the '

@@ -1,4 +1,4 @@
-"""A node in a context of its own that asks other nodes and waits: the one ROS client here."""
+"""Blocking ROS client: a node with its own context, which calls other nodes and waits."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Client:
         rclpy.shutdown(context=self._context)
 
     def spin_once(self, seconds: float = 0.05) -> None:
-        """Serve what comes next, if anything comes within `seconds`."""
+        """Execute the next callback, if one is due within `seconds`."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def wait(
@@ -64,9 +64,9 @@ class Client:
         seconds: float = inf,
         check: Callable[[], object] = lambda: None,
     ) -> bool:
-        """Serve until `condition` holds or the time is over; return whether it holds.
+        """Spin until `condition` holds or the timeout expires; return whether it holds.
 
-        `check` is called beside it, to raise where waiting is in vain.
+        `check` is also called; it raises if the condition can no longer become true.
         """
         end = time.monotonic() + seconds
         while not condition():

@@ -1,4 +1,4 @@
-"""A last deadline of a process, for when nothing of Python runs any more."""
+"""Final deadline of a process, also if the interpreter is blocked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _WHOLE_SIGEVENT = 64
 
 
 class _Event(ctypes.Structure):
-    """``struct sigevent`` of Linux, for a function in a thread of its own."""
+    """``struct sigevent`` of Linux, for a function in a separate thread."""
 
     _fields_ = (
         ('value', ctypes.c_void_p),

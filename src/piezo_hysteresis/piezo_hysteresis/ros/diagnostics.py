@@ -1,7 +1,7 @@
 """Publishes the health of a node on ``/diagnostics``: every second and when the level changes.
 
-While the node starts or compiles kernels it is said just as often that it does, in the value
-``state``; who waits for it counts no time meanwhile (`neighbours`).
+While the node starts or compiles kernels, the value ``state`` reports it at the same rate, so that
+waiting nodes suspend their timeouts (`neighbours`).
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ TOPIC = '/diagnostics'
 LOOK = 0.2
 PERIOD = 1.0
 
-# How long the last word of a node that ends may take to be heard.
+# Timeout for the delivery of the final status of a node.
 FINAL_STATUS_TIMEOUT = Duration(seconds=1)
 
 
-# The value that says whether the node can answer.
+# Key of the value that states whether the node can respond.
 STATE = 'state'
 
 
 class Diagnostics:
-    """ParameterClient a node how it is and publishes the answer; make it before whatever takes time.
+    """Publishes the health of a node; create it before any slow initialization.
 
     Parameters
     ----------
     node : Node
-        Whose health it is; a managed node reports while it is inactive too.
+        The monitored node; a lifecycle node also reports while it is inactive.
     ask : callable
-        Returns the health of the node; called five times a second once the node is served.
+        Returns the health of the node; called at 5 Hz once the node spins.
     """
 
     def __init__(self, node: Node, ask: Callable[[], Health]) -> None:
@@ -54,7 +54,7 @@ class Diagnostics:
         wall_timer(node, LOOK, self.look)
 
     def look(self) -> None:
-        """Publish where the level has changed or a second is over."""
+        """Publish if the level has changed or one second has elapsed."""
         self._heartbeat.ready()
         health = self._ask()
         now = time.monotonic()
@@ -85,14 +85,14 @@ class Diagnostics:
         self._publisher.publish(array)
 
     def publish_final_status(self) -> None:
-        """Say how the node is for the last time, and wait until that was heard."""
+        """Publish the final status and wait until it is delivered."""
         self._level = None
         self.look()
         self._publisher.wait_for_all_acked(FINAL_STATUS_TIMEOUT)
 
 
 def state_of(status: DiagnosticStatus) -> str:
-    """Return the state that a node gives, empty where it gives none."""
+    """Return the reported state of a node, empty if there is none."""
     return next((str(each.value) for each in status.values if each.key == STATE), '')
 
 

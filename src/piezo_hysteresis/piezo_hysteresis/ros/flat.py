@@ -1,8 +1,8 @@
-"""Messages of a header, a number of the tick and floats, straight from and to their bytes.
+"""Codec of messages with a header, a tick index and floats: direct conversion from and to bytes.
 
-What a loop exchanges at every tick is made of nothing else. To build a Python message and have
-rclpy convert it costs five times as much as to pack its numbers; the bytes on the wire are the
-same, so that everybody else sees ordinary messages.
+All messages that a loop exchanges at every tick have this form. A Python message converted by
+rclpy costs five times as much as packing its numbers. The serialized bytes are identical, so other
+nodes receive ordinary messages.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class FlatCodec:
         self.pack = self._numbers.pack
 
     def decode(self, payload: bytes) -> tuple[bytes, tuple[Any, ...]]:
-        """Return the head of `payload`, to be passed on as it is, and its numbers."""
+        """Return the header bytes of `payload`, which are forwarded unchanged, and its numbers."""
         if payload[:2] != _LITTLE:
             payload = self._converted(payload)
         (length,) = _LENGTH.unpack_from(payload, _LENGTH_AT)

@@ -18,17 +18,16 @@ def profiles(name: str = 'fastdds.xml') -> str:
 
 
 def prepare() -> None:
-    """Let nodes of this process be found within a fraction of a second; call before `init`.
+    """Configure discovery of this process within a fraction of a second; call before `init`.
 
-    By itself Fast DDS announces a process every three seconds, and asks as seldom whether a
-    message has arrived. A file that the user has named is left in place, and other middleware
-    does not read it.
+    By default Fast DDS announces a process every three seconds, and sends heartbeats at the same
+    rate. A profile file of the user has priority; other middleware ignores the setting.
     """
     os.environ.setdefault(PROFILES, profiles())
 
 
 def joined(domain: int | None = None) -> Context:
-    """Return a context of its own in a domain, for nodes beside those of the process."""
+    """Return a separate context in a domain, in addition to that of the process."""
     prepare()
     context = Context()
     rclpy.init(args=[], context=context, domain_id=domain)

@@ -15,9 +15,9 @@ class Neighbours(Heartbeats):
     Parameters
     ----------
     node : Node
-        Who listens.
+        The observing node.
     everywhere : bool
-        True for those of all namespaces.
+        Whether nodes of all namespaces are included.
     """
 
     def __init__(self, node: Node, *, everywhere: bool = False) -> None:
@@ -28,7 +28,7 @@ class Neighbours(Heartbeats):
         node.create_subscription(DiagnosticArray, TOPIC, self._on_diagnostics, 10)
 
     def look(self) -> None:
-        """Notice who of them has come: a node that can speak of itself does so once it is made."""
+        """Update the discovered nodes: each node publishes a heartbeat once it is created."""
         there = {
             f'{info.node_namespace.rstrip("/")}/{info.node_name}'
             for info in self._node.get_publishers_info_by_topic(TOPIC)

@@ -35,11 +35,11 @@ ARRAYS = {
 
 
 class RefusedError(ParameterNotDeclaredException):
-    """A value that the table does not allow, with the reason in the words of the table.
+    """A value that the table rejects, with the reason of the table.
 
-    rclpy looks at the descriptor before it asks a node, and says a range without its unit and a
-    type by its number. What is raised before that is answered first, and its services answer with
-    exceptions of the class above alone.
+    rclpy checks the descriptor before it calls a node, and reports a range without its unit and a
+    type by its number. An exception raised before that check takes precedence; the services of
+    rclpy return only exceptions of the base class.
     """
 
     def __init__(self, reason: str) -> None:
@@ -48,7 +48,7 @@ class RefusedError(ParameterNotDeclaredException):
 
 @dataclass(frozen=True)
 class _Group:
-    """Rows that are judged and applied together."""
+    """Rows that are validated and applied together."""
 
     table: ParameterTable
     apply: Apply
@@ -56,17 +56,17 @@ class _Group:
 
 
 class NodeParameters:
-    """The parameters of a node: declared from a table, judged on merged values, then applied.
+    """The parameters of a node: declared from a table, validated on merged values, then applied.
 
-    A node asks `serve` to call it as soon as it has what its callbacks use; before, the table
-    alone judges.
+    A node calls `serve` once the objects that its callbacks use exist; before that, only the table
+    validates.
 
     Parameters
     ----------
     node : rclpy node
-        Whose parameters they are.
+        The node that owns the parameters.
     table : ParameterTable
-        What there is and what is allowed.
+        Names, defaults and ranges.
 
     Raises
     ------
@@ -84,20 +84,20 @@ class NodeParameters:
         node.add_post_set_parameters_callback(self._accept)
 
     def serve(self, apply: Apply, refuse: Refuse | None = None) -> None:
-        """Let the node judge the values of its table now, and call it from now on.
+        """Validate the present values by the node, and call the node on every further change.
 
         Parameters
         ----------
         apply : callable
-            Gets the accepted changes ``{name: value}``, after they are stored.
+            Receives the accepted changes ``{name: value}`` after they are stored.
         refuse : callable, optional
-            Gets the changes that the table allows and returns '' or a reason to refuse them all;
-            must change nothing.
+            Receives the changes that the table allows and returns '' or the reason to refuse all
+            of them; it must have no side effects.
 
         Raises
         ------
         SystemExit
-            If the node refuses the values that it was started with.
+            If the node refuses its initial values.
         """
         table = self._groups[0].table
         own = {spec.name: self.values[spec.name] for spec in table.specs}
@@ -184,7 +184,7 @@ class NodeParameters:
         return list(found) if isinstance(spec.default, list) else found
 
     def _declare_empty(self, spec: ParameterSpec, descriptor: ParameterDescriptor) -> Value:
-        # The list of a parameter file or argument is empty: of what type nobody can tell.
+        # An empty list of a parameter file or argument has no type.
         self._node.undeclare_parameter(spec.name)
         self._node.declare_parameter(spec.name, spec.default, descriptor, ignore_override=True)
         empty = Parameter(spec.name, ARRAYS[spec.element], [])
@@ -215,7 +215,7 @@ class NodeParameters:
         for parameter in parameters:
             spec = self._spec(parameter.name)
             if spec is None and not self._node.has_parameter(parameter.name):
-                # Said here because rclpy itself forgets to name it.
+                # Logged here because rclpy omits the name.
                 raise ParameterNotDeclaredException(parameter.name)
             coerced.append(parameter if spec is None else self._allowed(parameter, spec))
         return coerced
@@ -253,7 +253,7 @@ def _meant(parameter: Parameter, spec: ParameterSpec) -> Parameter:
     """Return a parameter as its row means it."""
     value = spec.coerce(parameter.value)
     if isinstance(spec.default, list) and _is_empty(value):
-        # of no element nobody can tell the type: `ros2 param set` says of bool
+        # an empty list has no type: `ros2 param set` sends one of bool
         return Parameter(parameter.name, ARRAYS[spec.element], [])
     return parameter if value is parameter.value else Parameter(parameter.name, value=value)
 

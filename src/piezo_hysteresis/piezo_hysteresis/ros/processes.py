@@ -29,18 +29,18 @@ INTERRUPTED = threading.Event()
 
 
 class ProcessError(Exception):
-    """A node process died or did not end in time; the message says which and what to do."""
+    """A node process died or did not end in time; the message names it and the remedy."""
 
 
 class NodeProcess:
-    """One running node; it ends by itself where its owner is gone without having ended it.
+    """A running node; it ends if its owner dies.
 
     Attributes
     ----------
     name : str
         Name of the executable.
     log : Path
-        What it printed.
+        File with its output.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class NodeProcess:
         self.name = executable
         self.log = log
         with log.open('wb') as output, blocked_signals():
-            # A group of its own: a signal for one node never reaches its owner.
+            # A separate process group: a signal for one node never reaches its owner.
             self._process = subprocess.Popen(
                 [sys.executable, str(path), *arguments],
                 env={**env, OWNER: str(os.getpid())},
@@ -77,7 +77,7 @@ class NodeProcess:
 
     @property
     def processor_time(self) -> float:
-        """Processor time that it has used so far [s], 0 where the system does not tell."""
+        """Processor time used so far [s], 0 if the system does not report it."""
         try:
             fields = Path(f'/proc/{self.pid}/stat').read_text().rpartition(')')[2].split()
         except OSError:
@@ -137,7 +137,7 @@ class NodeProcesses:
     Parameters
     ----------
     domain : int, optional
-        ROS domain; where it is not given, one of 1..100 that no other group on this machine has.
+        ROS domain; by default one of 1..100 that no other group on this machine uses.
     """
 
     def __init__(self, domain: int | None = None) -> None:
@@ -199,13 +199,13 @@ class NodeProcesses:
         Parameters
         ----------
         package, executable : str
-            What to run.
+            Executable to run.
         parameters : mapping of str to object, optional
             Parameters that are set at start, after those of `files`.
         name, namespace : str
-            Other than its own.
+            Overrides of its name and namespace.
         remap : mapping of str to str, optional
-            Names of topics and what they are to be called.
+            Topic remappings.
         files : sequence of Path
             Parameter files.
         """
@@ -227,19 +227,19 @@ class NodeProcesses:
         return tuple(self._running)
 
     def retire(self, node: NodeProcess) -> None:
-        """End `node` for good and expect nothing of it any more."""
+        """End `node` permanently and stop monitoring it."""
         node.stop()
         self._running.remove(node)
 
     def check(self) -> None:
-        """Raise where a node died by itself.
+        """Raise if a node died unexpectedly.
 
         Raises
         ------
         ProcessError
-            Naming the node and its last words.
+            With the name of the node and its last output.
         KeyboardInterrupt
-            If the user wants an end.
+            If the user interrupts.
         """
         if INTERRUPTED.is_set():
             raise KeyboardInterrupt
@@ -250,12 +250,12 @@ class NodeProcesses:
                 )
 
     def wait_for(self, node: NodeProcess, timeout: float) -> int:
-        """Wait until `node` ends, watching the others meanwhile.
+        """Wait until `node` ends while the other nodes are monitored.
 
         Raises
         ------
         ProcessError
-            If another node dies or the time is over.
+            If another node dies or the timeout expires.
         """
         end = time.monotonic() + timeout
         while node.returncode is None:

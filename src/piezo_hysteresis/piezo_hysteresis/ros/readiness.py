@@ -1,7 +1,7 @@
 """Publishes a readiness heartbeat while kernels compile.
 
-A node that compiles its kernels cannot answer anybody: the compilation fills the thread that
-serves it. Another thread says meanwhile what it is at, so that nodes that wait for it know.
+A node that compiles its kernels does not respond, because the compilation occupies its executor
+thread. A second thread publishes the state, so that waiting nodes know it.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from enum import StrEnum
 
 from piezo_hysteresis.kernels import watch
 
-# How often it is said [s].
+# Heartbeat period [s].
 PERIOD = 1.0
 
-# A compilation that is over sooner is nothing to tell [s].
+# Shorter compilations are not reported [s].
 SHORT = 0.3
 
 
 class Readiness(StrEnum):
-    """Whether a node can answer."""
+    """Whether a node can respond."""
 
     STARTING = 'starting'
     COMPILING = 'compiling'
@@ -33,14 +33,14 @@ WORKS = (Readiness.STARTING, Readiness.COMPILING)
 
 
 class HeartbeatPublisher:
-    """Tells that a node starts, until `ready` is called, and whenever it compiles afterwards.
+    """Publishes that a node starts, until `ready` is called, and later compilations.
 
     Parameters
     ----------
     say : callable
-        Publishes a state and a sentence; called in a thread of its own, and once by the caller.
+        Publishes a state and a sentence; called in a separate thread, and once by the caller.
     compiles : callable
-        Called once where kernels are compiled in earnest, in a thread of its own.
+        Called once if kernels are compiled, in a separate thread.
     """
 
     def __init__(
@@ -59,12 +59,12 @@ class HeartbeatPublisher:
         self._start()
 
     def ready(self) -> None:
-        """Take note that the node is served from now on."""
+        """Mark the node as ready."""
         self._ready = True
         self._wake.set()
 
     def close(self) -> None:
-        """Say nothing any more."""
+        """Stop publishing."""
         self._closed = True
         self._leave()
         self._wake.set()
@@ -80,7 +80,7 @@ class HeartbeatPublisher:
     def _run(self) -> None:
         self._wake.wait(SHORT)
         while not self._closed and (watch.compiling() or not self._ready):
-            # what the node publishes through may be gone before this thread is
+            # the publisher may be destroyed before this thread ends
             with contextlib.suppress(Exception):
                 self._publish()
             self._wake.clear()
@@ -99,7 +99,7 @@ class HeartbeatPublisher:
         self._publish_state(state, f'{": ".join(values)} ({seconds:.0f} s)')
 
     def _log(self) -> None:
-        with contextlib.suppress(Exception):  # the node may be gone
+        with contextlib.suppress(Exception):  # the node may be destroyed
             self._compiles()
 
 
@@ -123,9 +123,9 @@ class Heartbeats:
         self.newest = float('-inf')
 
     def note(self, name: str, state: str, words: str) -> None:
-        """Take note that the node `name` is in `state`.
+        """Record the heartbeat of the node `name`.
 
-        `newest` becomes the time at which a node last said that it works [s].
+        `newest` is the time of the last heartbeat with a working state [s].
         """
         now = self._now()
         self._reported_states[name.strip('/')] = (state, words, now)
@@ -133,7 +133,7 @@ class Heartbeats:
             self.newest = now
 
     def update_discovered(self, names: Iterable[str]) -> None:
-        """Update the discovered nodes; those that are gone are removed."""
+        """Update the discovered nodes; nodes that have ended are removed."""
         now = self._now()
         self._met = {name: self._met.get(name, now) for name in (n.strip('/') for n in names)}
 
@@ -147,15 +147,15 @@ class Heartbeats:
         )
 
     def silence(self) -> float:
-        """Return how long no node has said that it works [s]; infinite where none ever did."""
+        """Return the time since the last heartbeat of a working node [s], infinite without one."""
         return self._now() - self.newest
 
     def is_ready(self, name: str) -> bool:
-        """Return whether the node `name` has said that it can answer."""
+        """Return whether the node `name` has reported that it is ready."""
         return self._reported_states.get(name.strip('/'), ('',))[0] == Readiness.READY
 
     def working(self) -> str:
-        """Return who works and at what, empty where nobody does."""
+        """Return the working nodes and their tasks, empty if there are none."""
         now = self._now()
         return ', '.join(
             f'{name}: {work}'

@@ -30,8 +30,8 @@ LOOK = 0.1
 # wait costs 32 bytes that it never gives back, so they are long [s].
 LONGEST_WAIT = 60.0
 
-# Fast DDS 2.14 waits for ever where it learns of another's end while it ends itself: about one in
-# a thousand, where many nodes end at once. By then all that a node has is written and said [s].
+# Fast DDS 2.14 can block indefinitely if another node ends during its own shutdown: about one in a
+# thousand if many nodes end together. By then all data are written and published [s].
 LONGEST_END = 5.0
 
 RCLError = rclpy_implementation.RCLError
@@ -40,7 +40,7 @@ EXECUTORS = ('auto', 'events', 'default')
 
 
 def make_executor(choice: str, context: Context | None = None) -> Executor:
-    """Return the executor for `choice`: the events executor where it works, else the default.
+    """Return the executor for `choice`: the events executor if it works, else the default.
 
     Raises
     ------
@@ -89,10 +89,10 @@ def _ticks(executor: Executor, context: Context | None) -> bool:
 
 
 class Interrupt:
-    """Notes the signals that end a process; nothing is cut short by them.
+    """Stores the signals that end a process, without interrupting a callback.
 
-    With its own handlers rclpy would shut down at once, and the callback that is under way could
-    not even publish its result.
+    The handlers of rclpy shut down immediately, so that a running callback could not publish its
+    result.
     """
 
     def __init__(self) -> None:
@@ -105,10 +105,10 @@ class Interrupt:
 
     @staticmethod
     def ignore() -> None:
-        """Let further signals do nothing: the process is about to end.
+        """Ignore further signals, because the process is ending.
 
-        While it ends Python would have them kill it, and its exit code would say so; `ros2 launch`
-        sends one after the other.
+        During shutdown Python would be killed by them, with a wrong exit code; `ros2 launch` sends
+        several.
         """
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
@@ -163,7 +163,7 @@ def run_nodes(create: Callable[[], Sequence[Node]], arguments: Sequence[str] | N
         _init(list(sys.argv if arguments is None else [sys.argv[0], *arguments]))
         nodes = _create(create)
         _name_mistyped(nodes)
-        # What was imported stays for good: collections need not look through it at every turn.
+        # Imported objects are permanent: exclude them from garbage collection.
         gc.collect()
         gc.freeze()
         choice = os.environ.get('PIEZO_EXECUTOR', 'auto')
@@ -210,7 +210,7 @@ def _refuse(error: Exception, remedy: str) -> NoReturn:
 
 
 def finish(nodes: Sequence[Node]) -> None:
-    """Let nodes end what they do, before they are destroyed."""
+    """Let nodes finish their tasks before they are destroyed."""
     for node in nodes:
         close = getattr(node, 'close', None)
         if close is not None:
@@ -227,15 +227,15 @@ def _close(nodes: Sequence[Node]) -> None:
 
 
 def exit_code(nodes: Sequence[Node]) -> int:
-    """Return the exit code that the first node asks for."""
+    """Return the exit code that the first node requests."""
     return int(getattr(nodes[0], 'exit_code', 0)) if nodes else 0
 
 
 def destroy(node: Node) -> None:
     """Destroy a node with its actions, which `destroy_node` leaves.
 
-    Whatever is left holds the participant of the middleware. That then ends while the process
-    does, among threads of its own: some die in it, some wait for ever.
+    A remaining action keeps the participant of the middleware alive. It then ends during process
+    exit, concurrently with its own threads: some crash, some block indefinitely.
     """
     for waitable in tuple(node.waitables):
         end = getattr(waitable, 'destroy', None)

@@ -1,6 +1,6 @@
 """Entry points of the nodes, ``ros2 run piezo_hysteresis feedforward`` and so on.
 
-What is slow is imported with the signals already in hand.
+Slow imports run after the signal handlers are installed.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ ENDS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def blocked_signals() -> Iterator[None]:
-    """Let signals that end a process wait; one that is started meanwhile inherits that.
+    """Block the signals that end a process; child processes inherit the mask.
 
-    `install_early_exit_handlers` of the node takes them up. Until then Python itself and the
-    loading of the entry point would answer a Ctrl-C with a traceback.
+    `install_early_exit_handlers` of the node unblocks them. Until then Ctrl-C would print a
+    traceback of the interpreter or of the entry point.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
     try:
@@ -44,10 +44,9 @@ def blocked_signals() -> Iterator[None]:
 
 
 def install_early_exit_handlers() -> None:
-    """End the process at once and in silence on SIGINT or SIGTERM; until `run_node` takes over.
+    """End the process immediately and silently on SIGINT or SIGTERM, until `run_node` takes over.
 
-    A Ctrl-C while modules are imported would otherwise show where in them it came. Nothing has
-    been opened yet, so that nothing is left behind.
+    A Ctrl-C during imports would otherwise print a traceback. No resource is open yet.
     """
     for number in ENDS:
         signal.signal(number, lambda *_: os._exit(0))
@@ -55,9 +54,9 @@ def install_early_exit_handlers() -> None:
 
 
 def end_with_owner() -> None:
-    """Let the process end as on SIGTERM once the one that is named in `OWNER` is gone.
+    """Let the process end as on SIGTERM once the process named in `OWNER` has ended.
 
-    However that ends: it may have been killed. Its own children do not inherit the wish.
+    This also holds if the owner is killed. Child processes do not inherit the setting.
     """
     owner = os.environ.pop(OWNER, '')
     if owner:
@@ -83,7 +82,7 @@ def print_help(node: str) -> None:
 
 
 def __getattr__(name: str) -> Callable[[], None]:
-    """Return the entry point of a node: it runs ``main`` of its module, or answers ``--help``."""
+    """Return the entry point of a node: it runs ``main`` of its module, or prints ``--help``."""
     if name not in NODES:
         raise AttributeError(name)
 

@@ -1,4 +1,4 @@
-"""Timers that watch: they go on while simulated time stands still."""
+"""Timers in real time, independent of simulated time."""
 
 from collections.abc import Callable
 
@@ -8,5 +8,5 @@ from rclpy.timer import Timer
 
 
 def wall_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
-    """Call `callback` every `period` seconds of real time, whatever ``use_sim_time`` says."""
+    """Call `callback` every `period` seconds of real time, regardless of ``use_sim_time``."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -1,4 +1,4 @@
-"""The clock of the actuator, as its states tell it."""
+"""The clock of the actuator, estimated from the stamps of its states."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from piezo_hysteresis.common.stamps import NANOSECONDS, tick_nanoseconds
 
 
 class ActuatorClock:
-    """Says which time a tick has for the actuator, so that markers cut where they are meant to.
+    """Converts ticks to actuator time, so that markers cut records at the correct samples.
 
-    The time of a simulator is that of its ticks; a driver may stamp with any clock.
+    The time of a simulator follows its ticks; a driver may use any clock.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class ActuatorClock:
         return self._stamps.jumps
 
     def update(self, sample: int, nanoseconds: int) -> None:
-        """Take in that the state of tick `sample` is stamped `nanoseconds` [ns]."""
+        """Update the clock: the state of tick `sample` has the stamp `nanoseconds` [ns]."""
         true = self._stamps.true_time(sample, nanoseconds)
         if not true:
             return  # the first tick of a simulator, or a source that does not stamp

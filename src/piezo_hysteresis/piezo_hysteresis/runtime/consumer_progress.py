@@ -1,7 +1,7 @@
 """Progress report of a sample consumer.
 
-A node that takes samples in tells on its latched ``~/status`` by these names how many it has
-taken, so that a player knows how far its listeners are.
+A node that consumes samples reports their count on its latched ``~/status`` by these names, so
+that a player knows the progress of its subscribers.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ TAKEN, MARKED = 'taken', 'marked'
 
 @dataclass
 class Progress:
-    """What a node has reported.
+    """Progress reported by a node.
 
     Attributes
     ----------
     counts : mapping of str to int
-        By name.
+        Counts by name.
     received : bool
-        Whether it has reported anything at all.
+        Whether a report was received.
     first : int
-        Samples that it had taken when counting began.
+        Samples consumed before counting started.
     """
 
     counts: Mapping[str, int] = field(default_factory=dict)
@@ -31,13 +31,13 @@ class Progress:
     first: int = 0
 
     def receive(self, names: Collection[str], values: Collection[int]) -> None:
-        """Take in the `names` and `values` of a status."""
+        """Store the `names` and `values` of a status."""
         self.counts = dict(zip(names, map(int, values), strict=False))
         self.received = True
 
     @property
     def takes(self) -> bool:
-        """Whether it is one that takes samples in."""
+        """Whether the node consumes samples."""
         return TAKEN in self.counts
 
     @property
@@ -47,10 +47,10 @@ class Progress:
 
     @property
     def taken(self) -> int:
-        """Samples that it has taken, -1 where it does not tell."""
+        """Number of consumed samples, -1 if unknown."""
         return self.counts.get(TAKEN, -1)
 
     @property
     def marked(self) -> int:
-        """Markers that it has taken, -1 where it does not tell."""
+        """Number of consumed markers, -1 if unknown."""
         return self.counts.get(MARKED, -1)

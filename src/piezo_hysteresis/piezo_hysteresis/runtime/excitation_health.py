@@ -1,4 +1,4 @@
-"""How the excitation is, from what it does and whom it waits for."""
+"""Health of the excitation node, from its task and the nodes that it waits for."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ _SENTENCES: dict[str, Finding] = {
     'sweeps_failed': (Level.ERROR, 'a sweep did not come to its end'),
 }
 
-# Silence that is said while an experiment runs [s].
+# Silence of the actuator that is reported during an experiment [s].
 SILENCE = 2.0
 
 
 @dataclass(frozen=True)
 class Doing:
-    """What the node is at.
+    """Present task of the node.
 
     Attributes
     ----------
     what : str
         The experiment or the record of a sweep; empty for none.
     waits : str
-        Whom it waits for; empty for nobody.
+        Node that it waits for; empty for none.
     given_up : str
-        Why the last experiment was given up; empty where it was not.
+        Reason why the last experiment was aborted; empty if it was not.
     silent : float
-        Time since the actuator was heard [s].
+        Time since the last actuator state [s].
     sample : int
         Newest tick of the actuator, -1 for none.
     """
@@ -52,7 +52,7 @@ class Doing:
 
 
 class ExcitationHealth:
-    """Judges an excitation; remembers which counters have grown lately.
+    """Evaluates the health of an excitation, including recently increased counters.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class ExcitationHealth:
         self._watch = CounterWatch(_SENTENCES, now)
 
     def judge(self, doing: Doing, counts: Mapping[str, int], last: str) -> Health:
-        """Return the health of a node that is `doing`; `last` is what became of the last sweep."""
+        """Return the health for the task `doing`; `last` is the outcome of the last sweep."""
         findings = self._watch.findings(counts)
         if doing.given_up:
             findings.append((Level.ERROR, doing.given_up))

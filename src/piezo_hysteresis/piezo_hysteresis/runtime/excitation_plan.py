@@ -19,7 +19,7 @@ LOOKED_AT = 100_000
 
 
 def extremes(waveform: Waveform, rate: float) -> tuple[float, float]:
-    """Return the least and the greatest value of a waveform, in its own unit."""
+    """Return minimum and maximum of a waveform, in its unit."""
     ticks = min(waveform.duration * rate, LOOKED_AT)
     value = waveform.sample(np.arange(max(1, round(ticks)), dtype=np.float64) / rate).value
     return float(np.min(value)), float(np.max(value))
@@ -110,7 +110,7 @@ class Experiment:
         return self.length > 0 and sample - self.first >= self.length
 
     def point(self, sample: int) -> ReferencePoint:
-        """Return the waveform at tick `sample`, in its own unit."""
+        """Return the waveform at tick `sample`, in its unit."""
         place = sample - self._ahead_from
         if not 0 <= place < len(self._ahead):
             self._look_ahead(sample)
@@ -118,7 +118,7 @@ class Experiment:
         return ReferencePoint(sample, *self._ahead[place])
 
     def _look_ahead(self, sample: int) -> None:
-        """Evaluate many ticks at once: the arrays of one tick cost as much as those of many."""
+        """Evaluate many ticks together: arrays of one element cost as much as long ones."""
         ticks = np.arange(sample - self.first, sample - self.first + AHEAD, dtype=np.float64)
         s = self.waveform.sample(ticks * (1.0 / self.rate))
         columns = (s.value, s.velocity, s.acceleration, s.frequency, s.phase)
@@ -144,7 +144,7 @@ class Experiment:
         return (sample - self.first) * (1.0 / self.rate)
 
     def _settled(self, now: float) -> Waveform:
-        """Return the waveform without a change that is over by `now`."""
+        """Return the waveform without transitions that are complete at `now`."""
         waveform = self.waveform
         if isinstance(waveform, Blend) and now >= waveform.start + waveform.length:
             return waveform.new

@@ -23,7 +23,7 @@ from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.runtime.rollback import RollbackBuffer, Sample
 
-# Free runs of `rls` start at the beginning of the record; beyond this time none is made [s].
+# Free runs of `rls` start at the beginning of the record; longer records have none [s].
 LONGEST_RUN = 60.0
 
 # Edges that are remembered; more never lie within the samples that are.
@@ -72,7 +72,7 @@ def new_method(values: Mapping[str, Any]) -> OnlineMethod:
 
 @dataclass(frozen=True)
 class SegmentEdge:
-    """The start of a record and the frequency of its drive, or its end where it has no name."""
+    """Start of a record with the frequency of its drive; without a name, the end of a record."""
 
     nanoseconds: int
     record: str
@@ -80,7 +80,7 @@ class SegmentEdge:
 
 
 class RunSinceRest(NamedTuple):
-    """What came since the actuator was at rest."""
+    """Samples since the actuator was last at rest."""
 
     voltage: list[float]
     displacement: list[float]
@@ -103,34 +103,33 @@ class MethodState(NamedTuple):
 
 @dataclass
 class RecordSegmenter:
-    """Feeds a method with the samples that lie in records, each from rest.
+    """Passes the samples within records to an online method; each record starts from rest.
 
-    Without any marker everything is one record. Samples between the end of a record and the
-    start of the next are left out, as they are when the bag is read. Markers travel on a topic
-    of their own and may come after the samples that they mark: what was made of those is then
-    taken back and made anew. They cut by time, and the time of a sample is what its number says
-    where its stamp does not follow from those before.
+    Without markers all samples are one record. Samples between records are omitted, as in the
+    reader of bags. Markers have their own topic and may arrive after the samples that they mark;
+    the estimate is then rolled back and recomputed. Markers cut by time. The time of a sample
+    follows from its index if its stamp is inconsistent with the previous stamps.
 
     Attributes
     ----------
     method : OnlineMethod
-        What is fed.
+        The online method.
     rate : float
         Sampling rate [Hz].
     only_records : bool
-        False takes the samples between records in too.
+        Whether samples between records are omitted.
     refused : int
-        Samples left out because a number is none.
+        Samples omitted because a value is not finite.
     taken : int
-        Samples that the method was fed with.
+        Samples passed to the method.
     late : int
-        Markers that came too late to take back what was made of their samples.
+        Markers that arrived too late for a rollback.
     unseen : int
-        Records whose harmonic lies beyond half the sampling rate.
+        Records whose harmonic exceeds half the sampling rate.
     intake : SequenceFilter
-        Judges the numbers of the samples.
+        Checks the sample indices.
     stamps : StampValidator
-        Judges their times.
+        Checks the time stamps.
     """
 
     method: OnlineMethod
@@ -155,14 +154,14 @@ class RecordSegmenter:
     def mark(self, edge: SegmentEdge) -> None:
         """Note an edge; it acts on the samples from its time on, had they come already or not."""
         known = self._edges or self._passed
-        # Edges come in order; one that lies further back belongs to an actuator that starts anew.
+        # Edges arrive in order; an earlier one belongs to a restarted actuator.
         follows = not known or (edge.nanoseconds >= known[-1].nanoseconds and edge != known[-1])
         self._edges.append(edge)
         if follows and edge.nanoseconds <= self._rollback.newest:
             self._take_back(edge)
 
     def take(self, sample: int, nanoseconds: int, voltage: float, displacement: float) -> bool:
-        """Take one sample in; return False where it is left out."""
+        """Process a sample; return False if it is omitted."""
         known = self.intake.newest
         if not known < sample <= known + AHEAD and self._edge_due(nanoseconds):
             self.intake.newest = known = -1  # a record may begin at any number
@@ -201,7 +200,7 @@ class RecordSegmenter:
         return True
 
     def _follow(self, edge: SegmentEdge) -> None:
-        """Take the harmonic of the drive of a record, where its marker tells one."""
+        """Use the harmonic of the drive of a record, if its marker states one."""
         if edge.record and edge.frequency > 0.0:
             try:
                 self.method.drive_at(edge.frequency)
@@ -209,7 +208,7 @@ class RecordSegmenter:
                 self.unseen += 1
 
     def _take_back(self, edge: SegmentEdge) -> None:
-        """Make anew what was made of the samples since an edge."""
+        """Recompute the estimate from the samples since an edge."""
         found = self._rollback.back_to(edge.nanoseconds)
         if found is None:
             self.late += 1
@@ -244,25 +243,25 @@ class RecordSegmenter:
         self._passed.clear()
 
     def set_forgetting(self, forgetting: float) -> None:
-        """Go on with another forgetting factor."""
+        """Continue with another forgetting factor."""
         self.method.forgetting = forgetting
         self._reset_samples()
 
     def change(self, method: OnlineMethod) -> None:
-        """Go on with another method, which knows nothing yet."""
+        """Continue with another method, without prior information."""
         self.method = method
         self._before = None
         self._reset_samples()
 
     def reset(self) -> None:
-        """Forget what was learnt, and that there were records."""
+        """Reset the estimate and the records."""
         self.method.reset()
         self._open = True
         self._before = None
         self._reset_samples()
 
     def settled(self, estimate: Estimate, free_run: float = math.nan) -> bool:
-        """Return whether the estimate stood still since this was asked last, and is of use.
+        """Return whether the estimate has converged since the last call and is usable.
 
         One whose `free_run` rms [m] exceeds the motion itself predicts less than a constant does;
         where that is not known any more (NaN) the last one that was known counts.

@@ -1,4 +1,4 @@
-"""Takes samples back that were used before it was known what they belong to."""
+"""Rollback buffer for samples that were used before their marker arrived."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ State = TypeVar('State')
 
 
 class Sample(NamedTuple):
-    """One sample of an actuator as it came."""
+    """A sample of an actuator as received."""
 
     number: int
     nanoseconds: int
@@ -26,7 +26,7 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Checkpoint(Generic[State]):
-    """The state of a recursion before the sample that came as number `count`."""
+    """The state of a recursion before the sample with arrival number `count`."""
 
     count: int
     nanoseconds: int
@@ -50,7 +50,7 @@ class RollbackBuffer(Generic[State]):
 
     @property
     def newest(self) -> int:
-        """Time of the newest sample [ns], -1 where there is none."""
+        """Time of the newest sample [ns], -1 if there is none."""
         return self._samples[-1].nanoseconds if self._samples else -1
 
     def note(self, sample: Sample) -> None:
@@ -61,15 +61,15 @@ class RollbackBuffer(Generic[State]):
         self._count += 1
 
     def clear(self) -> None:
-        """Forget everything: nothing before this is to be taken back."""
+        """Clear the buffer; earlier samples cannot be rolled back."""
         self._memories.clear()
         self._samples.clear()
         self._count = 0
 
     def back_to(self, nanoseconds: int) -> tuple[Checkpoint[State], list[Sample]] | None:
-        """Return the newest memory before a time, and the samples since; None if too long ago.
+        """Return the newest checkpoint before a time and the samples since; None if too old.
 
-        The memories after that one are forgotten with their samples; note those again.
+        Later checkpoints are discarded with their samples; store the samples again.
         """
         while self._memories and self._memories[-1].nanoseconds >= nanoseconds:
             self._memories.pop()

@@ -1,9 +1,8 @@
-"""Commands that move an actuator no faster than it is allowed, however late they come.
+"""Slew limit for commands that may arrive late.
 
-An actuator that keeps its own pace holds what it has where a command comes late. The next one,
-made for its tick as planned, would move it by all that was missed at once. So a command is held
-to what the actuator says that it applies, and to every command since then: each of them may still
-be the one before it, or be skipped.
+A free-running actuator holds its voltage if a command is late. The next command, computed for its
+own tick, would then cause a step of several ticks. A command is therefore limited relative to the
+last applied voltage and to every command since: each of them may still be applied, or be skipped.
 """
 
 from __future__ import annotations
@@ -13,11 +12,11 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-# Commands that are remembered; more are on their way where nothing answers any more.
+# Largest number of commands in transit.
 _ON_THEIR_WAY = 256
-# A command has arrived after so long, and acts or was skipped [s].
+# After this time a command has been applied or skipped [s].
 _ARRIVES = 0.1
-# An actuator that stands still for so long does not wait for commands, it ignores them [s].
+# An actuator with a constant voltage for this time ignores commands [s].
 _STUCK = 1.0
 _ROUNDING = 1e-9
 
@@ -31,10 +30,10 @@ class _Sent(NamedTuple):
 
 
 class SteadyCommand:
-    """Bounds the change of a command by a rate, from wherever the actuator may be.
+    """Limits the rate of a command relative to every possible state of the actuator.
 
-    Commands that are applied in their tick may move by the rate. One that is always a tick late
-    has two of them to be near to, and so moves half as fast.
+    Commands that are applied in their own tick reach the full rate. A command that is always one
+    tick late is limited relative to two voltages and reaches half the rate.
 
     Parameters
     ----------
@@ -45,10 +44,10 @@ class SteadyCommand:
 
     Attributes
     ----------
-    eased : int
-        Commands that were held back.
+    limited : int
+        Number of limited commands.
     behind : bool
-        Whether the last command was not the one that was planned.
+        Whether the last command differed from the planned one.
     """
 
     def __init__(self, rate: float, now: Callable[[], float] = time.monotonic) -> None:
@@ -59,29 +58,29 @@ class SteadyCommand:
         self.behind = False
 
     def reset(self) -> None:
-        """Begin again with an actuator that was started anew."""
+        """Reset for a restarted actuator."""
         self._applied, self._still, self.behind = None, 0, False
         self._sent.clear()
 
     def update(self, sample: int, voltage: float) -> None:
-        """Note what was applied at a tick [V]: what was sent before that is over."""
-        if voltage == self._applied:  # held: nothing more is known of what is on its way
+        """Store the voltage [V] applied at a tick; earlier commands are no longer in transit."""
+        if voltage == self._applied:  # constant: no information on commands in transit
             self._still += self.behind
         else:
             self._still, self._applied = 0, voltage
             if any(each.voltage == voltage for each in self._sent):
                 while self._sent.popleft().voltage != voltage:  # the oldest that it may be
                     pass
-            else:  # an actuator that goes its own way
+            else:  # the actuator changed the voltage itself
                 while len(self._sent) > 1:
                     self._sent.popleft()
         self._drop_arrived(sample)
 
     def _drop_arrived(self, sample: int) -> None:
-        """Drop commands that had come before tick `sample`, as the last states have reported them.
+        """Discard commands that arrived before tick `sample` according to the last states.
 
-        What was sent long ago is over only where that tick was long after it, too: states may
-        have waited to be heard.
+        An old command is discarded only if the tick is also much later, because states may be
+        delivered late.
         """
         arrived, ticks = self._now() - _ARRIVES, _ARRIVES * self._rate
         while len(self._sent) > 1:
@@ -91,16 +90,16 @@ class SteadyCommand:
             self._sent.popleft()
 
     def next(self, sample: int, planned: float, slew: float) -> float:
-        """Return the command of a tick [V] for what is planned [V].
+        """Return the limited command of a tick [V] for the planned one [V].
 
-        It moves the actuator by no more than `slew` [V/s]; 0 is any.
+        The actuator moves by no more than `slew` [V/s]; 0 means no limit.
         """
         command = planned
         if slew > 0.0 and self._applied is not None and self._still <= _STUCK * self._rate:
             most = slew / self._rate * (1.0 + _ROUNDING)
             before = (self._applied, *(each.voltage for each in self._sent))
             low, high = max(before) - most, min(before) + most
-            if low > high:  # it went its own way meanwhile
+            if low > high:  # the actuator changed the voltage itself
                 low, high = self._applied - most, self._applied + most
             command = min(max(planned, low), high)
         self.behind = command != planned

@@ -31,7 +31,7 @@ class SweepRecord:
     name : str
         Unique within the sweep.
     info : RecordInfo
-        What the marker tells.
+        Content of the marker.
     first : int
         Tick of the sweep at which it starts.
     voltages : ndarray, shape (n,)
@@ -129,10 +129,10 @@ class Sweep:
         self.way_back = max(round(RETURN * rate), math.ceil(slow))
 
     def start(self, sample: int, voltage: float = 0.0) -> None:
-        """Let the sweep begin at tick `sample` of the loop.
+        """Start the sweep at tick `sample` of the loop.
 
-        An actuator that stands at a `voltage` [V] which the sweep would leave by a jump is brought
-        to rest first.
+        If the sweep would step from the present `voltage` [V], the actuator is first brought to
+        rest.
         """
         self._start = sample
         if abs(voltage) > self._change:
@@ -160,7 +160,7 @@ class Sweep:
         return not self._rests(sample) and self._place(sample) >= self.length
 
     def starting(self, sample: int) -> SweepRecord | None:
-        """Return the record whose first tick `sample` is."""
+        """Return the record that starts at tick `sample`."""
         place = self._place(sample)
         if self._cancelled_at is not None or self._rests(sample):
             return None
@@ -191,9 +191,9 @@ class Sweep:
                 return 0.0
             if place < record.last:
                 return float(record.voltages[place - record.first])
-            gone = (place - record.last + 1) / round(RETURN * self.rate)
-            if gone < 1.0:
-                return float(record.voltages[-1]) * (1.0 - gone)
+            ended = (place - record.last + 1) / round(RETURN * self.rate)
+            if ended < 1.0:
+                return float(record.voltages[-1]) * (1.0 - ended)
         return 0.0
 
     def seconds_left(self, sample: int) -> float:
@@ -239,7 +239,7 @@ def waveform_of(
 
 
 def narrowed(low: float, high: float, least: float, most: float) -> str:
-    """Say what an actuator takes, and how a drive of `low` .. `high` [V] comes to fit in it."""
+    """Return the range of an actuator, and the remedy for a drive of `low` .. `high` [V]."""
     takes = f'the actuator takes {least:g} .. {most:g} V'
     if high - low > most - least:
         return f'{takes}: ask for a smaller amplitude'

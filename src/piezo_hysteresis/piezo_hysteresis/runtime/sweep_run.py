@@ -21,7 +21,7 @@ class Markers(Protocol):
         """Mark that a record begins at tick `sample`."""
 
     def end(self, judged: str, verdict: str, sample: int) -> None:
-        """Mark that a record ends at tick `sample`, or that `judged` does not count and why."""
+        """Mark the end of a record at tick `sample`, or reject the record `judged` and why."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,16 @@ class Running:
 
 
 class SweepRun:
-    """What each tick of a sweep gets.
+    """Voltages and markers of a running sweep.
 
     Parameters
     ----------
     sweep : Sweep
         The plan; its first tick is known.
     markers : Markers
-        Where its markers go.
+        Publishes its markers.
     recorded : bool
-        Whether a record counts only if every state of it was heard and kept.
+        Whether a record counts only if all its states were received and stored.
 
     Attributes
     ----------
@@ -61,13 +61,13 @@ class SweepRun:
         self._markers = markers
         self._recorded = recorded
         self._open: Running | None = None
-        self._closed: tuple[Running, bool] | None = None  # and whether all of it was heard
+        self._closed: tuple[Running, bool] | None = None  # and whether it is complete
         self._repeats: Counter[int] = Counter()
-        # the newest states of which none is missing: `_since` to `_newest`
+        # the newest complete run of states: `_since` to `_newest`
         self._since, self._newest = 0, -1
 
     def add_state(self, sample: int, *, kept: bool = True) -> None:
-        """Note the state of tick `sample`, in a bag unless it had to be dropped."""
+        """Add the state of tick `sample`; it is in the bag unless it was dropped."""
         if not kept:
             self._since = sample + 1
         elif sample != self._newest + 1:
@@ -75,7 +75,7 @@ class SweepRun:
         self._newest = sample
 
     def step(self, sample: int) -> float | None:
-        """Return the voltage of tick `sample` [V], None where the sweep is over."""
+        """Return the voltage of tick `sample` [V], None after the end of the sweep."""
         sweep = self.sweep
         if sweep.over(sample) or sweep.starting(sample) is not None:
             self._judge(sample)
@@ -108,7 +108,7 @@ class SweepRun:
             self._markers.end(each.record.name, why, sample)
 
     def _judge(self, sample: int) -> None:
-        """Count the record before, or run it again where some of it was lost."""
+        """Accept the previous record, or repeat it if samples were lost."""
         if self._closed is None:
             return
         (closed, is_whole), self._closed = self._closed, None

@@ -1,4 +1,4 @@
-"""Brings together what belongs to one tick, in whatever order the messages come."""
+"""Synchronizes the messages of each tick, independent of their order of arrival."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 
 Tag = TypeVar('Tag')
 
-# A tick this much older than the newest voltage is not waited for any longer (real time only: in
-# lock-step the newest voltage cannot come before the older one was answered).
+# A tick this much older than the newest voltage is processed incomplete (only in real time: in
+# lock-step the next voltage arrives only after the previous one was processed).
 TIMEOUT = 2
 
-# More than this is never kept, even where the voltage stays away for good.
+# Largest number of stored messages, also if no voltage arrives.
 LONGEST = 5000
 
 
 class Tick(NamedTuple, Generic[Tag]):
-    """Everything a link needs for one tick.
+    """All inputs of a link for one tick.
 
     Attributes
     ----------
     point : ReferencePoint
         The reference of the tick.
     received : float
-        The voltage that came from the link before [V].
+        The voltage from the previous link [V].
     measured : Measured or None
-        The measurement of the tick before, or the newest one where that is lost.
+        The measurement of the previous tick, or the newest one if that is lost.
     tag : object
-        What came with the voltage.
+        Data attached to the voltage.
     """
 
     point: ReferencePoint
@@ -38,15 +38,15 @@ class Tick(NamedTuple, Generic[Tag]):
 
 
 class SampleSynchronizer(Generic[Tag]):
-    """Holds early messages back until their tick is complete.
+    """Buffers early messages until their tick is complete.
 
     Tick k is complete with its reference, its voltage and the measurement of tick k - 1 (for
-    k = 0 without). A link so computes the same numbers whatever the order of arrival.
+    k = 0 without). A link thus computes the same numbers for every order of arrival.
 
     Attributes
     ----------
     dropped : int
-        Voltages that were dropped because their reference never came.
+        Voltages that were dropped because their reference is missing.
     """
 
     def __init__(self) -> None:
@@ -60,22 +60,22 @@ class SampleSynchronizer(Generic[Tag]):
 
     @property
     def done(self) -> int:
-        """Number of the newest tick that was taken."""
+        """Index of the newest processed tick."""
         return self._done
 
     @property
     def waiting(self) -> int:
-        """How many messages wait for the rest of their tick."""
+        """Number of buffered messages."""
         return len(self._points) + len(self._voltages) + len(self._measured)
 
     def add_reference(self, point: ReferencePoint) -> None:
-        """Note the reference of a tick."""
+        """Add the reference of a tick."""
         if point.sample > self._done:
             self._points[point.sample] = point
             self._points.pop(point.sample - LONGEST, None)
 
     def add_measured(self, measured: Measured) -> None:
-        """Note the measurement of a tick."""
+        """Add the measurement of a tick."""
         if self._newest_measured is None or measured.sample > self._newest_measured.sample:
             self._newest_measured = measured
         if measured.sample >= self._done:
@@ -83,10 +83,10 @@ class SampleSynchronizer(Generic[Tag]):
             self._measured.pop(measured.sample - LONGEST, None)
 
     def add_voltage(self, sample: int, voltage: float, tag: Tag) -> bool:
-        """Note the voltage of a tick; return False where it is old or came twice.
+        """Add the voltage of a tick; return False if it is old or a duplicate.
 
-        That a voltage comes twice means that the loop waits: its tick is then answered with what
-        there is, so that a link that started later than the others does not hold it up for ever.
+        A duplicate voltage means that the loop waits. Its tick is then processed with the
+        available inputs, so that a link that started late does not block the loop.
         """
         if sample in self._voltages:
             self._repeated = sample
@@ -98,9 +98,9 @@ class SampleSynchronizer(Generic[Tag]):
         return True
 
     def take(self) -> Tick[Tag] | None:
-        """Return the oldest tick that is complete, once, or None.
+        """Return and remove the oldest complete tick, or None.
 
-        A voltage whose reference never came is dropped once newer voltages are there.
+        A voltage without a reference is dropped once newer voltages have arrived.
         """
         while self._voltages:
             sample = min(self._voltages)

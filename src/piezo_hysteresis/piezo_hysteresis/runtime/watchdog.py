@@ -9,27 +9,28 @@ from piezo_hysteresis.compensation.limiter import Limiter
 
 @dataclass
 class Watchdog:
-    """Counts the ticks that the actuator goes on without a command of this link.
+    """Counts the ticks of the actuator without a command from this link.
 
-    Time is that of the actuator: in lock-step it stands still while a command is missing, so that
-    a loop of slow processes is never disturbed.
+    Time is that of the actuator: in lock-step it stops while a command is missing, so that slow
+    processes do not trigger the watchdog.
 
     Attributes
     ----------
     limiter : Limiter
-        That of the link; its voltage is what is ramped.
+        Limiter of the link; its voltage is ramped.
     timeout : int
-        Ticks without a command before the ramp begins; 0 is off.
+        Ticks without a command before the ramp starts; 0 disables it.
     safe_voltage : float
-        Where to go [V].
+        Target voltage [V].
     ramp : float
-        How fast [V/s].
+        Rate [V/s].
     stale : bool
-        The input stays away: the link ramps, or is silent at the safe voltage.
+        Whether the input is missing: the link ramps, or has stopped publishing at the safe
+        voltage.
     episodes : int
-        How often that happened.
+        Number of timeouts.
     newest : int
-        Newest tick for which a command was passed on, -1 before the first.
+        Newest tick with a command, -1 before the first.
     """
 
     limiter: Limiter
@@ -42,7 +43,7 @@ class Watchdog:
     _arrived: bool = False
 
     def received(self, sample: int) -> None:
-        """Take note that a command for tick `sample` was passed on."""
+        """Record the command for tick `sample`."""
         self.newest = sample
         self.stale = self._arrived = False
 
@@ -52,10 +53,10 @@ class Watchdog:
         self.stale = self._arrived = False
 
     def voltage(self, tick: int) -> float | None:
-        """Return what to command for `tick` [V], None where nothing is to be said.
+        """Return the command for `tick` [V], None if there is none to publish.
 
-        The link falls silent once it has said the safe voltage: the node that takes the commands
-        then knows that the chain is broken, and keeps to its own safe voltage.
+        The link stops publishing once it has reached the safe voltage: the receiving node then
+        detects the broken chain and applies its own safe voltage.
         """
         if not self.overdue(tick) or self._arrived:
             return None

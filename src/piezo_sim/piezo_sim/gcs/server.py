@@ -228,8 +228,8 @@ def run(options: argparse.Namespace, overrides: dict[str, Any], language: str = 
 def _serve_pty(
     controller: SimulatedController, language: str, fault: Fault, link: Path | None
 ) -> None:
-    spoken = Nv200Language(controller) if language == 'nv200' else Language(controller)
-    server = PtyServer(controller, spoken, fault)
+    protocol = Nv200Language(controller) if language == 'nv200' else Language(controller)
+    server = PtyServer(controller, protocol, fault)
     try:
         if link is not None:
             if link.is_symlink():  # left by a killed process

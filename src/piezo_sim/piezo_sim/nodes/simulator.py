@@ -90,8 +90,8 @@ class Simulator(Node):
         commands = self.create_subscription(
             VoltageCommand, topics.VOLTAGE_COMMAND, self._on_command, LOOP, raw=True
         )
-        beside = topics.slew_of(commands.topic_name)
-        self.create_subscription(Float64, beside, self._on_slew, LATCHED)
+        slew_topic = topics.slew_of(commands.topic_name)
+        self.create_subscription(Float64, slew_topic, self._on_slew, LATCHED)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(LoadPreset, '~/load_preset', self._on_load_preset)
         self.create_service(InjectFault, '~/inject_fault', self._on_inject_fault)

@@ -21,7 +21,7 @@ POLARITY_SIZE = 6
 @leaf
 def see(voltage: float, displacement: float, memory: FloatArray, dt: float) -> None:
     """Take the voltage [V] and the displacement [m] of one tick."""
-    share, forget = min(1.0, dt / _SMOOTHING), min(1.0, dt / _MEMORY)
+    share, decay = min(1.0, dt / _SMOOTHING), min(1.0, dt / _MEMORY)
     if memory[_STARTED] == 0.0:
         memory[_STARTED] = 1.0
         memory[_SLOW_V] = memory[_FIRST_V] = voltage
@@ -29,7 +29,7 @@ def see(voltage: float, displacement: float, memory: FloatArray, dt: float) -> N
     memory[_SLOW_V] += share * (voltage - memory[_SLOW_V])
     memory[_SLOW_Y] += share * (displacement - memory[_SLOW_Y])
     product = (memory[_SLOW_V] - memory[_FIRST_V]) * (memory[_SLOW_Y] - memory[_FIRST_Y])
-    memory[_PRODUCT] += forget * (product - memory[_PRODUCT])
+    memory[_PRODUCT] += decay * (product - memory[_PRODUCT])
 
 
 @leaf

@@ -61,7 +61,7 @@ _FREQUENCY_STEP = 2e-3
 # window and pass for noise. Which even ones are fitted moves the error left by 3 % at most.
 _STRONG = (1.0, 2.0, 3.0, 5.0, 7.0, 9.0)
 _STRONG_EVEN = 6.0
-_BESIDES = len(_STRONG) + 1
+_EXTRA = len(_STRONG) + 1
 # A step that multiplies the mean square error of a period by more than this is taken back. A full
 # step with the wrong sign makes 1.9^2 = 3.6 of it, is the clearest observation there is, and the
 # next step mends it.
@@ -122,7 +122,7 @@ class Fit(NamedTuple):
 def fit_of(count: int, p: FloatArray) -> Fit:
     """Return where the fit of `count` orders stands."""
     orders = fitted_at(p)
-    basis, size = orders + room(p) + _BESIDES, 1 + 2 * count
+    basis, size = orders + room(p) + _EXTRA, 1 + 2 * count
     normal = basis + size
     return Fit(orders, count, basis, size, normal, normal + (size + 1) * (size + 1))
 
@@ -130,7 +130,7 @@ def fit_of(count: int, p: FloatArray) -> Fit:
 @jit
 def afc_size(p: FloatArray) -> int:
     """Return the size of the memory for packed settings."""
-    return fit_of(room(p) + _BESIDES, p).end
+    return fit_of(room(p) + _EXTRA, p).end
 
 
 @jit
@@ -271,7 +271,7 @@ def choose_orders(frequency: float, memory: FloatArray, p: FloatArray, dt: float
     """Choose the orders that are cancelled and those that are fitted beside them."""
     most, own = room(p), p.size - ORDERS
     count, span = own, memory[_LENGTH] * dt
-    every, kept = scratch(most + _BESIDES + 1), scratch(most + _BESIDES + 1)
+    every, kept = scratch(most + _EXTRA + 1), scratch(most + _EXTRA + 1)
     for i in range(own):
         every[i] = p[ORDERS + i]
     if p[RESONANCE] > 0.0:

@@ -92,12 +92,12 @@ def require_reachable(
     reach = reach_of(model, values, dt, limits)
     if not np.isfinite(reach.half):
         return  # the study itself shows a model that diverges
-    beside = abs(0.5 * (low + high) - reach.middle)
+    offset = abs(0.5 * (low + high) - reach.middle)
     amplitude = 0.5 * (high - low)
-    if amplitude + beside <= _TOLERANCE * reach.half:
+    if amplitude + offset <= _TOLERANCE * reach.half:
         return
     helped = amplitude / _amplification(reference, model, values, dt, limits)
-    if helped + beside <= _TOLERANCE * reach.half:
+    if helped + offset <= _TOLERANCE * reach.half:
         return
     raise CompensationError(
         f'the reference goes from {1e6 * low:.4g} to {1e6 * high:.4g} µm, but between '

@@ -58,8 +58,8 @@ def sine_frequency(voltage: FloatArray, dt: float) -> float:
     frequency = 0.5 * (low + high)
     if _left(voltage, dt, frequency) > (1.0 - PURE) * float(centred @ centred):
         return 0.0
-    tidy = float(f'{frequency:.4g}')
-    return tidy if abs(tidy - frequency) < 0.02 / (n * dt) else frequency
+    cleaned = float(f'{frequency:.4g}')
+    return cleaned if abs(cleaned - frequency) < 0.02 / (n * dt) else frequency
 
 
 def _left(voltage: FloatArray, dt: float, frequency: float) -> float:

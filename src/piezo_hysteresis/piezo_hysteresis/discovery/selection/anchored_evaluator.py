@@ -211,7 +211,7 @@ class HeldEvaluator(Evaluator):
 
     def exceeds_discrepancy(self, fit: CandidateFit) -> bool:
         """Return whether the training residuals exceed the known discrepancy."""
-        return costs(fit.errors, _beside(fit, self.expected))[2]
+        return costs(fit.errors, _with_added(fit, self.expected))[2]
 
     def held_out_exceeds_discrepancy(self, spec: ModelSpec) -> bool:
         """Return whether the held-out residuals exceed the known discrepancy.
@@ -219,7 +219,7 @@ class HeldEvaluator(Evaluator):
         Held-out views can start the search but select no effect.
         """
         errors = evaluated_on(spec, self.data.held_out).errors
-        return costs(errors, _beside(spec, self.expected_held_out))[2]
+        return costs(errors, _with_added(spec, self.expected_held_out))[2]
 
     def has_significant_residual(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether a training or held-out residual exceeds the known discrepancy."""
@@ -227,7 +227,7 @@ class HeldEvaluator(Evaluator):
 
     def detection_test(self, fit: CandidateFit, start: CandidateFit) -> DetectionTest:
         """Return a function that decides whether response changes exceed the known discrepancy."""
-        expected = _beside(fit, self.expected)
+        expected = _with_added(fit, self.expected)
         own = [each.powers(error) for each, error in zip(expected, fit.errors, strict=True)]
 
         def of(changes: Sequence[FloatArray]) -> Callable[[float], bool]:
@@ -322,7 +322,7 @@ class HeldEvaluator(Evaluator):
         return Remainder(False, self.views, final, known)
 
 
-def _beside(spec: ModelSpec, expected: Sequence[Expectation]) -> Sequence[Expectation]:
+def _with_added(spec: ModelSpec, expected: Sequence[Expectation]) -> Sequence[Expectation]:
     """Return the expectations for a model with added effects.
 
     An effect after the actuator also acts on the known discrepancy: a delay rotates each of its

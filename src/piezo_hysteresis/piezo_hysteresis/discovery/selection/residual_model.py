@@ -99,18 +99,18 @@ class Expectation:
         shares, spectrum = self._components(change)
         known = self.expected > 0.0
         weights = np.sqrt(self.independent / np.where(known, self.expected, 1.0)) * known
-        beside = spectrum * weights[self.octave_of]
-        return np.concatenate([shares * weights[self.line_of], beside.real, beside.imag])
+        broadband = spectrum * weights[self.octave_of]
+        return np.concatenate([shares * weights[self.line_of], broadband.real, broadband.imag])
 
     def _components(self, error: FloatArray) -> tuple[FloatArray, ComplexArray]:
         """Return the share of each row of `lines` and the spectrum of the rest [m].
 
         Their squares are mean squares, and their sum is that of the error without its mean.
         """
-        shares, beside = np.zeros(0), error - error.mean()
+        shares, broadband = np.zeros(0), error - error.mean()
         if len(self.lines):
-            shares, beside = projected_out(beside, self.lines)
-        spectrum = np.fft.rfft(self.window * beside)
+            shares, broadband = projected_out(broadband, self.lines)
+        spectrum = np.fft.rfft(self.window * broadband)
         spectrum[0] = 0.0
         size = np.sqrt(float(self.window @ self.window) * spectrum.size)
         return shares / np.sqrt(error.size), spectrum / size
@@ -174,14 +174,14 @@ def expectation(
     octave_of[1:] += np.floor(np.log2(np.arange(1, frequency.size))).astype(np.int64)
     parts = int(octave_of.max()) + 1
     angle = 2.0 * np.pi * dt
-    beside = missed.density(frequency) * (frequency[1] * stroke**2)
+    broadband = missed.density(frequency) * (frequency[1] * stroke**2)
     white = noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, angle * frequency)
     by_noise: FloatArray = np.bincount(octave_of, white, parts).astype(np.float64)
     ranks = np.bincount(line_of, minlength=parts)
     orders = view.frequency * np.arange(_ORDERS, dtype=np.float64)
     at_lines = noise**2 / count * spectrum_of_noise(view.noise_colour, angle * orders)
     by_noise[:_ORDERS] += ranks[:_ORDERS] * at_lines
-    by_model: FloatArray = np.bincount(octave_of, beside, parts).astype(np.float64)
+    by_model: FloatArray = np.bincount(octave_of, broadband, parts).astype(np.float64)
     repeated, known_lines = _repeating(voltage, dt, view.frequency, known, stroke)
     if repeated is None:
         known_lines = {n: (share * stroke) ** 2 for n, share in missed.harmonics.items()}
@@ -197,7 +197,7 @@ def expectation(
             near = _octaves_near(order * view.frequency * count * dt, parts - _ORDERS)
             by_model[_ORDERS:] += square * near
     total = (missed.share * stroke) ** 2
-    open_to = min(total, sum(known_lines.values()) + float(beside.sum()))
+    open_to = min(total, sum(known_lines.values()) + float(broadband.sum()))
     independent = np.minimum(2 * np.bincount(octave_of, minlength=parts), policy.octave)
     independent[:_ORDERS] = np.minimum(ranks[:_ORDERS], policy.line)
     window = np.asarray(tukey(count, policy.taper), dtype=np.float64)

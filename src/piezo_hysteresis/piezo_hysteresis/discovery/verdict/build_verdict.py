@@ -123,8 +123,8 @@ def build_verdict(
     if {view.name for view in (*data.training, *data.held_out)} <= set(own):
         verdict = replace(verdict, next_experiments=instead(base.joint.model))
     elif verdict.held_baseline and kind == 'none' and not outcome.ends_in_noise:
-        lacks = instead(base.joint.model)[:-1]
-        verdict = replace(verdict, next_experiments=(*lacks, *verdict.next_experiments))
+        missing = instead(base.joint.model)[:-1]
+        verdict = replace(verdict, next_experiments=(*missing, *verdict.next_experiments))
     return replace(verdict, summary=summary_of(verdict))
 
 

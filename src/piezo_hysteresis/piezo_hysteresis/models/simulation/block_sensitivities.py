@@ -13,7 +13,7 @@ from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.kernels.forward import directional
 
 _VALUES = 1 << 15  # values of derivatives that are carried at a time: what a cache holds
-_BESIDE = 1e-6  # in units of what is usual
+_BRANCH_OFFSET = 1e-6  # in units of what is usual
 
 
 class At(NamedTuple):
@@ -158,7 +158,7 @@ def through(
     for k, column in enumerate(columns):
         if p[column] in (0.0, 1.0) and not np.any(answers[m + k]):
             # one by one: what does nothing where it stands is not to be moved for another's sake
-            one = _beside(at, column)
+            one = _off_branch(at, column)
             if one is not None:
                 other = first_moved[m + k, None]
                 found = through(kernel, x, rows[:0], one, begin.copy(), other, *clock)
@@ -195,14 +195,14 @@ def _weighed(
     return output, answers
 
 
-def _beside(at: At, column: int) -> At | None:
+def _off_branch(at: At, column: int) -> At | None:
     """Return values a little off where a law takes another branch; None where it may not move.
 
     With an exponent of 1, a share or a time of 0 it may say at once what comes out, and nothing
     seems to depend on them.
     """
     parameter, values = at.block.parameters[column], at.values.copy()
-    step = _BESIDE * parameter.scale
+    step = _BRANCH_OFFSET * parameter.scale
     values[column] += step if values[column] + step <= parameter.high else -step
     is_new = values[column] not in (0.0, 1.0) and not parameter.held
     return At(at.block, values, [column]) if is_new else None

@@ -24,7 +24,7 @@ def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:
         0 for one value per tick.
     """
     if block.parts:
-        return _beside(block.parts, dt, points)
+        return _parallel_sum(block.parts, dt, points)
     if block.kernel is not None and (not points or block.along is None):
         return block.kernel
     return _follower(block.along, points or 1)
@@ -43,7 +43,7 @@ def _follower(along: Any, points: int) -> Kernel:
     return follow
 
 
-def _beside(parts: Sequence[Block], dt: float, points: int) -> Kernel:
+def _parallel_sum(parts: Sequence[Block], dt: float, points: int) -> Kernel:
     """Return the sum of what several blocks answer to the same input."""
     whole = kernel_of(parts[0], dt, points)
     size, values = parts[0].initial_state(dt).size, len(parts[0].parameters)

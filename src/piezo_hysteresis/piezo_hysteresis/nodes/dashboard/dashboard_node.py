@@ -53,13 +53,13 @@ class ActuatorSession:
         self.investigation = InvestigationJob(node, live, folder)
 
     def watch(self) -> None:
-        """Look who offers what; called about once a second."""
+        """Update nodes and services; called about once a second."""
         self.jobs.watch()
         self.live.investigations_offered = self.investigation.offered
         self.investigation.watch()
 
     def close(self) -> None:
-        """Hear nothing more."""
+        """Stop all subscriptions."""
         self._node.destroy_node()
 
 
@@ -173,7 +173,7 @@ class Dashboard(Node):
             session.watch()
 
     def _wanted(self) -> list[str]:
-        """Return the namespaces that were asked for, none where all are welcome."""
+        """Return the configured namespaces, empty if all are shown."""
         own = self.get_namespace().strip('/')
         named = [name.strip('/') for name in self._words('actuators')]
         return named or ([own] if own else [])
@@ -209,12 +209,12 @@ class Dashboard(Node):
         return self._found or ['']
 
     def allows(self, actuator: str) -> bool:
-        """Return whether a namespace that a reader asks for may be looked at."""
+        """Return whether a requested namespace may be shown."""
         names = self._wanted()
         return actuator in names if names else len(self._lives) < MOST_ACTUATORS
 
     def live(self, actuator: str) -> Live:
-        """Return what is known of an actuator."""
+        """Return the state of an actuator."""
         if actuator not in self._lives:
             live = self._lives[actuator] = Live(actuator)
             self._requests.put(lambda: self._open(live))
@@ -250,7 +250,7 @@ class Dashboard(Node):
         go_on()
 
     def cancel_sweep(self, actuator: str) -> None:
-        """Let the actuator return to rest."""
+        """Return the actuator to rest."""
         self._request(actuator, lambda session: session.jobs.sweep.cancel())
 
     def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
@@ -282,7 +282,7 @@ class Dashboard(Node):
         self._requests.put(lambda: what(self._sessions[actuator]))
 
     def close(self) -> None:
-        """End the server and finish what is being recorded."""
+        """End the server and close open recordings."""
         self._server.stop()
         for session in self._sessions.values():
             session.close()

@@ -1,4 +1,4 @@
-"""The investigation that the page starts: its goal, what it says on the way, what came out."""
+"""The investigation that the page starts: goal, feedback and result."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class InvestigationJob(ActionJob):
     Parameters
     ----------
     node, live : Node, Live
-        Asks; of which actuator.
+        Client node, and the state of its actuator.
     folder : Path
-        That is served; the discovery node has the same.
+        The served folder; the discovery node uses the same one.
     """
 
     def __init__(self, node: Node, live: Live, folder: Path) -> None:
@@ -55,7 +55,7 @@ class InvestigationJob(ActionJob):
 
 
 def belief_of(feedback: Investigate.Feedback) -> InvestigationState:
-    """Return what a feedback says, for the page."""
+    """Return the content of a feedback message, for the page."""
     return InvestigationState(
         feedback.stage,
         feedback.number,

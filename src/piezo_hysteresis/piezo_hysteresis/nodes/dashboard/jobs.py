@@ -17,17 +17,17 @@ from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
 from piezo_interfaces.action import Discover, Investigate, RunSweep
 
 SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
-EXPLAINED = 2.0  # within which a node that refuses says why in its log [s]
+EXPLAINED = 2.0  # time in which a refusing node logs the reason [s]
 TIMEOUT = 5.0  # without the node a job is lost [s]
 
 
 class ActionJob:
-    """A goal of one action at a time, and what becomes of it.
+    """Client of one action, with one goal at a time and its outcome.
 
     Parameters
     ----------
     node, live : Node, Live
-        Asks; of which actuator.
+        Client node, and the state of its actuator.
     kind, name : type, str
         The action.
     server : str
@@ -64,7 +64,7 @@ class ActionJob:
         return bool(self._client.server_is_ready())
 
     def send(self, goal: Any, text_of: Callable[[Any], str]) -> None:
-        """Send a goal; `text_of` tells of a feedback."""
+        """Send a goal; `text_of` formats the feedback."""
 
         def on_feedback(message: Any) -> None:
             if self.read().phase == 'running':
@@ -80,9 +80,9 @@ class ActionJob:
         self._asked = self._live.clock()
         self._missed_since = math.inf
         sent = self._client.send_goal_async(goal, feedback_callback=on_feedback)
-        sent.add_done_callback(self._judged)
+        sent.add_done_callback(self._on_response)
 
-    def _judged(self, future: Any) -> None:
+    def _on_response(self, future: Any) -> None:
         handle = future.result()
         if not handle.accepted:
             self._unexplained = True
@@ -106,7 +106,7 @@ class ActionJob:
         self.write(BackgroundJob('failed', 0.0, reason))
 
     def cancel(self) -> None:
-        """Ask the node to give it up."""
+        """Cancel the goal."""
         if self._handle is None:
             return
 
@@ -147,11 +147,11 @@ class Jobs:
     Parameters
     ----------
     node : Node
-        Asks.
+        Client node.
     live : Live
-        Of which actuator.
+        State of the actuator.
     folder : Path
-        Where bags and reports go; that of the excitation holds it.
+        Folder of bags and reports, within that of the excitation.
     """
 
     def __init__(self, node: Node, live: Live, folder: Path) -> None:
@@ -169,7 +169,7 @@ class Jobs:
         self.discovery.on_result = lambda result: what_was_found(result, folder)
 
     def watch(self) -> None:
-        """Look who offers what; called about once a second."""
+        """Update the available services; called about once a second."""
         self._live.sweeps_offered = self.sweep.offered
         self._live.discoveries_offered = self.discovery.offered
         self.sweep.watch()
@@ -178,7 +178,7 @@ class Jobs:
     # --- sweep ---------------------------------------------------------------------------------
 
     def run_sweep(self, order: SweepOrder) -> None:
-        """Let the excitation run a sweep and record it."""
+        """Request a recorded sweep from the excitation."""
         if self._live.sweep.phase == 'running':
             reason = 'another sweep is being recorded; wait for it or cancel it'
             self._live.sweep = BackgroundJob('failed', 0.0, reason)

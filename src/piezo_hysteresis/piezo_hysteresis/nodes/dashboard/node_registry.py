@@ -1,4 +1,4 @@
-"""Which nodes there are, and their parameters with what they tell about them."""
+"""Registry of running nodes and their described parameters."""
 
 from __future__ import annotations
 
@@ -54,19 +54,19 @@ class NodeRegistry:
     Parameters
     ----------
     node : Node
-        Asks them.
+        Client node.
     live : Live
-        Where it is written down.
+        State of the page to update.
     """
 
     def __init__(self, node: Node, live: Live) -> None:
         self._node, self._live = node, live
         self._clients: dict[str, AsyncParameterClient] = {}
-        self._asked: dict[str, float] = {}  # nodes whose parameters are being asked for
+        self._asked: dict[str, float] = {}  # nodes with a pending parameter request
         self._answers: list[tuple[float, str, Answer]] = []
 
     def look(self, present: set[str]) -> None:
-        """Note which nodes are there; ask new ones."""
+        """Update the running nodes; request the parameters of new ones."""
         now = self._live.clock()
         nodes = self._live.nodes
         for name in present:
@@ -88,7 +88,7 @@ class NodeRegistry:
         return self._clients[name]
 
     def _ask(self, name: str) -> None:
-        """Ask a node for all it has, once its services are there."""
+        """Request all parameters of a node once its services are available."""
         now = self._live.clock()
         client = self._client(name)
         if now - self._asked.get(name, -TIMEOUT) < TIMEOUT or not client.services_are_ready():
@@ -98,7 +98,7 @@ class NodeRegistry:
 
     def _listed(self, name: str, listed: Any) -> None:
         if listed.result() is None:
-            return  # it has gone, or is asked again
+            return  # the node has ended, or a newer request is pending
         answer: ListParameters.Response = listed.result()
         names = [n for n in answer.result.names if not n.startswith('qos_overrides')]
         found: dict[str, Any] = {}
@@ -124,7 +124,7 @@ class NodeRegistry:
         descriptions: DescribeParameters.Response = found['about']
         values, about = got.values, descriptions.descriptors
         if not len(names) == len(values) == len(about):
-            return  # it has changed meanwhile and is asked again
+            return  # the node has changed and a newer request is pending
         parameters = {
             key: from_ros(name, key, parameter_value_to_python(value), descriptor)
             for key, value, descriptor in zip(names, values, about, strict=True)
@@ -132,12 +132,12 @@ class NodeRegistry:
         self._live.nodes[name] = replace(state, parameters=parameters)
 
     def follow(self, name: str, event: ParameterEvent) -> None:
-        """Take in what a node says of its own changes."""
+        """Apply a parameter event of a node."""
         state = self._live.nodes.get(name)
         if state is None or not state.parameters:
             return
-        gone = {p.name for p in event.deleted_parameters}
-        known = {k: p for k, p in state.parameters.items() if k not in gone}
+        ended = {p.name for p in event.deleted_parameters}
+        known = {k: p for k, p in state.parameters.items() if k not in ended}
         strange = False
         for message in (*event.new_parameters, *event.changed_parameters):
             if message.name in known:
@@ -150,7 +150,7 @@ class NodeRegistry:
             self._ask(name)
 
     def set(self, name: str, values: Mapping[str, Value], answer: Answer) -> None:
-        """Set parameters of a node; `answer` gets the first refusal."""
+        """Set parameters of a node; `answer` receives the first refusal."""
         state = self._live.nodes.get(name)
         if state is None or not state.present:
             answer.give(f'{name} is not there; start it first')
@@ -173,7 +173,7 @@ class NodeRegistry:
 
     def _expire(self, now: float) -> None:
         for due, name, answer in self._answers:
-            # one that compiles for the change answers afterwards
+            # a node that compiles for the change responds afterwards
             works = now < self._live.working.get(name, -TIMEOUT) + TIMEOUT
             if due < now and not works and not answer.done:
                 answer.give(f'{name} did not answer within {TIMEOUT:g} s; see whether it runs')

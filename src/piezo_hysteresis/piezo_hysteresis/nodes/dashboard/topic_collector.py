@@ -1,7 +1,7 @@
-"""Collects what every topic of the page says, many messages at a time.
+"""Collects the messages of all topics of the page in batches.
 
-A callback per message would cost the processor as much as a link of the loop. The subscriptions
-are therefore in no executor: they are emptied some 30 times a second.
+A callback per message would use as much processor time as a controller of the loop. The
+subscriptions are therefore in no executor; they are polled at about 30 Hz.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MOST = 20000  # messages of one topic at a time
 
 
 class Channel(Generic[Message]):
-    """One topic: takes what has come, hands it on decoded."""
+    """One topic: takes received messages and passes them on decoded."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class TopicCollector:
     node : Node
         In no executor.
     live : Live
-        Where it is written down.
+        State of the page to update.
     """
 
     def __init__(self, node: Node, live: Live) -> None:
@@ -106,7 +106,7 @@ class TopicCollector:
         return self._prefix + short
 
     def poll(self) -> None:
-        """Take in what has come."""
+        """Process the received messages."""
         for channel in self.channels.values():
             channel.poll()
 
@@ -172,9 +172,9 @@ class SharedTopics:
     node : Node
         In no executor.
     live_of : callable
-        Returns what is known of the actuator of a node's whole name, and the short name.
+        Returns the state of the actuator of a fully qualified node name, and the short name.
     on_event : callable
-        Gets every change of parameters.
+        Receives every parameter event.
     """
 
     def __init__(

@@ -56,9 +56,9 @@ NO_ANSWER = 3
 
 
 class Excitation(Node):
-    """Answers the state of tick k with the reference (or voltage) of tick k + 1.
+    """Responds to the state of tick k with the reference (or voltage) of tick k + 1.
 
-    It so follows the clock of the actuator, whatever that is: lock-step or real time.
+    It thus follows the clock of the actuator, in lock-step or real time.
     """
 
     def __init__(self) -> None:
@@ -75,7 +75,8 @@ class Excitation(Node):
         self._received = time.monotonic()
         self._params = NodeParameters(self, EXCITATION)
         self._rate = self._params.number('rate')
-        # A single state that says 0 moves nothing: a restart shows in the status, or confirmed.
+        # A single state with index 0 is ignored: a restart is reported in the status, or
+        # confirmed.
         self._intake = SequenceFilter(restarts=False)
         self._times = ActuatorClock(self._rate)
         self._steady = SteadyCommand(self._rate)
@@ -83,8 +84,8 @@ class Excitation(Node):
         self._voltage_publisher = self.create_publisher(
             VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
         )
-        beside = topics.slew_of(self._voltage_publisher.topic_name)
-        self._slew_publisher = self.create_publisher(Float64, beside, LATCHED)
+        slew_topic = topics.slew_of(self._voltage_publisher.topic_name)
+        self._slew_publisher = self.create_publisher(Float64, slew_topic, LATCHED)
         self._published_slew = -1.0
         self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
@@ -105,8 +106,8 @@ class Excitation(Node):
     # --- ticks ---------------------------------------------------------------------------------
 
     def _on_status(self, message: LoopStatus) -> None:
-        # Tells where an actuator waits that has no state to answer yet, or had it before.
-        # It may be older than the states that have come, so only a fresh start tells of a restart.
+        # States the tick for which the actuator waits without a state to respond to. The message
+        # may be older than received states, so only a new start indicates a restart.
         if message.sample == 0 < self._newest_state:
             self._intake.newest = -1
             self._follow_restart(-1)
@@ -135,7 +136,7 @@ class Excitation(Node):
         self._emit(sample + 1)
 
     def _follow_restart(self, sample: int) -> None:
-        """Begin again: the actuator was started anew and has reached tick `sample`."""
+        """Restart: the actuator was restarted and has reached tick `sample`."""
         self.get_logger().warning('the actuator was started anew', throttle_duration_sec=5.0)
         self._restarts += 1
         self._newest_state = self._emitted = sample
@@ -165,18 +166,18 @@ class Excitation(Node):
             self._emit_experiment(sample)
 
     def _listened_to(self) -> bool:
-        """Return whether everybody is there who must not miss the first tick."""
+        """Return whether all subscribers that need the first tick are connected."""
         return self._emitted >= 0 or not self._missing_listeners()
 
     def _missing_listeners(self) -> str:
-        """Return who else must be there before the first tick; empty where all are."""
+        """Return the missing subscribers before the first tick; empty if all are connected."""
         voltage = self._params.text('mode') == 'voltage'
         publisher = self._voltage_publisher if voltage else self._reference_publisher
         count = self._params.integer('wait_for')
         return missing_subscribers(publisher, publisher.topic_name, count)
 
     def _repeat(self) -> None:
-        """Say the last word again where the loop stands still: somebody may have missed it."""
+        """Publish the last message again if the loop has stopped: it may have been lost."""
         if time.monotonic() - self._received < REPEAT_AFTER:
             return
         if self._last is None:
@@ -270,7 +271,7 @@ class Excitation(Node):
             return f'waveform: {error}'
 
     def _beyond_range(self, changes: dict[str, Value]) -> str:
-        """Return why the actuator would refuse the voltage; empty where it would not.
+        """Return why the actuator would refuse the voltage; empty if it would not.
 
         Raises
         ------

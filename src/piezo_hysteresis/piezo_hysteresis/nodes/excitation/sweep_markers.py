@@ -1,4 +1,4 @@
-"""Publishes the markers of a sweep, and records it where a bag is asked for."""
+"""Publishes the markers of a sweep, and records it if a bag is requested."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from piezo_interfaces.msg import RecordMarker
 
 
 def missing_subscribers(publisher: Publisher, topic: str, count: int) -> str:
-    """Return how many subscribers a topic wants and has; empty where they are all there."""
+    """Return required and present subscribers of a topic; empty if all are present."""
     there = publisher.get_subscription_count()
     return '' if there >= count else f'{count} subscribers of {topic}, {there} are there'
 
@@ -52,13 +52,13 @@ class SweepMarkers:
         self._numbers: list[int] = []
 
     def missing(self) -> str:
-        """Return who has to be there before the first tick; empty where all are."""
+        """Return the missing subscribers before the first tick; empty if all are connected."""
         there = subscribers(self._node, topics.MARKER)
         count = max(self._parameters.integer('marker_listeners'), there)
         return missing_subscribers(self._publisher, topics.MARKER, count)
 
     def begin(self, bag: Path) -> None:
-        """Record from now on.
+        """Start the recording.
 
         Raises
         ------
@@ -76,7 +76,7 @@ class SweepMarkers:
         self._recorder = recorder
 
     def state(self, payload: bytes) -> bool:
-        """Record a state as it came; return False if it had to be dropped."""
+        """Record a state as received; return False if it had to be dropped."""
         return self._write(0, payload)
 
     def _write(self, topic: int, payload: bytes) -> bool:
@@ -103,7 +103,7 @@ class SweepMarkers:
         self._publish(marker, sample)
 
     def end(self, judged: str, verdict: str, sample: int) -> None:
-        """Mark that a record ends at tick `sample`, or that `judged` does not count and why."""
+        """Mark the end of a record at tick `sample`, or reject the record `judged` and why."""
         marker = RecordMarker(excitation=verdict)
         marker.header.frame_id = judged
         self._publish(marker, sample)

@@ -23,7 +23,7 @@ from piezo_interfaces.action import RunSweep
 # Time between two feedback messages [s].
 FEEDBACK_EVERY = 0.2
 
-# How often it is looked who has come, while a sweep waits for subscribers [s].
+# Period of the check for subscribers that a sweep waits for [s].
 LOOK_EVERY = 0.05
 
 
@@ -33,20 +33,20 @@ class SweepServer:
     Parameters
     ----------
     node : Node
-        Whose action it is.
+        Node that offers the action.
     parameters : NodeParameters
         Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``, ``folder``.
     begin : callable
-        Called when a sweep is accepted, so that the node starts to emit.
+        Called when a sweep is accepted, so that the node starts to publish.
     resume : callable
-        Called when a tick that waited may go on.
+        Called when a waiting tick may continue.
     edge_at : callable
-        Returns the time at which a tick begins for readers of the actuator states [ns].
+        Returns the time of a tick on the clock of the actuator states [ns].
 
     Attributes
     ----------
     last : str
-        What became of the last sweep that was asked for.
+        Outcome of the last requested sweep.
     """
 
     def __init__(
@@ -96,19 +96,19 @@ class SweepServer:
 
     @property
     def waits(self) -> bool:
-        """Whether the actuator is at rest because somebody is waited for."""
+        """Whether the actuator is at rest while the sweep waits for subscribers."""
         return bool(self.waits_for)
 
     @property
     def waits_for(self) -> str:
-        """Whom it waits for; empty where it does not wait."""
+        """Subscribers that it waits for; empty if it does not wait."""
         return self._missing() if self._run is not None and self._first < 0 else ''
 
     def _missing(self) -> str:
-        """Return who has to be there before the first tick; empty where all are.
+        """Return the missing subscribers before the first tick; empty if all are connected.
 
-        The refusals that ended the sweep before must have been counted too: they would be taken
-        for refusals of this one.
+        The refusals that ended the previous sweep must be counted first, so that they are not
+        attributed to this one.
         """
         if self._recount:
             return 'loop/status: what was refused of the sweep before is not known yet'
@@ -126,7 +126,7 @@ class SweepServer:
         return f'sweep: {record.name}, {left:.0f} s left'
 
     def counters(self) -> dict[str, int]:
-        """Return how many sweeps were started, refused, and did not come to their end."""
+        """Return the numbers of started, refused and incomplete sweeps."""
         return dict(self._counts)
 
     @property
@@ -164,7 +164,7 @@ class SweepServer:
         self._finish()
 
     def voltage(self, sample: int) -> float | None:
-        """Return the voltage of tick `sample`, None where the sweep is over."""
+        """Return the voltage of tick `sample`, None after the end of the sweep."""
         run = self._run
         assert run is not None
         if self._goal.is_cancel_requested or self._reason:
@@ -189,14 +189,14 @@ class SweepServer:
             self._run.add_state(sample, kept=self._markers.state(payload))
 
     def give_up(self, reason: str) -> None:
-        """End the sweep because the actuator does not answer."""
+        """End the sweep because the actuator does not respond."""
         self._reason = reason
         if self._run is not None and self._first >= 0:
             self._run.stop(self._newest + 1, FAILED)
         self._finish()
 
     def follow_restart(self) -> None:
-        """Begin again with an actuator that was started anew, unless some of it has been run."""
+        """Restart the sweep with a restarted actuator, unless it has already started."""
         self._voltage = 0.0
         self._recount = False
         self._known_until = 0
@@ -207,7 +207,7 @@ class SweepServer:
             self._first = -1
 
     def note_range(self, low: float, high: float) -> None:
-        """Note which commands the actuator takes [V]; twice 0 where it does not say."""
+        """Store the command range of the actuator [V]; both limits are 0 if unknown."""
         self._range = (low, high)
 
     def beyond_range(self, low: float, high: float) -> str:
@@ -218,9 +218,9 @@ class SweepServer:
         return f'it asks for {low:.4g} .. {high:.4g} V, but {narrowed(low, high, least, most)}'
 
     def note_refused(self, refused: int, sample: int) -> None:
-        """Note how many commands before tick `sample` the actuator has refused.
+        """Store the number of commands that the actuator refused before tick `sample`.
 
-        The sweep returns to rest if it was one of ours, and what was refused does not count.
+        The sweep returns to rest if one of its commands was refused; that record is rejected.
         """
         run = self._run
         if run is None or self._first < 0:
@@ -322,12 +322,12 @@ class SweepServer:
         self._done.set_result(True)
 
     def _look(self) -> None:
-        """Go on once those are there that were waited for."""
+        """Continue once the awaited subscribers are connected."""
         if self._run is not None and self._first < 0:
             self._resume()
 
     def close(self) -> None:
-        """Finish what is being recorded."""
+        """Close the open recording."""
         self._markers.close()
 
     def _report(self, sweep: Sweep, sample: int) -> None:

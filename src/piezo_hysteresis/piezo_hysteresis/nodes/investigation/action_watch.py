@@ -12,15 +12,15 @@ LOOK = 0.2
 
 
 class ActionWatch:
-    """Notices that a server of an action has gone, also where another one has its place already.
+    """Detects that an action server has ended, also if another one has replaced it.
 
-    A process that was killed is believed to be there for a while, and one that comes back within
-    that time was never missed; but what it offers has another identity.
+    A killed process remains in the graph for a while, and a quick restart is not visible there;
+    but the new endpoints have other identifiers.
 
     Parameters
     ----------
     node : Node
-        That asks.
+        Client node.
     client : ActionClient
         Of the action.
     name : str
@@ -34,12 +34,12 @@ class ActionWatch:
         self._due, self._lost = 0.0, False
 
     def begin(self) -> None:
-        """Remember who is there now."""
+        """Store the present server."""
         self._known, self._lost = self._there(), False
 
     @property
     def lost(self) -> bool:
-        """Whether who was there has gone, or somebody new has come, as of a moment ago."""
+        """Whether the stored server has ended or was replaced, according to the last check."""
         if not self._lost and time.monotonic() >= self._due:
             there = self._there()
             self._lost = bool(there - self._known) or not there & self._known

@@ -1,4 +1,4 @@
-"""Asks a running discovery node to investigate, and tells how it stands."""
+"""Client of a running discovery node: requests an investigation and reports its progress."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from piezo_interfaces.action import Investigate
 
 # For a discovery node to be found, and to come back after a restart [s].
 FOUND_WITHIN, BACK_WITHIN = 15.0, 120.0
-# For it to say whether it takes a goal [s].
+# Timeout of the acceptance of a goal [s].
 ANSWERS_WITHIN = 30.0
 
 
 class _NodeLost(Exception):
-    """The discovery node has gone."""
+    """The discovery node has ended."""
 
 
 class Asking(Client):
-    """Asks for the life of a `with` block.
+    """Client node, alive within a `with` block.
 
     Parameters
     ----------
@@ -40,14 +40,14 @@ class Asking(Client):
     def investigate(
         self, goal: Investigate.Goal, on_feedback: Callable[[Investigate.Feedback], None]
     ) -> Investigate.Result:
-        """Return the result of a goal; it goes on where the discovery node is started anew.
+        """Return the result of a goal; it continues after a restart of the discovery node.
 
         An interruption cancels it, and waits until the actuator is at rest.
 
         Raises
         ------
         PiezoError
-            If nobody offers it, or it is refused.
+            If no node offers the action, or the goal is refused.
         """
         timeout = FOUND_WITHIN
         while True:

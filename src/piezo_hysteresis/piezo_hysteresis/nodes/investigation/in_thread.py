@@ -1,7 +1,7 @@
-"""Work for the thread that spins a node: what rclpy's clients ask is only safe to ask there.
+"""Work for the thread that spins a node: only there are requests of rclpy clients safe.
 
-An action client of rclpy notes whom an answer is for after it has sent the question. Asked from
-another thread on a busy machine, the answer comes first, is nobody's, and is never heard of again.
+An action client of rclpy registers a request after sending it. If it is sent from another thread
+on a busy machine, the response can arrive before the registration and is lost.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ T = TypeVar('T')
 
 
 class _Work(Generic[T]):
-    """Something to do, and what came of it."""
+    """A task and its result."""
 
     def __init__(self, work: Callable[[], T]) -> None:
         self._work = work

@@ -40,13 +40,13 @@ class InvestigationServer:
     Parameters
     ----------
     node : Node
-        Whose action it is.
+        Node that offers the action.
     parameters : NodeParameters
         Of the node: ``folder``, ``model_file``.
     begin : callable
-        Returns why nothing can begin now, empty where the node is free, which is busy then.
+        Reserves the node; returns the reason if it is busy, else an empty text.
     tell : callable
-        Called with what is being done.
+        Called with the present task.
     end : callable
         Called with the result, and whether it failed.
     """
@@ -128,7 +128,7 @@ class InvestigationServer:
             self._node.get_logger().error(str(error))
         except Exception as error:
             result.message = f'{type(error).__name__}: {error}; report it with the log of the node'
-            if not self._closing:  # a node that ends takes away what it was about to use
+            if not self._closing:  # the node is ending and its resources are destroyed
                 raise
         finally:
             if not self._closing:
@@ -177,7 +177,7 @@ class InvestigationServer:
     def _return_to(self, mode: str, slew: float) -> None:
         try:
             self._neighbours.set_excitation(slew=slew, mode=mode)
-        except Unanswered as error:  # the result, or the failure, is reported all the same
+        except Unanswered as error:  # the result, or the failure, is still reported
             self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
     def _setup(self, request: Investigate.Goal, stopped: Callable[[], bool]) -> Setup:
@@ -204,13 +204,13 @@ class InvestigationServer:
         return Setup(model, limits, rules, rate)
 
     def close(self) -> None:
-        """Give up what is under way: the actuator comes to rest, and the journal is kept."""
+        """Abort the investigation: the actuator comes to rest, and the journal is kept."""
         self._closing = True
         self._sweeper.close()
 
 
 class _Actuator:
-    """The live one, as an investigation asks for it."""
+    """The live actuator, with the interface that an investigation uses."""
 
     def __init__(self, sweeper: Sweeper, neighbours: Neighbourhood, under: Circumstances) -> None:
         self._sweeper, self._neighbours, self._under = sweeper, neighbours, under
@@ -220,7 +220,7 @@ class _Actuator:
         return self._sweeper.run(experiment, bag, self._under)
 
     def apply(self, model: ModelFile) -> str:
-        """Let the nodes that are there use a model."""
+        """Load a model into the running nodes."""
         return self._neighbours.use(model, self._under.stopped)
 
 

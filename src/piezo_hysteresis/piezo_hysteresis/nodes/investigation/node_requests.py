@@ -1,4 +1,4 @@
-"""What an investigation asks of other nodes, from a thread of its own."""
+"""Requests of an investigation to other nodes, from a separate thread."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ LOOK = 0.02
 # For an answer, and for a node that is there at all: it may have been started just now, on a slow
 # machine [s].
 TIMEOUT = 30.0
-# For a model to be in use: what has never run before is compiled [s].
+# Timeout for the use of a model, which may compile kernels [s].
 COMPILED_WITHIN = 120.0
 EXCITATION = 'excitation'
-# Who uses a model, in the order in which they are asked.
+# Nodes that use a model, in the order of the requests.
 USERS = ('feedforward', 'attenuation', 'feedback', 'gap_monitor')
 
 
 class Cancelled(PiezoError):
-    """The client has given up the work."""
+    """The client has cancelled the work."""
 
 
 class Unanswered(PiezoError):
-    """A node is not there, or has gone, or does not answer; it may come back."""
+    """A node is missing or does not respond; it may be restarted."""
 
 
 def waited(
@@ -42,7 +42,7 @@ def waited(
     Raises
     ------
     Cancelled
-        If it was `stopped` meanwhile.
+        If it was `stopped` before.
     """
     end = time.monotonic() + timeout
     while not condition():
@@ -60,7 +60,7 @@ class Neighbourhood:
     Parameters
     ----------
     node : Node
-        That asks; it spins in another thread.
+        Client node; it spins in another thread.
     """
 
     def __init__(self, node: Node) -> None:
@@ -73,7 +73,7 @@ class Neighbourhood:
         Raises
         ------
         Unanswered
-            If it does not answer.
+            If it does not respond.
         """
         self._there(stopped)
         asked = self._excitation.get_parameters([name])
@@ -83,12 +83,12 @@ class Neighbourhood:
     def set_excitation(
         self, stopped: Callable[[], bool] = lambda: False, **values: str | float
     ) -> None:
-        """Let the excitation do something else, or otherwise.
+        """Set parameters of the excitation.
 
         Raises
         ------
         Unanswered
-            If it does not answer.
+            If it does not respond.
         PiezoError
             If it refuses.
         """
@@ -101,7 +101,7 @@ class Neighbourhood:
                 raise PiezoError(f'the excitation refuses {name} {value}: {result.reason}')
 
     def use(self, model: ModelFile, stopped: Callable[[], bool]) -> str:
-        """Let every node that is there use a model; return which do.
+        """Load a model into every running node; return the names of these nodes.
 
         Raises
         ------

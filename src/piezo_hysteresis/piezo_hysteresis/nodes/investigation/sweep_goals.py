@@ -1,4 +1,4 @@
-"""Goals of ``run_sweep``: asked for and ended, also those that nobody waits for any more."""
+"""Goals of ``run_sweep``: requests and cancellation, also of orphaned goals."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from piezo_interfaces.action import RunSweep
 ACTION = 'run_sweep'
 _STARTED = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 _RUNNING = (*_STARTED, GoalStatus.STATUS_CANCELING)
-# For the actuator to come to rest, on a slow machine [s].
+# Timeout until the actuator is at rest, on a slow machine [s].
 RESTS_WITHIN = 60.0
-# To be asked once more [s].
+# Time until a request is repeated [s].
 _ASK_AGAIN = 1.0
-# Bytes of an identity; half of them tell whose goal it is.
+# Bytes of an identifier; half of them identify the client.
 _HALF = 8
 
 
 class SweepGoals:
     """One goal at a time.
 
-    Every goal bears the name of the node that asked for it. A node that finds one of its name that
-    it has not asked for was killed and started anew: nobody waits for that one any more, and it is
-    ended, which brings the actuator to rest.
+    Every goal contains the name of its client. A node that finds a goal with its own name that it
+    has not sent was killed and restarted: that goal is orphaned and is cancelled, which brings the
+    actuator to rest.
 
     Parameters
     ----------
     node : Node
-        That asks; it spins in another thread.
+        Client node; it spins in another thread.
     """
 
     def __init__(self, node: Node) -> None:
@@ -71,7 +71,7 @@ class SweepGoals:
         Cancelled
             If it was `stopped`; the actuator is at rest then.
         Unanswered
-            If the excitation is not there, or has gone meanwhile.
+            If the excitation is missing or ends.
         PiezoError
             If it refuses the goal, or does not come to rest.
         """
@@ -82,7 +82,7 @@ class SweepGoals:
         try:
             return self._run(goal, stopped, timeout)
         except PiezoError:
-            self._asked.discard(self._own or b'')  # nobody waits for it any more
+            self._asked.discard(self._own or b'')  # it is orphaned
             raise
         finally:
             self._own = None
@@ -91,7 +91,7 @@ class SweepGoals:
         self, goal: RunSweep.Goal, stopped: Callable[[], bool], timeout: float
     ) -> RunSweep.Result:
         sent = in_thread_of(self._node, lambda: self._send(goal))
-        # a client that stops it now has to wait for the answer: an accepted sweep must be ended
+        # a client that cancels now must wait for the response: an accepted sweep must be ended
         if not waited(lambda: sent.done() or self._watch.lost, _never) or not sent.done():
             raise self._lost('the excitation does not answer')
         handle: Any = sent.result()
@@ -115,7 +115,7 @@ class SweepGoals:
         return self._client.send_goal_async(goal, goal_uuid=_identity(self._own).goal_id)
 
     def _lost(self, words: str) -> Unanswered:
-        """Forget what ran in an excitation that is no more; one that is says so again."""
+        """Discard the goals of an excitation that has ended; a running one reports them again."""
         if self._watch.lost:
             self._running = frozenset()
         return Unanswered(words)
@@ -144,7 +144,7 @@ class SweepGoals:
     # --- what another one with our name has left -------------------------------------------------
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        """Note what runs, and end what nobody waits for."""
+        """Store the running goals, and cancel orphaned ones."""
         goals = {bytes(each.goal_info.goal_id.uuid): each.status for each in message.status_list}
         self._running = frozenset(goal for goal, state in goals.items() if state in _RUNNING)
         for goal in self._left():
@@ -156,12 +156,12 @@ class SweepGoals:
         return [each for each in self._running - self._asked if each.startswith(self._mark)]
 
     def _end_stale(self, stopped: Callable[[], bool]) -> None:
-        """End sweeps of before until there are none."""
+        """Cancel orphaned sweeps until there are none."""
         end = time.monotonic() + RESTS_WITHIN
         while left := self._left():
             if time.monotonic() > end:
                 raise Unanswered('the excitation does not end a sweep that nobody waits for')
-            for goal in left:  # what was asked before may have come to nobody
+            for goal in left:  # the previous request may be lost
                 self._end(goal)
             waited(lambda: not self._left(), stopped, _ASK_AGAIN)
 

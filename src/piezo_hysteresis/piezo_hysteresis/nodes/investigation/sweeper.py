@@ -24,16 +24,16 @@ from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState
 
-# How long an excitation or an actuator may be away, between two looks whether it is there [s].
+# Longest absence of an excitation or actuator, and the period of the checks [s].
 AWAY, LOOK = 60.0, 1.0
-# How often an experiment is started at least before it is given up.
+# Least number of attempts of an experiment before it fails.
 TRIES = 3
 # Longer than a record the sweep may take: it may be run again, and on slow machines [s].
 LATE = 120.0
 # Least time in which an actuator that was left elsewhere is brought to rest [s], and the share of
 # the slew that this may have.
 BACK, BELOW = 0.5, 0.9
-# An actuator that keeps its own pace has made a tick after so long [s].
+# A free-running actuator has advanced by a tick after this time [s].
 PACED = 0.5
 # Voltages below this share of the amplitude of an experiment are rest.
 AT_REST = 1e-3
@@ -43,7 +43,7 @@ RESTARTED = 1.5
 
 @dataclass(frozen=True)
 class Circumstances:
-    """Under which experiments are run.
+    """Conditions of the experiments.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Circumstances:
     ready : callable
         Makes the excitation ready for sweeps.
     stopped : callable
-        Tells whether it was given up.
+        Returns whether it was cancelled.
     """
 
     rate: float
@@ -69,9 +69,9 @@ class Sweeper:
     Parameters
     ----------
     node : Node
-        That asks; it spins in another thread.
+        Client node; it spins in another thread.
     reached : callable
-        Returns the tick that the actuator says it waits for, or has come to.
+        Returns the tick that the actuator waits for, or has reached.
     """
 
     def __init__(self, node: Node, reached: Callable[[], int]) -> None:
@@ -79,14 +79,14 @@ class Sweeper:
         self._goals, self._newest = SweepGoals(node), b''
 
     def run(self, experiment: PlannedExperiment, bag: Path, under: Circumstances) -> bool:
-        """Run an experiment into a new bag, again where excitation or actuator were started anew.
+        """Run an experiment into a new bag; repeat it after a restart of excitation or actuator.
 
-        Returns whether it went at the first try, so that the actuator had been at rest until then.
+        Returns whether the first attempt succeeded, so that the actuator was at rest before.
 
         Raises
         ------
         Cancelled
-            If it was stopped; the actuator is at rest then.
+            If it was cancelled; the actuator is then at rest.
         PiezoError
             If it cannot be run.
         """
@@ -121,7 +121,7 @@ class Sweeper:
         return bool(result.samples <= (experiment.seconds + RESTARTED) * under.rate)
 
     def _receive(self) -> Subscription:
-        """Keep the newest state: where the actuator is left shows how it comes to rest."""
+        """Store the newest state; it determines how the actuator comes to rest."""
 
         def keep(payload: bytes) -> None:
             self._newest = payload
@@ -129,7 +129,7 @@ class Sweeper:
         return self._node.create_subscription(ActuatorState, topics.STATE, keep, LOOP, raw=True)
 
     def _reached_last(self) -> tuple[int, float] | None:
-        """Return tick and voltage [V] of the last state that came, None where none ever did."""
+        """Return tick and voltage [V] of the last received state, None if there was none."""
         if not self._newest:
             return None
         _, (sample, voltage, _) = STATE.decode(self._newest)
@@ -159,8 +159,8 @@ class Sweeper:
     def _come_to_rest(self, at_rest: float, under: Circumstances) -> None:
         """Bring an actuator to rest that lost its excitation in motion.
 
-        One that keeps its own pace does so by itself; one that waits for each tick stands where
-        it was, unless it was started anew.
+        A free-running actuator returns by itself; one in lock-step stays where it was, unless it
+        was restarted.
         """
         before = self._reached_last()
         waited(lambda: False, under.stopped, PACED)

@@ -20,7 +20,7 @@ REPORT_EVERY = 100
 
 
 class HarmonicReport:
-    """Publishes now and then what the attenuation of a node knows of the harmonics."""
+    """Publishes periodically the harmonics that the attenuation of a node estimates."""
 
     def __init__(self, node: TrackingNode) -> None:
         self._node = node

@@ -42,7 +42,7 @@ class ControlLoop:
 
     def _on_reference(self, payload: bytes) -> None:
         head, point = point_of(payload)
-        # The first link answers at once, so that the others must know the reference before.
+        # The first link responds immediately, so the others need the reference before.
         for link in (self.feedback, self.attenuation, self.feedforward):
             link.take_reference(head, point)
 

@@ -11,7 +11,7 @@ from piezo_hysteresis.runtime.laws import FeedbackLaws
 
 
 def feedback(*, wired: bool = True) -> TrackingNode:
-    """Return an optional link: it adds what a law on the tracking error asks for."""
+    """Return an optional link, which adds the output of a control law on the tracking error."""
     return TrackingNode('feedback', FEEDBACK, FeedbackLaws(), wired=wired)
 
 

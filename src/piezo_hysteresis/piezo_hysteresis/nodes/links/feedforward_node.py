@@ -33,14 +33,14 @@ LOOK = 0.1
 
 
 class Feedforward(LinkNode):
-    """Answers every reference with the voltage that the model says it takes.
+    """Publishes for every reference the voltage from the inverse model.
 
-    Without a model it answers ``displacement / gain``: no compensation.
+    Without a model it publishes ``displacement / gain``: no compensation.
 
     Parameters
     ----------
     wired : bool
-        False where somebody in the same process calls the ``take_`` methods instead of topics.
+        Whether inputs come from topics; False if the same process calls the ``take_`` methods.
     """
 
     def __init__(self, *, wired: bool = True) -> None:
@@ -107,7 +107,7 @@ class Feedforward(LinkNode):
         self.pass_on(head, sample, 0.0, voltage if self.active else 0.0)
 
     def take_state(self, head: bytes, measured: Measured) -> None:
-        """Take note how far the actuator is."""
+        """Store the present tick of the actuator."""
         if self._ticks.take(measured.sample):
             self.watch(head, measured.sample)
 
@@ -140,12 +140,12 @@ class Feedforward(LinkNode):
         return self._inversion.refusal(self.parameters.text('law'), loaded)
 
     def _take(self, loaded: ModelFile) -> None:
-        """Invert `loaded` from now on.
+        """Use the inverse of `loaded`.
 
         Raises
         ------
         PiezoError
-            If it cannot be inverted; the old one then stays.
+            If it cannot be inverted; the previous model then remains in use.
         """
         if not self._inversion.take(loaded):
             return

@@ -48,9 +48,9 @@ class Fade(Protocol):
 class LinkNode(LifecycleNode):
     """A managed node that receives a voltage, adds its share and passes it on.
 
-    While it is not active its share is zero and the voltage passes through, limited. Whatever
-    changes while it runs, the share goes over smoothly, no faster than the slew limit. While its
-    input stays away and the actuator goes on, the voltage ramps to safety.
+    While it is not active its share is zero and the limited voltage passes through. After every
+    change the share follows a smooth transition within the slew limit. If the input is missing
+    while the actuator runs, the voltage ramps to the safe voltage.
 
     Parameters
     ----------
@@ -59,9 +59,9 @@ class LinkNode(LifecycleNode):
     table : ParameterTable
         Its parameters.
     topic : str
-        Of what it passes on.
+        Topic of its output.
     source : str
-        Topic of its input; who publishes it tells a pause from a node that has gone.
+        Topic of its input; its publisher distinguishes a pause from a node that has ended.
     """
 
     def __init__(self, name: str, table: ParameterTable, topic: str, source: str) -> None:
@@ -87,9 +87,9 @@ class LinkNode(LifecycleNode):
         )
         self._fade = self.new_fade()
         self._voltage_publisher = self.plain_publisher(VoltageCommand, topic, LOOP)
-        # Beside the voltage, wherever that is remapped to.
-        beside = topics.slew_of(self._voltage_publisher.topic_name)
-        self._slew_publisher = self.plain_publisher(Float64, beside, LATCHED)
+        # Next to the voltage topic, also if that is remapped.
+        slew_topic = topics.slew_of(self._voltage_publisher.topic_name)
+        self._slew_publisher = self.plain_publisher(Float64, slew_topic, LATCHED)
         self._slew_sample = -1
         self._status_publisher = self.plain_publisher(LoopStatus, '~/status', LATCHED)
         self._health = LinkHealth()
@@ -100,7 +100,7 @@ class LinkNode(LifecycleNode):
         return Node.create_publisher(self, kind, topic, qos)
 
     def autostart(self) -> None:
-        """Serve parameters, and activate where they say so; call at the end of __init__."""
+        """Serve parameters, and activate if configured; call at the end of __init__."""
         self.parameters.serve(self.apply, self.refuse)
         if self.parameters.flag('autostart'):
             self.trigger_configure()
@@ -154,7 +154,7 @@ class LinkNode(LifecycleNode):
     # --- life cycle ----------------------------------------------------------------------------
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let the node's share act."""
+        """Activate the share of the node."""
         self._become(True)
         return super().on_activate(state)
 
@@ -179,11 +179,11 @@ class LinkNode(LifecycleNode):
         return Transition(self.dt, self.parameters.number('transition'), self.limits().slew)
 
     def cross_fade(self) -> None:
-        """Let the share go over smoothly from the last one to what comes next."""
+        """Start a smooth transition from the last share to the next one."""
         self._fade.start()
 
     def restart_at(self, sample: int) -> None:
-        """Take note that the loop was started anew, with tick `sample`: at tick 0 from rest."""
+        """Reset for a restarted loop at tick `sample`; at tick 0 from rest."""
         self._watchdog.reset()
         self._fade = self.new_fade()
         if sample == 0:
@@ -191,13 +191,13 @@ class LinkNode(LifecycleNode):
             self.start_at(min(max(0.0, limits.low), limits.high))
 
     def start_at(self, voltage: float) -> None:
-        """Say what the voltage is, before the first one is passed on."""
+        """Log the source of the voltage before the first one is published."""
         self._limiter.follow(voltage)
 
     def pass_on(self, head: bytes, sample: int, received: float, voltage: float) -> None:
-        """Limit `voltage` and publish it for tick `sample`; `received` is what came in.
+        """Limit `voltage` and publish it for tick `sample`; `received` is the input.
 
-        What is not a number is refused and the last voltage held.
+        A voltage that is not finite is refused and the last voltage is held.
         """
         share = voltage - received
         if math.isfinite(share):
@@ -215,7 +215,7 @@ class LinkNode(LifecycleNode):
         self._send(head, sample, self._limiter.apply(voltage))
 
     def _send(self, head: bytes, sample: int, voltage: float) -> None:
-        if sample == 0 or sample != self._sample + 1:  # another may have commanded meanwhile
+        if sample == 0 or sample != self._sample + 1:  # another node may have commanded in between
             self._publish_slew()
         self._sample = sample
         self._logged = (head, sample, voltage)
@@ -227,7 +227,7 @@ class LinkNode(LifecycleNode):
         self._voltage_publisher.publish(voltage_bytes(head, sample, voltage))
 
     def _publish_slew(self) -> None:
-        """Tell the receiver how fast the voltage may change, also where commands come late."""
+        """Publish the slew limit for the receiver, which also applies it to late commands."""
         self._slew_sample = self._sample
         self._slew_publisher.publish(Float64(data=self._limiter.limits.slew))
 
@@ -241,7 +241,7 @@ class LinkNode(LifecycleNode):
             self._log(*self._logged)
 
     def watch(self, head: bytes, sample: int) -> None:
-        """Take note that the actuator has reached tick `sample`; ramp to safety where due."""
+        """Process that the actuator has reached tick `sample`; ramp to the safe voltage if due."""
         watchdog = self._watchdog
         if not watchdog.overdue(sample + 1):
             return

@@ -26,7 +26,7 @@ from piezo_interfaces.srv import LoadModel
 
 
 class TrackingNode(LinkNode):
-    """Brings reference, measurement and voltage of each tick together and asks a law.
+    """Synchronizes reference, measurement and voltage of each tick and evaluates a control law.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ class TrackingNode(LinkNode):
     table : ParameterTable
         Its parameters.
     laws : LawMaker
-        Which law they describe, and what they can change in the one that is there.
+        Creates the law from the parameters, and applies changes to an existing one.
     report : callable, optional
-        Makes, of this node, what is called once a tick has been passed on.
+        Creates for this node the function that is called after each published tick.
     output : str
-        Topic of what it passes on.
+        Topic of its output.
     wired : bool
-        False where somebody in the same process calls the ``take_`` methods instead of topics.
+        Whether inputs come from topics; False if the same process calls the ``take_`` methods.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class TrackingNode(LinkNode):
             self.cross_fade()
 
     def _install(self, law: Link | None) -> None:
-        """Put a law into force, and say what is to be known of it."""
+        """Activate a law and log its properties."""
         self.law = self._ready(law)
         remark = getattr(law, 'words', '')
         if remark:
@@ -187,7 +187,7 @@ class TrackingNode(LinkNode):
         self.take_voltage(head, sample, voltage)
 
     def _begin_book(self, sample: int) -> None:
-        """Begin anew, unless another message of the new run has done so already."""
+        """Restart, unless another message of the new run has already done so."""
         if sample <= self._book.done:
             self._dropped += self._book.dropped
             self._book = SampleSynchronizer()
@@ -206,7 +206,7 @@ class TrackingNode(LinkNode):
                 self._report(tick)
 
     def _asked(self, tick: Tick[bytes]) -> float:
-        """Ask the law; what is not a number neither reaches it nor comes out of it [V]."""
+        """Evaluate the law [V]; values that are not finite are rejected."""
         if not self.active or self.law is None or not math.isfinite(tick.received):
             return tick.received
         voltage = self.law.step(tick.point, tick.received, tick.measured)
@@ -217,7 +217,7 @@ class TrackingNode(LinkNode):
         return tick.received
 
     def _join(self, tick: Tick[bytes]) -> None:
-        """Start from the voltage that is there where the loop is under way already."""
+        """Start from the present voltage if the loop is already running."""
         if tick.measured is not None:
             self.start_at(tick.measured.voltage)
         elif tick.point.sample > 0:

@@ -1,4 +1,4 @@
-"""Who takes in what a player plays, and how far each of them is."""
+"""Progress of the nodes that consume the samples of a player."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ from piezo_interfaces.msg import LoopStatus
 
 
 class Ended(Exception):
-    """Nobody is waited for any more: the node that plays is about to end."""
+    """The wait ends because the player is shutting down."""
 
 
 class Listeners:
-    """The nodes that report on ``~/status`` how many samples they have taken in.
+    """The nodes that report the number of consumed samples on ``~/status``.
 
     Parameters
     ----------
     node : Node
-        That plays; its executor must be served by another thread than the one that waits here.
+        The player; its executor must spin in another thread than the one that waits here.
     topic : str
         Topic of the samples.
     timeout : callable
         Returns the longest wait [s].
     neighbours : Neighbours
-        Of the node; who of them has just come is waited for.
+        Neighbours of the node; newly discovered ones are waited for.
     ended : callable
-        Returns whether the node is about to end; every wait raises `Ended` then.
+        Returns whether the node is shutting down; every wait then raises `Ended`.
     recorders : bool
-        Wait for recorders only, for nobody where there is none.
+        Wait for recorders only; if there is none, do not wait.
 
     Attributes
     ----------
     awaited : str
-        Whose word is waited for at this moment; empty for nobody's.
+        Node whose report is awaited; empty for none.
     since : float
-        Since when [s], on the monotonic clock.
+        Start of the wait [s], on the monotonic clock.
     """
 
     def __init__(
@@ -71,12 +71,12 @@ class Listeners:
         self._counted: frozenset[str] | None = None
 
     def find(self) -> None:
-        """Wait until somebody reports and nobody else is about to.
+        """Wait until at least one node reports and no discovered node is still silent.
 
         Raises
         ------
         PiezoError
-            If nobody does, or somebody who could does not.
+            If no node reports, or a discovered node does not.
         """
         started = time.monotonic()
         while not self._complete(started):
@@ -86,7 +86,7 @@ class Listeners:
 
     @property
     def has_listeners(self) -> bool:
-        """Whether there is anybody to wait for."""
+        """Whether there is a node to wait for."""
         return bool(self._known())
 
     def _complete(self, started: float) -> bool:
@@ -108,12 +108,12 @@ class Listeners:
         )
 
     def wait_matched(self, publishers: Sequence[Publisher]) -> None:
-        """Wait until everybody is connected to every publisher.
+        """Wait until all nodes are connected to every publisher.
 
         Raises
         ------
         PiezoError
-            If somebody is not.
+            If one is not connected in time.
         """
         started = time.monotonic()
         while any(self._unmatched(each) for each in publishers):
@@ -126,21 +126,21 @@ class Listeners:
         return bool(publisher.get_subscription_count() < there)
 
     def wait_marked(self, publish: Callable[[], None]) -> float:
-        """Publish a marker, wait until everybody has received it; return how long it took [s]."""
+        """Publish a marker and wait until all nodes have received it; return the duration [s]."""
         with self._condition:
             counts = {name: known.marked + 1 for name, known in self._known().items()}
         publish()
         return self._wait(lambda name, known: known.marked >= counts.get(name, 0), 'a marker')
 
     def begin(self) -> None:
-        """Count samples from here on; listeners that come later are not waited for."""
+        """Start counting samples; nodes that start later are not waited for."""
         with self._condition:
             for known in self._known().values():
                 known.first = known.taken
             self._counted = frozenset(self._known())
 
     def wait_taken(self, sent: int, window: int = 0) -> float:
-        """Wait until everybody has all but `window` of the `sent` samples; return how long [s]."""
+        """Wait until all nodes have all but `window` of the samples; return the wait [s]."""
         return self._wait(
             lambda _, known: sent - (known.taken - known.first) <= window, f'sample {sent}'
         )
@@ -158,13 +158,13 @@ class Listeners:
         if not behind():
             return 0.0
         started = time.monotonic()
-        # In short steps, so that a node that is to end meanwhile ends too.
+        # In short steps, so that a shutdown is not delayed.
         while (late := behind()) and not self._timed_out(started):
             self.awaited, self.since = ', '.join(late), started
             with self._condition:
                 self._condition.wait_for(lambda: not behind(), 0.1)
             if behind():
-                self._reports.look()  # who has gone takes nothing any more
+                self._reports.look()  # remove nodes that have ended
         self.awaited = ''
         if late:
             raise PiezoError(
@@ -183,9 +183,9 @@ class Listeners:
             self._condition.notify_all()
 
 
-# So long nothing may change among the nodes before they count as all there [s]. Two processes find
-# each other within 0.3 s on an idle machine; with four busy ones to a core that was too short for
-# the first record of 1 sweep in 50.
+# Time without a change after which discovery is complete [s]. Two processes discover each other
+# within 0.3 s on an idle machine; with four busy processes per core that was too short for the
+# first record of 1 sweep in 50.
 SETTLING_TIME = 1.0
 
 STATUS = 'piezo_interfaces/msg/LoopStatus'
@@ -193,23 +193,23 @@ _UNKNOWN = '_NODE_NAME_UNKNOWN_'
 
 
 class Reports:
-    """The nodes that subscribe to a topic, as they come and go.
+    """The nodes that subscribe to a topic, updated during operation.
 
     Parameters
     ----------
     node : Node
-        That looks.
+        The observing node.
     topic : str
-        What they take in.
+        The topic.
     received : callable
         Called after each status, by the executor of the node.
 
     Attributes
     ----------
     progress : dict of str to Progress
-        What each of those that report has reported, by its whole name.
+        Progress of each reporting node, by its fully qualified name.
     subscribed : int
-        Subscriptions of the topic that a volatile publisher serves.
+        Number of subscriptions that match a volatile publisher.
     """
 
     def __init__(self, node: Node, topic: str, received: Callable[[], None]) -> None:
@@ -223,7 +223,7 @@ class Reports:
         self._changed = time.monotonic()
 
     def look(self) -> None:
-        """Notice who has come and who has gone."""
+        """Update the subscribing nodes."""
         infos = self._node.get_subscriptions_info_by_topic(self._topic)
         names = {f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos}
         nodes = sorted(self._node.get_node_names_and_namespaces())
@@ -231,7 +231,7 @@ class Reports:
             name for name, kinds in self._node.get_topic_names_and_types() if STATUS in kinds
         }
         seen = (names, len(infos), nodes, topics)
-        # An endpoint is known before the name of its node: then that is about to come.
+        # An endpoint can be discovered before the name of its node, which then follows.
         if seen != self._seen or any(name.endswith(_UNKNOWN) for name in names):
             self._seen, self._changed = seen, time.monotonic()
         self.subscribed = _served(infos)
@@ -242,19 +242,19 @@ class Reports:
             self._remove(name)
 
     def unchanged_since(self) -> float:
-        """Return since when nobody came or went [s], on the monotonic clock."""
+        """Return the time of the last change among the nodes [s], on the monotonic clock."""
         return self._changed
 
     def silent(self) -> list[str]:
-        """Return those that are about to report and have not yet said a word."""
+        """Return the discovered nodes that have not yet reported."""
         return sorted(name for name, known in list(self.progress.items()) if not known.received)
 
     def takers(self) -> dict[str, Progress]:
-        """Return those that tell how many samples they have taken."""
+        """Return the nodes that report the number of consumed samples."""
         return {name: known for name, known in list(self.progress.items()) if known.takes}
 
     def keepers(self) -> dict[str, Progress]:
-        """Return the recorders among them."""
+        """Return the recorders."""
         return {name: known for name, known in list(self.progress.items()) if known.keeps}
 
     def _follow(self, name: str) -> None:
@@ -274,7 +274,7 @@ class Reports:
 
 
 def subscribers(node: Node, topic: str) -> int:
-    """Return how many subscriptions of a topic a reliable, volatile publisher serves."""
+    """Return the number of subscriptions that match a reliable, volatile publisher."""
     return _served(node.get_subscriptions_info_by_topic(topic))
 
 

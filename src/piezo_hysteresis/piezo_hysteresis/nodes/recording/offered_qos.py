@@ -1,4 +1,4 @@
-"""What a subscriber must ask for so that it gets everything that is offered."""
+"""QoS that a subscriber needs to match all publishers of a topic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plays a bag back to topics: at its own pace, at any other, or in step with its listeners."""
+"""Plays a bag: at the recorded rate, at another rate, or in lock-step with its subscribers."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ FURTHEST = 2048
 # Messages that come so much too late are counted [s].
 LATE = 0.05
 
-# So long what was sent last may be on its way once playing is stopped [s].
+# Time for the delivery of the last messages after a stop [s].
 LAST_WAY = 1.0
 
-# Silence of a listener that is said [s].
+# Silence of a subscriber that is reported [s].
 SILENCE = 2.0
 
 SENTENCES: dict[str, Finding] = {
@@ -54,10 +54,10 @@ SENTENCES: dict[str, Finding] = {
 class PlayerNode(Node):
     """Publishes the bytes of a bag as they were recorded.
 
-    In lock-step it waits for the listeners of ``actuator/state`` that report on ``~/status`` how
-    many samples they have taken in, so that none is lost at any speed. At any other pace it waits
-    for the recorders among them: until each has confirmed a marker before its first sample, and
-    has all samples at the end.
+    In lock-step it waits for the subscribers of ``actuator/state`` that report the number of
+    consumed samples on ``~/status``, so that none is lost at any speed. Otherwise it waits for the
+    recorders among them, until each has confirmed a marker before its first sample and has all
+    samples at the end.
     """
 
     def __init__(self) -> None:
@@ -106,7 +106,7 @@ class PlayerNode(Node):
             message_type(topic.msgtype), topic.name, LATCHED if latched else LOOP
         )
 
-    # --- playing, in a thread of its own -------------------------------------------------------
+    # --- playing, in a separate thread -------------------------------------------------------
 
     def _play(self) -> None:
         try:
@@ -183,7 +183,7 @@ class PlayerNode(Node):
         return self._player.stopped or not self.context.ok()
 
     def _timeout(self) -> float:
-        """Return how long somebody is waited for [s]: without end while others still start."""
+        """Return the timeout of a wait [s]; infinite while nodes are starting."""
         wait = self._params.number('wait')
         return wait if self._neighbours.silence() >= wait else math.inf
 
@@ -231,9 +231,10 @@ class PlayerNode(Node):
         return judge(findings, fine, values)
 
     def close(self) -> None:
-        """Stop playing; what was sent until now still arrives."""
+        """Stop playing; messages already sent are still delivered."""
         self._player.stop()
-        # The thread uses what is destroyed next. Nothing it does takes long: every wait ends now.
+        # The thread uses objects that are destroyed next. It ends quickly, because every wait is
+        # aborted.
         self._thread.join()
         end = time.monotonic() + LAST_WAY
         for publisher in self._topics.values():

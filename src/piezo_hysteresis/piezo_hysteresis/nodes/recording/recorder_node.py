@@ -1,4 +1,4 @@
-"""Records topics into a bag, byte for byte; what was flushed survives whatever happens."""
+"""Records serialized messages into a bag; flushed data survive a crash."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.ros.timers import wall_timer
 
-# What is recorded where nothing is asked for.
+# Topics that are recorded by default.
 DEFAULT_TOPICS = (topics.STATE, topics.REFERENCE, topics.MARKER)
 
 
@@ -34,7 +34,7 @@ SENTENCES: dict[str, Finding] = {
     'dropped': (Level.ERROR, 'messages are lost: the disk is full or too slow')
 }
 
-# The bag is finished once nothing that was published before has come for so long [s].
+# The bag is closed once no earlier message has arrived for this time [s].
 QUIET = 0.1
 LONGEST_DRAIN = 5.0
 
@@ -43,7 +43,7 @@ KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: 
 
 
 class RecorderNode(Node):
-    """Subscribes to the topics it is given as soon as it appears, and writes what comes."""
+    """Subscribes to the given topics at its start, and writes all messages."""
 
     def __init__(self) -> None:
         super().__init__('recorder')
@@ -63,7 +63,7 @@ class RecorderNode(Node):
         self._problem = ''
         self._watch = CounterWatch(SENTENCES)
         self._counted = self._topics_counted()
-        # Announced before it subscribes: a node that sees the subscription can ask how far it is.
+        # Announced before the subscription, so that a node that sees it can read the progress.
         self._report.begin(self._recorder, counts=len(self._counted) == 2)
         self._subscribe_ahead()
         self._look()
@@ -76,13 +76,13 @@ class RecorderNode(Node):
         raise SystemExit(2)
 
     def _topics_counted(self) -> dict[str, Callable[[], None]]:
-        """Return who counts what comes over the topics of records, where both are wanted."""
+        """Return the counter of states and markers, if both are recorded."""
         counted = {topics.STATE: self._report.on_state, topics.MARKER: self._report.on_marker}
         resolved = {self.resolve_topic_name(name): count for name, count in counted.items()}
         return resolved if resolved.keys() <= self._missing else {}
 
     def _subscribe_ahead(self) -> None:
-        """Subscribe to what the suite itself publishes before it appears, to lose nothing."""
+        """Subscribe to the topics of the suite before their publishers start."""
         for short, kind in KNOWN_TYPES.items():
             name = self.resolve_topic_name(short)
             if name in self._missing:
@@ -146,12 +146,12 @@ class RecorderNode(Node):
         return judge(findings, fine, counts)
 
     def _drain(self) -> None:
-        """Write what was published until now and is still on its way through the middleware.
+        """Write the messages published so far that are still in the middleware.
 
-        It is all there once nothing has come for a moment, or what comes is newer.
+        They are complete once no message has arrived for a moment, or a newer one arrives.
         """
         asked, last = time.time_ns(), time.monotonic()
-        end = last + LONGEST_DRAIN  # for a publisher whose clock is behind
+        end = last + LONGEST_DRAIN  # for a publisher whose clock is late
         while time.monotonic() < min(last + QUIET, end):
             for subscription, write in self._inlets:
                 with subscription.handle:
@@ -164,7 +164,7 @@ class RecorderNode(Node):
             time.sleep(0.1 * QUIET)
 
     def close(self) -> None:
-        """Write all that came until now and finish the bag."""
+        """Write all received messages and close the bag."""
         self._drain()
         status = self._recorder.close()
         self.get_logger().info(
@@ -174,7 +174,7 @@ class RecorderNode(Node):
 
 def create() -> RecorderNode:
     """Return the node, ready to record from its first appearance on."""
-    # A client that sees the node in the graph may start at once: what takes time is done before.
+    # A client that sees the node in the graph may start immediately: slow tasks are done before.
     for kind in KNOWN_TYPES.values():
         definition_of(kind)
         message_type(kind)

@@ -14,12 +14,12 @@ REPORT_EVERY, REPORT_AFTER = 64, 0.05
 
 
 class RecorderReport:
-    """Counts what goes into a recorder, and publishes it.
+    """Counts the recorded messages and publishes the counts.
 
     Parameters
     ----------
     node : Node
-        That records.
+        The recorder.
     """
 
     def __init__(self, node: Node) -> None:
@@ -27,11 +27,11 @@ class RecorderReport:
         self._recorder: Recorder | None = None
         self._taken: dict[str, int] = {}
         self._reported: dict[str, int] = {}
-        # a player waits for the first report of everybody who takes samples in
+        # a player waits for the first report of every consumer
         self._publisher.publish(LoopStatus())
 
     def begin(self, recorder: Recorder, counts: bool) -> None:
-        """Report from now on; it `counts` where it takes both states and markers."""
+        """Start the reports; `counts` states whether it records states and markers."""
         self._recorder = recorder
         self._taken = {TAKEN: 0, MARKED: 0} if counts else {}
         self.publish_counts()
@@ -53,7 +53,7 @@ class RecorderReport:
             self.publish_counts()
 
     def publish_counts(self) -> None:
-        """Publish how much the recorder has taken, and how much of it is in the bag."""
+        """Publish the numbers of received and of stored messages."""
         if self._recorder is None:
             return
         status = self._recorder.status
