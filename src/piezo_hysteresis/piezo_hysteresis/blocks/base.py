@@ -38,19 +38,19 @@ class Slot(StrEnum):
 
 
 class Between(StrEnum):
-    """What a block makes of its input between two ticks; a chain is run accordingly.
+    """Intersample behaviour of a block; it determines how a chain is simulated.
 
-    A signal is held over a tick until a block of one of the moving kinds (LINEAR, INNER, CLOCK)
-    stands in its way; from there on the chain runs on the path between the ticks.
+    A signal is held over a tick until a block with continuous dynamics (LINEAR, INNER, CLOCK);
+    from there on the chain is simulated on the path between the ticks.
     """
 
     INSTANT = 'instant'  # a function of the input at the same instant
-    PATH = 'path'  # a function of the path of the input, at whatever rate
-    LINEAR = 'linear'  # a linear system with a state of its own, see `Block.system`
+    PATH = 'path'  # a rate-independent function of the path of the input
+    LINEAR = 'linear'  # a linear system with a state, see `Block.system`
     INNER = 'inner'  # moves by itself under a held input, see `Block.along`
     CLOCK = 'clock'  # adds or multiplies by a function of the time
     DELAY = 'delay'  # the input later
-    TICK = 'tick'  # a recursion from tick to tick: samples its input and holds its answer
+    TICK = 'tick'  # a recursion from tick to tick: samples its input and holds its output
 
 
 class Part(StrEnum):
@@ -91,14 +91,14 @@ class System(NamedTuple):
 
 
 class Approach(NamedTuple):
-    """How a signal goes to where it is held: by a lag, or no faster than at a rate.
+    """How a signal approaches a held value: by a lag, or with a limited rate.
 
     Attributes
     ----------
     time : float
-        Time constant [s]; 0 where a rate rules.
+        Time constant [s]; 0 for a rate limit.
     most : float
-        Largest rate [1/s]; infinite where there is none.
+        Largest rate [1/s]; infinite if there is none.
     """
 
     time: float
@@ -114,20 +114,20 @@ class Parameter:
     name : str
         The field's standard name, as in the papers (``A1``, ``beta``, ``natural_frequency``).
     unit : str
-        SI unit, ``1`` where there is none.
+        SI unit, ``1`` for dimensionless parameters.
     default : float
-        Value used where nothing better is known.
+        Default value.
     low, high : float
-        Bounds of what is physically possible; fits stay inside, loading refuses what is outside.
+        Physical bounds; fits stay inside, loading refuses values outside.
     description : str
         One sentence.
     scale : float
-        Typical size, by which fits scale the parameter.
+        Typical size, used to scale the parameter in fits.
     powers : tuple of int, or None
-        Powers of the input and of the displacement amplitude by which default and scale grow;
-        read off the unit (V, m) where it is None.
+        Powers of the input and displacement amplitudes with which default and scale grow; None:
+        from the unit (V, m).
     follows_range : bool
-        Held at a value that grows with the amplitudes (the range that thresholds refer to).
+        Whether it is held at a value proportional to the amplitudes (the range of thresholds).
     """
 
     name: str
@@ -148,87 +148,86 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Block:
-    """One immutable piece of a model; its memory is an array that the caller holds.
+    """An immutable element of a model; its state is an array owned by the caller.
 
     Attributes
     ----------
     name : str
         Unique name, used in model files.
     slot : Slot
-        Its place in the chain.
+        Its position in the chain.
     parameters : tuple of Parameter
-        In the order in which the kernel reads them.
+        In the order of the kernel.
     kernel : callable or None
         ``kernel(x, y, state, p, dt, frequency)``, compiled; `frequency` is the fundamental
-        frequency of the excitation [Hz], 0 where there is none. None where `along` at one point
-        per tick says the same.
+        frequency of the excitation [Hz], 0 if there is none. None if `along` with one point per
+        tick is equivalent.
     state_size : callable or int
         Length of the state, or a function of dt that gives it (delays).
     description : str
-        One sentence on what the block does physically.
+        One sentence on the physics of the block.
     source : str
         Paper and equation.
     check : callable or None
-        ``check(values)`` returns '' or the reason why these parameters are impossible together.
+        ``check(values)`` returns '' or the reason why these parameters are incompatible.
     phased : bool
-        Whether it follows the phase of a drive that began at time 0; ``state[0]`` is the time
-        of the first sample then [s].
+        Whether it follows the phase of a drive that started at time 0; ``state[0]`` is then the
+        time of the first sample [s].
     clocked : bool
         Whether ``state[0]`` is the time [s] of the first sample, for blocks that depend on it.
-    beside : bool
-        Whether the block belongs beside the hysteresis of a model and not behind it: it answers
-        the same voltage, and its answer is added.
+    in_parallel : bool
+        Whether the block is connected in parallel with the hysteresis of a model and not in
+        series: it has the same input, and its output is added.
     parts : tuple of Block
-        The blocks that stand side by side in this one; empty for a single block.
+        The parallel blocks of this one; empty for a single block.
     between : Between
-        What it makes of its input between the ticks. The kernel takes one number per tick, held
-        over it, and answers at the end of the tick, or where there is inertia at its start.
+        Its intersample behaviour. The kernel takes one number per tick, held over it, and returns
+        the output at the end of the tick, or with inertia at its start.
     inertia : bool
-        Whether it is a mass: its position at a tick knows nothing of the input of that tick.
+        Whether it has inertia: its position at a tick does not depend on the input of that tick.
     system : callable or None
         ``system(p)`` returns the continuous system of a LINEAR block, or the gain of a linear
         INSTANT one; its states are those of the kernel.
     along : callable or None
-        ``along(x, y, state, p, dt, frequency, points)``, compiled: the answer along a path of
-        `points` values per tick, three to each step: at its start, in its middle, at its end; of
-        a PATH block also one value per tick.
-        Every INNER block has one, and every PATH block that wants to know the tick or a jump.
+        ``along(x, y, state, p, dt, frequency, points)``, compiled: the output along a path of
+        `points` values per tick, three per step: at its start, middle and end; of a PATH block
+        also one value per tick. Required for every INNER block, and for every PATH block that
+        depends on ticks or steps.
     approach : callable or None
-        ``approach(p)`` returns how it approaches a held input, where that is monotonic and without
-        a jump.
+        ``approach(p)`` returns how it approaches a held input, if that is monotonic and
+        continuous.
     pace : callable or None
         ``pace(p)`` returns the fastest rate [1/s] at which an INNER block moves.
     least_steps : int
-        Steps per tick that its path needs at least; more where it has corners.
+        Minimum number of steps per tick of its path; more at corners.
     count : int or None
-        Place in the state of a CLOCK block of the number of samples so far.
+        Index of the sample counter in the state of a CLOCK block.
     joins : callable or None
-        ``joins(p)`` returns how the block takes its input to go from tick to tick where that is
-        measured and not commanded: 0 held, 1 joined by lines, 2 band-limited.
+        ``joins(p)`` returns how the block interpolates a measured input between ticks: 0 held, 1
+        linear, 2 band-limited.
     step_bound : bool
-        Whether its step is that of the samples (forward Euler): right to first order only.
+        Whether its step is the sampling interval (forward Euler, first order).
     unknown : tuple of int
-        Places in the state that nothing tells where a record begins in motion, and that die out
-        by themselves: the one number in which a memory is kept, position and velocity. All of a
-        LINEAR block's are.
+        Indices of states that are unknown if a record starts in motion, and whose effect decays:
+        the memory of a hysteresis, position and velocity. All states of a LINEAR block are.
     tuned : callable or None
-        ``tuned(values, mode)`` returns the parameters of a mode of other parameters for the
-        ``natural_frequency`` [Hz] and ``damping_ratio`` in `mode`; what is not there stays.
+        ``tuned(values, mode)`` returns the parameters of a differently parametrised mode for the
+        ``natural_frequency`` [Hz] and ``damping_ratio`` in `mode`; missing ones are unchanged.
     part : Part or None
-        What it is to an inverse in closed form.
+        Its role in an inverse in closed form.
     predictor : tuple of str
-        Parameters by which it predicts from what was measured one, two, ... samples ago; ''
-        stands for the factor 1.
+        Parameters that multiply the measurements one, two, ... samples ago in a prediction; '' is
+        the factor 1.
     restoring : callable or None
-        ``restoring(p, x, before, memory, dt)``, compiled, returns the force that acts back on a
-        mode beside its linear spring, in metres of static displacement, at `x` [m] after
-        `before` [m], and its memory.
+        ``restoring(p, x, before, memory, dt)``, compiled, returns the force on a mode in addition
+        to its linear spring, in metres of static displacement, at `x` [m] after `before` [m], and
+        its memory.
     regressors : callable or None
-        ``regressors(x, rows, state, p)``, compiled: the signals whose weighted sum the answer is,
-        where every parameter but the first is a weight.
+        ``regressors(x, rows, state, p)``, compiled: the regressors of the output, if every
+        parameter but the first is a weight.
     counterpart : callable or None
-        ``counterpart(values)`` returns the parameters of the simulator node that mean the same;
-        besides its own values it gets the gain ``A1`` of the model, where there is one.
+        ``counterpart(values)`` returns the equivalent parameters of the simulator node; it also
+        receives the gain ``A1`` of the model, if there is one.
     """
 
     name: str
@@ -278,14 +277,14 @@ class Block:
         return state
 
     def unknown_states(self, dt: float, *, memory: bool = True) -> tuple[int, ...]:
-        """Return the places in its state that an actuator in motion begins with.
+        """Return the indices of states that are unknown for an actuator in motion.
 
         Parameters
         ----------
         dt : float
             Sampling interval [s].
         memory : bool
-            False leaves out what the extremes of its input tell, where these are known.
+            False omits states that follow from known extremes of the input.
         """
         if self.between is Between.LINEAR:
             return tuple(range(self.initial_state(dt).size))
@@ -299,14 +298,14 @@ class Block:
 
     @property
     def has_memory(self) -> bool:
-        """Whether it has a memory that extremes of its input before a record tell."""
+        """Whether it has a memory that follows from the extremes of its input before a record."""
         if self.parts:
             return any(part.has_memory for part in self.parts)
         return self.between is Between.PATH
 
     @property
     def needs_levels(self) -> bool:
-        """Whether it has a memory that no state of `unknown` tells."""
+        """Whether it has a memory that the states `unknown` do not contain."""
         if self.parts:
             return any(part.needs_levels for part in self.parts)
         return self.between is Between.PATH and not self.unknown

@@ -1,4 +1,4 @@
-"""Controllers of the lab: sweeps that run in the controller, at its own rate."""
+"""Drivers of laboratory controllers: sweeps that run in the controller at its servo rate."""
 
 from piezo_hysteresis.drivers.addresses import open_controller
 from piezo_hysteresis.drivers.controller import Controller, Identity, Measurement

@@ -49,20 +49,20 @@ def open_controller(
     ----------
     text : str
         Its address: ``gcs://HOST[:PORT]`` by TCP, ``gcs:///dev/ttyUSB0?baud=115200`` by a serial
-        port; ``nv200`` in place of ``gcs`` for those of piezosystem jena.
+        port; ``nv200`` instead of ``gcs`` for those of piezosystem jena.
     axis : str
-        Of the controller.
+        Axis of the controller.
     low, high : float, optional
-        Voltages that are never left [V]; those of the controller where they are narrower.
+        Voltage limits [V]; those of the controller apply if they are narrower.
     slew : float, optional
-        Rate that is never exceeded [V/s].
+        Slew limit [V/s].
     timeout : float
-        Longest time to wait for an answer [s].
+        Timeout of a response [s].
 
     Raises
     ------
     DriverError
-        If the text is something else, or no such controller answers.
+        If the address is invalid, or no such controller responds.
     """
     limits = Limits(
         -math.inf if low is None else low,

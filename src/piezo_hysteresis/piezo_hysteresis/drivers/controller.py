@@ -1,7 +1,7 @@
-"""What every driver does with one axis of a controller, and what it never does.
+"""Common behaviour of the drivers for one axis of a controller.
 
-Nothing moves on connecting. A wave begins and ends at 0 V and is played once, so that whatever
-happens to this program or the cable, the generator stands still at 0 V when the wave is over.
+Connecting causes no motion. A wave starts and ends at 0 V and is played once, so that the output
+is at 0 V at the end of the wave even if this program or the connection fails.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.errors import DriverError
 
-#: Limits of a user who gives none; those of the controller hold all the same.
+#: Default limits; those of the controller apply in addition.
 UNLIMITED = Limits(-math.inf, math.inf, math.inf)
 _STEP = 0.01  # between two voltages of a ramp [s]
 _AFTER = 3.0  # longest time that a wave may take more than it should [s]
@@ -30,14 +30,14 @@ _LOOK = 0.05  # how often it is looked whether a wave has ended [s]
 
 @dataclass(frozen=True)
 class Identity:
-    """What a controller says of itself.
+    """Identity of a controller.
 
     Attributes
     ----------
     name, firmware : str
         Maker, model and serial number; version of the firmware.
     rate : float
-        Of the servo [Hz].
+        Servo rate [Hz].
     """
 
     name: str
@@ -46,16 +46,16 @@ class Identity:
 
 
 class Measurement(NamedTuple):
-    """What was recorded while a wave was played.
+    """Data recorded while a wave was played.
 
     Attributes
     ----------
     dt : float
         Sampling interval [s].
     voltage : ndarray, shape (n,)
-        Of the output [V].
+        Output voltage [V].
     displacement : ndarray, shape (n,)
-        As the controller measures it [m].
+        Displacement measured by the controller [m].
     """
 
     dt: float
@@ -64,7 +64,7 @@ class Measurement(NamedTuple):
 
 
 class Connection(Protocol):
-    """What every controller is asked through."""
+    """Connection to a controller."""
 
     address: str
 
@@ -78,24 +78,24 @@ class Controller(ABC):
     Parameters
     ----------
     connection : Connection
-        To the controller; closed where it cannot be used.
+        Connection to the controller; closed if it is unusable.
     limits : Limits
-        What is never exceeded, besides the limits of the controller.
+        Limits in addition to those of the controller.
     axis : str
         Name of the axis.
 
     Attributes
     ----------
     most_points : int
-        Of a wave and of a record.
+        Largest number of points of a wave and of a record.
     address, axis : str
-        Where it is, and which axis.
+        Address and axis.
     identity : Identity
-        What it says of itself.
+        Identity of the controller.
     limits : Limits
-        What is never exceeded: the given ones, or those of the controller where they are narrower.
+        The given limits, or those of the controller if they are narrower.
     filters : str
-        What the controller does to the signals before it records them.
+        Filters of the controller before the recorder.
     """
 
     most_points: ClassVar[int]
@@ -116,7 +116,7 @@ class Controller(ABC):
 
     @abstractmethod
     def _look(self, given: Limits) -> None:
-        """Read identity, filters and limits; nothing moves."""
+        """Read identity, filters and limits, without motion."""
 
     def __enter__(self) -> Self:
         return self
@@ -127,7 +127,7 @@ class Controller(ABC):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop and go to 0 V; what went wrong before is raised, not what goes wrong now."""
+        """Stop and go to 0 V; an earlier error is raised, not an error of the stop."""
         try:
             self.stop()
         except DriverError:
@@ -137,7 +137,7 @@ class Controller(ABC):
             self.disconnect()
 
     def disconnect(self) -> None:
-        """Leave the controller as it is."""
+        """Close the connection without a change of the controller."""
         self._line.close()
 
     @property
@@ -167,11 +167,11 @@ class Controller(ABC):
 
     @abstractmethod
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage of the output at once [V]."""
+        """Set the output voltage immediately [V]."""
 
     @abstractmethod
     def halt(self) -> None:
-        """Stop the wave generator; the voltage stays where it is."""
+        """Stop the wave generator; the voltage is held."""
 
     @abstractmethod
     def load(self, voltages: FloatArray, divider: int) -> None:
@@ -194,7 +194,7 @@ class Controller(ABC):
         return self.voltage, self.displacement
 
     def about(self) -> dict[str, Any]:
-        """Return what belongs beside a record: who measured it, at which rate, in which units."""
+        """Return metadata of a record: controller, rate and units."""
         return {
             'controller': asdict(self.identity),
             'axis': self.axis,
@@ -276,13 +276,13 @@ class Controller(ABC):
         divider : int
             Servo ticks per point.
         watch : callable
-            Called now and then while the wave runs; what it raises stops the wave.
+            Called periodically while the wave runs; an exception stops the wave.
 
         Raises
         ------
         DriverError
             If the wave leaves the limits, the controller refuses, or it takes too long; the output
-            is stopped and brought to 0 V then, where the connection holds.
+            is then stopped and brought to 0 V, if the connection works.
         """
         rate = self.identity.rate / divider
         self.require(voltages, rate)
@@ -291,7 +291,7 @@ class Controller(ABC):
             self.start()
             self._wait(voltages.size / rate, watch)
         except BaseException:
-            with suppress(DriverError):  # what went wrong first is told
+            with suppress(DriverError):  # the first error is reported
                 self.stop()
             raise
         end = time.monotonic() + _AFTER

@@ -1,4 +1,4 @@
-"""What goes wrong with a controller, in one sentence."""
+"""Errors of a controller."""
 
 from __future__ import annotations
 
@@ -10,4 +10,4 @@ class DriverError(PiezoError):
 
 
 class ConnectionLostError(DriverError):
-    """A controller does not answer any more: it has to be connected to anew."""
+    """The controller no longer responds; a new connection is required."""

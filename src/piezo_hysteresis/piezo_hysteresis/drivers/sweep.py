@@ -19,7 +19,7 @@ from piezo_hysteresis.runtime.sweep_plan import RETURN, Sweep, SweepRecord, pars
 
 #: Time at 0 V before and behind a record [s].
 REST = 0.05
-#: What the controller says of itself, in the folder of a bag.
+#: File with the identity of the controller, in the folder of a bag.
 ABOUT = 'controller.yaml'
 
 
@@ -47,7 +47,7 @@ def sweep(
     frequencies, amplitudes : sequence of float
         [Hz], [V].
     seconds, warm_up : float
-        Length of each record, and what errors leave out of it [s].
+        Length of each record, and its part that is excluded from errors [s].
     waveform, options
         As `piezo_sim describe waveforms` lists them; options also as text in YAML.
     actuator : str
@@ -55,12 +55,12 @@ def sweep(
     progress : callable
         Called with ``(fraction, name of the record)``.
     watch : callable
-        Called now and then while a wave runs; what it raises stops the sweep at rest.
+        Called periodically while a wave runs; an exception stops the sweep at rest.
 
     Returns
     -------
     list of Record
-        With the voltage of the output, and what was commanded before the first sample.
+        With the output voltage, and the commands before the first sample.
 
     Raises
     ------
@@ -125,20 +125,20 @@ def measured(
     controller : Controller
         In open loop.
     name : str
-        Of the record.
+        Name of the record.
     voltages : ndarray, shape (n,)
-        The record; a rest and a ramp are put around it [V].
+        Voltages of the record [V]; a rest and a ramp are added before and after.
     info : RecordInfo
-        What is known of it; how it begins is added.
+        Its metadata; the initial condition is added.
     divider : int
         Servo ticks per sample.
     watch : callable
-        Called now and then while the wave runs.
+        Called periodically while the wave runs.
 
     Returns
     -------
     Record
-        With the voltage of the output, and what was commanded before the first sample.
+        With the output voltage, and the commands before the first sample.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def measured(
 def write_measured(
     bag: Path, records: Sequence[Record], about: Mapping[str, Any], namespace: str = 'piezo'
 ) -> None:
-    """Write a bag, with what the controller says of itself beside it.
+    """Write a bag, with the identity of the controller in its folder.
 
     Raises
     ------

@@ -33,11 +33,11 @@ from piezo_hysteresis.waveforms import Sine
 
 #: Highest harmonic of the reference that is learnt.
 HIGHEST = 12
-_WINDOW = 0.4  # of the reference, at its end: what is judged and learnt from
-_RAMP = 0.3  # of the reference: over this the amplitude rises, where the reference does not say
+_WINDOW = 0.4  # share of the reference, at its end, for evaluation and learning
+_RAMP = 0.3  # share of the reference in which the amplitude rises by default
 _STEP = 1e-3  # of the voltage, by which the model is differentiated
 _WEAKEST = 1e-3  # of the strongest: sensitivities below it are not used
-_ENOUGH = 1.05  # times the noise: there is nothing left to learn
+_ENOUGH = 1.05  # times the noise: learning stops
 _LEAST_GAIN = 0.98  # a round that leaves more than this share of the error is the last
 
 
@@ -48,9 +48,9 @@ class LearntRun:
     Attributes
     ----------
     name : str
-        What gave the wave.
+        Source of the wave.
     result : LoopResult
-        Every sample of the reference; the displacement counts from where it rested at first.
+        Every sample of the reference; displacement relative to the initial rest.
     metrics : TrackingMetrics
         Of the error within the window.
     noise : float
@@ -115,7 +115,7 @@ class Learning:
 
     @property
     def from_seconds(self) -> float:
-        """Where the judged window begins [s]."""
+        """Start of the evaluated window [s]."""
         return self.window.start * self.dt
 
     def runs(self, rounds: int = 8) -> Iterator[LearntRun]:

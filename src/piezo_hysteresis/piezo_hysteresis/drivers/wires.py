@@ -8,11 +8,11 @@ from typing import Any, Protocol
 
 from piezo_hysteresis.drivers.errors import ConnectionLostError, DriverError
 
-#: Longest time to wait for an answer [s].
+#: Timeout of a response [s].
 TIMEOUT = 5.0
 #: Of a serial port, where the address gives none [1/s].
 BAUD = 115_200
-#: Times as long as for an answer, a controller that was late is waited for.
+#: Waits of the timeout for the response of a late controller.
 ATTEMPTS = 5
 _LOOK = 0.05  # how often a serial port is looked at, at least [s]
 
@@ -38,18 +38,18 @@ class Wire(Protocol):
         """
 
     def receive(self) -> bytes:
-        """Return what comes next, one byte at least.
+        """Return the next bytes, at least one.
 
         Raises
         ------
         DriverError
             If the connection is lost.
         TimeoutError
-            If nothing comes in time.
+            If no byte arrives before the timeout.
         """
 
     def close(self) -> None:
-        """Close the connection; the controller goes on with what it does."""
+        """Close the connection; the controller continues its task."""
 
 
 class TcpWire:
@@ -62,7 +62,7 @@ class TcpWire:
     port : int
         TCP port.
     timeout : float
-        Longest time to wait for an answer [s].
+        Timeout of a response [s].
 
     Raises
     ------
@@ -88,7 +88,7 @@ class TcpWire:
             raise lost(self.address, error) from None
 
     def receive(self) -> bytes:
-        """Return what comes next."""
+        """Return the next bytes."""
         try:
             data = self._socket.recv(1 << 16)
         except TimeoutError:
@@ -110,11 +110,11 @@ class SerialWire:
     Parameters
     ----------
     path : str
-        Of the port: ``/dev/ttyUSB0``, ``COM3``.
+        Path of the port: ``/dev/ttyUSB0``, ``COM3``.
     baud : int
         Rate [1/s].
     timeout : float
-        Longest time to wait for an answer [s].
+        Timeout of a response [s].
 
     Raises
     ------
@@ -152,7 +152,7 @@ class SerialWire:
             raise lost(self.address, error) from None
 
     def receive(self) -> bytes:
-        """Return what comes next."""
+        """Return the next bytes."""
         end = time.monotonic() + self._timeout
         while True:
             try:
@@ -170,7 +170,7 @@ class SerialWire:
 
 
 def lost(address: str, reason: object) -> ConnectionLostError:
-    """Return the error that says that a connection is lost."""
+    """Return the error of a lost connection."""
     why = getattr(reason, 'strerror', None) or reason
     return ConnectionLostError(
         f'{address}: the connection is lost ({why}); a wave that runs ends at 0 V by itself; '
@@ -179,7 +179,7 @@ def lost(address: str, reason: object) -> ConnectionLostError:
 
 
 def silent(address: str, query: object) -> ConnectionLostError:
-    """Return the error that says that nothing answers a query."""
+    """Return the error of a query without a response."""
     return ConnectionLostError(
         f'{address}: no answer to {query!r} in time; the controller is busy, or something else '
         'answers there'

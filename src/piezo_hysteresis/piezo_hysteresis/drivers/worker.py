@@ -22,7 +22,7 @@ from piezo_hysteresis.runtime.sweep_plan import SweepRecord
 #: Time between two tries to connect [s].
 RETRY = 1.0
 _LOOK = 0.05  # how often it is looked whether a pause should end [s]
-_REST = 30.0  # longest time to come to rest [s]
+_REST = 30.0  # timeout until the actuator is at rest [s]
 
 
 class _Stopped(Exception):
@@ -107,10 +107,10 @@ class _Job:
 
 
 class ControllerThread:
-    """Connects, and connects again after a loss; nothing moves before a sweep is asked for.
+    """Connects, and reconnects after a loss; there is no motion before a sweep is requested.
 
-    A connection that was lost after that is followed by a stop and a ramp to 0 V as soon as the
-    controller answers again.
+    If the connection is lost after such a request, the output is stopped and ramped to 0 V as soon
+    as the controller responds again.
 
     Parameters
     ----------
@@ -119,16 +119,16 @@ class ControllerThread:
     on_state : callable
         Called in the thread with voltage [V] and displacement [m].
     every : float
-        Time between two looks at them [s].
+        Sampling interval of both [s].
 
     Attributes
     ----------
     problem : str
-        Why there is no connection, empty where there is one.
+        Reason of a missing connection, else empty.
     losses : int
-        How often it was lost.
+        Number of losses.
     doing : str
-        The record that runs.
+        The running record.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class ControllerThread:
         self._thread.start()
 
     def check(self, order: ControllerSweep) -> str:
-        """Return why a sweep would be refused, empty where it would not; from any thread."""
+        """Return why a sweep would be refused, else an empty text; from any thread."""
         controller = self._controller
         if controller is None:
             return self.problem
@@ -168,11 +168,11 @@ class ControllerThread:
         Parameters
         ----------
         order : ControllerSweep
-            What to run.
+            The sweep.
         progress : callable
             Called in the thread.
         stopped : callable
-            Asked in the thread whether the sweep is cancelled.
+            Called in the thread; returns whether the sweep is cancelled.
         """
         job = _Job(order, progress, stopped)
         self._jobs.put(job)
@@ -238,7 +238,7 @@ class ControllerThread:
             self._on_state(*state)
 
     def _swept(self, job: _Job) -> SweepOutcome:
-        """Run a sweep and write what is complete."""
+        """Run a sweep and write the complete records."""
         controller = self._controller
         assert controller is not None
         records: list[Record] = []

@@ -1,1 +1,1 @@
-"""How kernels are compiled, where their machine code is kept, and who is notified."""
+"""Compilation of kernels, the cache of their machine code, and notifications."""

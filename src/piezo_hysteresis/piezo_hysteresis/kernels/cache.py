@@ -1,9 +1,9 @@
-"""The machine code of kernels on disk, one entry per kernel and signature.
+"""Cache of machine code on disk, one entry per kernel and signature.
 
-Numba's own cache reads only where it can write, may mix up two signatures that two processes save
-at once, and does not see that a kernel from another file has changed. This one names an entry by
-all that it depends on, so that it is right or not there; and of several processes that need the
-same kernel one compiles it while the others wait for it.
+The cache of numba reads only from writable folders, can confuse two signatures that two processes
+save simultaneously, and ignores changes of kernels in other files. This cache names an entry by
+all its dependencies, so that an entry is either valid or absent; if several processes need the
+same kernel, one compiles it while the others wait.
 """
 
 from __future__ import annotations
@@ -53,22 +53,22 @@ class KernelCache(_BASE):
         return str(folders()[0])
 
     def enable(self) -> None:
-        """Do nothing: it is always in use."""
+        """Do nothing: the cache is always enabled."""
 
     def disable(self) -> None:
-        """Do nothing: it is always in use."""
+        """Do nothing: the cache is always enabled."""
 
     def flush(self) -> None:
-        """Do nothing: what is stale is not found."""
+        """Do nothing: stale entries are never found."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled kernel for a signature, None where it must be compiled now."""
+        """Return the compiled kernel for a signature, None if it must be compiled."""
         target_context.refresh()
         name = self._file(sig, target_context.codegen())
         found = self._read(name, sig, target_context)
         if found is None:
             TURNS.take(name)
-            found = self._read(name, sig, target_context)  # somebody else may have compiled it
+            found = self._read(name, sig, target_context)  # another process may have compiled it
             if found is not None:
                 TURNS.give_back(name)
         return found
@@ -107,7 +107,7 @@ _warned = False
 
 
 def _entry(folder: Path, name: str) -> Any:
-    """Return where a kernel lies in a folder; the name says all that could make it stale."""
+    """Return the path of a kernel in a folder; the name contains all its dependencies."""
     return IndexDataCacheFile(str(folder), name, source_stamp='')
 
 

@@ -1,8 +1,8 @@
-"""The decorators of every per-sample kernel: numba where it is, plain Python where not.
+"""Decorators of all per-sample kernels: compiled by numba if it is installed, else plain Python.
 
-There is one source for every kernel, so the two can only differ in speed. Kernels are compiled
-without ``fastmath``: the same inputs give the same bits online and offline. Only sums over whole
-records, which nothing online takes, may be taken in any order (`jit_sums`).
+Every kernel has one source, so the two differ only in speed. Kernels are compiled without
+``fastmath``: equal inputs give equal bits online and offline. Only sums over whole records, which
+are not used online, may be reordered (`jit_sums`).
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ else:
     from piezo_hysteresis.kernels.symbols import name_apart
 
     class _Listener(event.Listener):
-        """Tells `watch` what numba compiles."""
+        """Notifies `watch` of compilations by numba."""
 
         def on_start(self, found: Any) -> None:
-            """Take note of the begin of a compilation."""
+            """Report the start of a compilation."""
             watch.begin(found.data['dispatcher'].py_func.__qualname__)
 
         def on_end(self, found: Any) -> None:
-            """Take note of its end."""
+            """Report the end of a compilation."""
             watch.end()
 
     event.register('numba:compile', _Listener())
@@ -88,7 +88,7 @@ def jit_sums(function: Kernel) -> Kernel:
 
 
 def leaf(function: Kernel) -> Kernel:
-    """Compile a piece that only other kernels call: no entry for Python, nothing kept on disk."""
+    """Compile a function that only other kernels call: no Python entry point, not cached."""
     compiled: Kernel = function if _is_missing() else _piece(function)
     return compiled
 
@@ -101,7 +101,7 @@ def _piece(function: Any) -> Any:
 
 
 def _kept(compiled: Any, function: Any, cache: Any = None) -> Any:
-    """Let a kernel be kept on disk."""
+    """Enable the disk cache of a kernel."""
     if isinstance(compiled, CPUDispatcher):  # not with NUMBA_DISABLE_JIT
         compiled.__class__ = _Kernel
         compiled._cache = KernelCache(function) if cache is None else cache
@@ -130,22 +130,22 @@ def generated(
     *,
     inner: bool,
 ) -> Callable[..., Any]:
-    """Compile a function from generated `text`; its machine code is kept as that of others.
+    """Compile a function from generated `text`, with the same cache.
 
     Parameters
     ----------
     name : str
-        Of the function in `text`.
+        Name of the function in `text`.
     text : str
         Its source.
     space : dict of str to object
-        What it may name.
+        Its global names.
     source : callable
-        The function that it was generated from.
+        The function from which it was generated.
     digest : str
-        Of `text` and of what it calls.
+        Digest of `text` and of the functions that it calls.
     inner : bool
-        Whether only other kernels call it: its machine code is not kept.
+        Whether only other kernels call it; it is then not cached.
     """
     exec(compile(text, f'<{name}>', 'exec'), space)
     function: Any = space[name]

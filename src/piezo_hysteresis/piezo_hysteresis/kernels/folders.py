@@ -12,10 +12,10 @@ WITHIN = Path('install', 'kernels')
 
 @functools.cache
 def folders() -> tuple[Path, ...]:
-    """Return where to look, in this order; what is new goes into the first that can be written.
+    """Return the folders in search order; new entries go to the first writable one.
 
-    ``NUMBA_CACHE_DIR`` comes first where it is set, then the workspace, whose folder is read where
-    it cannot be written too, then the cache folder of the user.
+    The order is ``NUMBA_CACHE_DIR`` if set, the workspace, which is also read if it is not
+    writable, and the cache folder of the user.
     """
     named = os.environ.get('NUMBA_CACHE_DIR')
     own = [Path(named) / 'piezo_kernels'] if named else []
@@ -23,7 +23,7 @@ def folders() -> tuple[Path, ...]:
 
 
 def _workspace() -> Path:
-    """Return the folder in the workspace of this very file, however that is installed."""
+    """Return the folder in the workspace of this file, for any kind of installation."""
     here = Path(__file__).resolve()
     for parent in here.parents:
         if (parent / 'setup.bash').is_file() and parent.name != 'install':
@@ -36,4 +36,4 @@ def _user() -> list[Path]:
     try:
         return [(Path(named) if named else Path.home() / '.cache') / 'piezo_kernels']
     except RuntimeError:
-        return []  # nobody's process: it has no home
+        return []  # a process without a home folder

@@ -1,7 +1,7 @@
-"""What the machine code of a kernel depends on, as one number.
+"""Digest of all dependencies of the machine code of a kernel.
 
-Numba takes a kernel for fresh while its own file is; the kernels that it calls and the constants
-that it uses may come from others.
+Numba considers a kernel valid as long as its own file is unchanged; called kernels and constants
+may come from other files.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-# Modules whose names begin so belong to the suite.
+# Prefixes of the modules of the suite.
 OURS = 'piezo_'
 
 
@@ -30,10 +30,10 @@ def stamp(function: Callable[..., Any]) -> str:
 
 
 def closure(function: Callable[..., Any]) -> str:
-    """Return what `function` took from the function around it: kernels made of one text differ.
+    """Return the closure variables of `function`: they distinguish kernels with the same text.
 
-    A kernel that was taken stands there with what it took itself, in its place: two chains of the
-    same blocks in another order are two kernels.
+    A captured kernel is represented with its own closure, in order: two chains of the same blocks
+    in a different order are different kernels.
     """
     return _nested(function, {})
 
@@ -56,7 +56,7 @@ def _taken(value: Any, known: dict[int, str]) -> str:
 
 
 def _constant(value: Any) -> str | None:
-    """Return what a kernel may hold besides other kernels, as text; None for anything else."""
+    """Return a captured constant as text; None for other objects."""
     if isinstance(value, np.ndarray):
         return f'{value.dtype} {value.shape} {value.tobytes().hex()}'
     constants = (bool, int, float, complex, str, bytes, tuple, np.generic)

@@ -25,18 +25,18 @@ PACKAGES = ('piezo_sim', 'piezo_hysteresis')
 
 @dataclass(frozen=True)
 class Done:
-    """One rehearsal that is over.
+    """Result of a rehearsal.
 
     Attributes
     ----------
     name : str
         Package and function.
     compiled : int
-        Kernels that had to be compiled.
+        Number of compiled kernels.
     seconds : float
-        Wall time it took [s].
+        Wall time [s].
     failed : str
-        Why it did not come to its end; empty where it did.
+        Reason of a failure; empty if it succeeded.
     """
 
     name: str
@@ -60,7 +60,7 @@ def rehearse(which: tuple[str, str]) -> Done:
     started, before, failed = time.perf_counter(), watch.compiled(), ''
     try:
         getattr(importlib.import_module(f'{package}.rehearsal'), name)()
-    except Exception as error:  # its kernels are compiled later; nothing else is lost
+    except Exception as error:  # its kernels are compiled on first use
         failed = f'{type(error).__name__}: {error}'
     seconds = time.perf_counter() - started
     return Done(f'{package}: {name}', watch.compiled() - before, seconds, failed)
@@ -81,7 +81,7 @@ def _collect_rarely() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Compile every kernel of the packages that are named, of all where none is."""
+    """Compile every kernel of the given packages, or of all packages."""
     packages = list(sys.argv[1:] if arguments is None else arguments) or list(PACKAGES)
     workers = max(1, min(4, len(os.sched_getaffinity(0))))
     started, compiled, total = time.perf_counter(), 0, len(rehearsals(packages))
@@ -99,7 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-# --- what a test asks --------------------------------------------------------------------------
+# --- for the test of completeness
+# --------------------------------------------------------------------------
 
 
 # Packages that need ROS, one whose kernels are compiled for other machines only, and one without.
@@ -123,10 +124,10 @@ def kernels(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
 
 
 def not_rehearsed(packages: Iterable[str] = PACKAGES) -> list[str]:
-    """Return the kernels that were neither run in this process nor lie within one that was."""
+    """Return the kernels that were neither run in this process nor called by one that was."""
     everything = kernels(packages)
     reached: set[Callable[..., Any]] = set()
-    # those that were made of others while the program ran stand in no module
+    # kernels generated at run time belong to no module
     for kernel in (*everything.values(), *MADE):
         if kernel.signatures:
             reached |= fresh.within(kernel.py_func)

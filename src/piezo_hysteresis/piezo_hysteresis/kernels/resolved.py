@@ -1,7 +1,7 @@
-"""Remembers what numba resolves: the implementation of an operation for types of its arguments.
+"""Caches the overload resolution of numba: implementations of operations by argument types.
 
-Numba tries every implementation of ``+`` anew for each ``+`` in a kernel, and kernels are long:
-with the answers kept, derivatives compile in four fifths of the time.
+Numba tries every implementation of ``+`` for each ``+`` in a kernel, and kernels are long: with
+this cache, derivatives compile in four fifths of the time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _KNOWN: dict[Any, tuple[Any, Any]] = {}
 
 
 def remember() -> None:
-    """Keep what is resolved for plain numbers, in this process."""
+    """Cache the resolution for plain numbers in this process."""
     setattr(BaseFunction, 'get_call_type', _resolved)  # noqa: B010 # not by assignment for mypy
 
 
@@ -29,6 +29,6 @@ def _resolved(self: Any, context: Any, arguments: Any, named: Any) -> Any:
         return _RESOLVE(self, context, arguments, named)
     key = id(self), context, flags.error_model, *arguments
     if key not in _KNOWN:
-        # with the type itself: where that is gone another may have its number
+        # with the type itself, because its id can be reused
         _KNOWN[key] = self, _RESOLVE(self, context, arguments, named)
     return _KNOWN[key][1]

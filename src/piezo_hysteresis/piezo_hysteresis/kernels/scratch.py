@@ -1,8 +1,8 @@
-"""Room for intermediate numbers of a kernel, on its stack: nothing is allocated, nobody waits.
+"""Scratch memory of a kernel on its stack, without heap allocation.
 
-A kernel that asks for memory in every step is slower, and cannot run where no memory is to be had
-(an interrupt, a library for a target). What `scratch` answers lives as long as the call of the
-kernel that asked; it must neither be returned nor kept, and is best asked for outside of loops.
+A kernel that allocates memory in every step is slower, and cannot run without a heap (an
+interrupt, a library for a target). The array from `scratch` is valid during the call of the
+kernel; it must not be returned or stored, and should be created outside of loops.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ except ImportError:  # pragma: no cover - exercised by a test in a subprocess
 
 
 def scratch(shape: int | tuple[int, ...]) -> npt.NDArray[np.float64]:
-    """Return an array of floats of this shape whose content is arbitrary."""
+    """Return an uninitialised array of floats of this shape."""
     return np.empty(shape)
 
 
@@ -59,7 +59,7 @@ if types is not None:
 
     @overload(scratch, inline='always')
     def _scratch(shape):  # type: ignore[no-untyped-def] # numba compares both signatures
-        """Tell numba what stands for `scratch`."""
+        """Register the implementation of `scratch` in numba."""
         made = _MADE[0 if isinstance(shape, types.Integer) else len(shape) - 1]
         if isinstance(shape, types.Integer):
             return lambda shape: made((shape,))

@@ -1,9 +1,9 @@
-"""Names of machine code that no two processes give to different code.
+"""Unique symbol names of machine code across processes.
 
-Numba tells two kernels of one text apart by a number in the name of their symbols, and every
-process counts from one. Code that two processes have kept then holds equal names for different
-kernels, and the linker of a third that reads both takes the first for either: a chain of effects
-silently answers with the numbers of another.
+Numba distinguishes two kernels with the same text by a counter in their symbol names, and every
+process counts from one. The cached code of two processes can then contain equal names for
+different kernels; the linker of a third process uses the first for both, so that a chain of
+effects silently returns the numbers of another.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import secrets
 
 from numba.core.bytecode import FunctionIdentity
 
-# So long that two processes do not meet, and numbers after it are not reached by counting.
+# Large enough that two processes do not collide by counting.
 _BITS = 62
 
 
 def name_apart() -> None:
-    """Let this process, and every one that is forked from it, count from a number of its own."""
+    """Start the counter of this process, and of every forked one, at a random number."""
     _restart()
     os.register_at_fork(after_in_child=_restart)
 

@@ -1,4 +1,4 @@
-"""Lets one process at a time compile a kernel, while others that need it wait for its result."""
+"""Locks that let one process compile a kernel while others wait for its result."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from piezo_hysteresis.kernels.folders import folders
 
-# Longest wait for another process that compiles [s]; it may hang, and then everybody compiles.
+# Longest wait for another process that compiles [s]; if it hangs, all processes compile.
 TIMEOUT = 300.0
 LOOK = 0.05
 
@@ -27,7 +27,7 @@ class Turns:
         self._mine: set[int] = set()
 
     def take(self, name: str) -> None:
-        """Wait for the turn for `name`; where there are no locks nobody waits."""
+        """Acquire the lock for `name`; without locks there is no wait."""
         file, place, started = self._opened(), _place(name), time.monotonic()
         while file is not None and time.monotonic() - started < TIMEOUT:
             try:
@@ -41,7 +41,7 @@ class Turns:
             return
 
     def give_back(self, name: str) -> None:
-        """Let the next process have the turn for `name`."""
+        """Release the lock for `name`."""
         place = _place(name)
         if self._owner == os.getpid() and self._file is not None and place in self._mine:
             self._mine.discard(place)

@@ -1,4 +1,4 @@
-"""Knows whether this process compiles a kernel at this moment; imports nothing that is slow."""
+"""Reports whether this process is compiling a kernel; has no slow imports."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _count = 0
 
 
 def compiling() -> str:
-    """Return the name of the kernel that is being compiled, empty where none is."""
+    """Return the name of the kernel that is being compiled, empty if there is none."""
     with _LOCK:
         return _STACK[0] if _STACK else ''
 
@@ -34,7 +34,7 @@ def listen(callback: Callable[[], None]) -> Callable[[], None]:
 
 
 def begin(name: str) -> None:
-    """Take note that the compilation of a kernel begins; for those who compile."""
+    """Report the start of the compilation of a kernel."""
     global _count
     with _LOCK:
         _STACK.append(name)
@@ -46,6 +46,6 @@ def begin(name: str) -> None:
 
 
 def end() -> None:
-    """Take note that the newest compilation that was callback has ended."""
+    """Report the end of the newest compilation."""
     with _LOCK:
         _STACK.pop()

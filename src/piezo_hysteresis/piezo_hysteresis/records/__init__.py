@@ -1,4 +1,4 @@
-"""Records in and out: bags, CSV and what is known of an experiment (neutral: no physics)."""
+"""Input and output of records: bags, tables and metadata of an experiment (no physics)."""
 
 from piezo_hysteresis.records.bag_writer import write_bag
 from piezo_hysteresis.records.bags import read_bag

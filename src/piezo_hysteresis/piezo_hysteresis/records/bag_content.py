@@ -73,7 +73,7 @@ class TopicContent:
 
 @dataclass
 class BagContent:
-    """All topics of a bag, by name, and its metadata where it has some."""
+    """All topics of a bag by name, and its metadata if present."""
 
     path: Path
     topics: dict[str, TopicContent] = field(default_factory=dict)
@@ -133,7 +133,7 @@ def read_content(path: Path, log: DamageLog) -> BagContent:
     Raises
     ------
     RecordError
-        If the bag is damaged and the log does not salvage, or if nothing of it is readable.
+        If the bag is damaged and the log does not salvage, or if no part of it is readable.
     """
     metadata = read_metadata(path, log) if path.is_dir() else None
     content = BagContent(path, metadata=metadata)
@@ -191,7 +191,7 @@ def _fields(topic: Topic) -> cdr.Fields:
 
 
 def _compare(content: BagContent, metadata: Metadata, log: DamageLog) -> None:
-    """Compare what was found with what ``metadata.yaml`` counts."""
+    """Compare the read messages with the counts of ``metadata.yaml``."""
     growing = metadata.custom.get(STATE_KEY) == RECORDING
     for name, (topic, count) in metadata.topics.items():
         held = content.topics.get(name)

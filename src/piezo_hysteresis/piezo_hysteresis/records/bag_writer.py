@@ -47,10 +47,10 @@ def write_bag(
     storage: str = 'mcap',
     namespace: str = 'piezo',
 ) -> None:
-    """Write records to a new bag that ``ros2 bag`` of Jazzy takes.
+    """Write records to a new bag in the format of ``ros2 bag`` (Jazzy).
 
-    Records follow one another in time: a record that would begin before the end of the one in
-    front of it begins with the next full second.  Samples are numbered through the whole bag.
+    Records are consecutive in time: a record that would start before the end of the previous one
+    starts at the next full second. Samples are numbered throughout the bag.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ def write_bag(
     storage : str
         ``mcap``; sqlite3 is read, not written.
     namespace : str
-        In front of the topics ``actuator/state``, ``reference`` and ``record/marker``.
+        Prefix of the topics ``actuator/state``, ``reference`` and ``record/marker``.
 
     Raises
     ------
     RecordError
-        If the folder exists, the names are not unique, or it cannot be written; nothing is left
-        behind then.
+        If the folder exists, the names are not unique, or it cannot be written; no partial bag
+        remains.
     """
     folder, records = Path(path), listed(records)
     _check_request(folder, records, storage)

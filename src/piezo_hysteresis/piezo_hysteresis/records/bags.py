@@ -36,12 +36,12 @@ def read_bag(
     salvage : bool
         Return what is readable of a damaged bag (see `records.survey` for what was lost).
     actuator : str, optional
-        Name or namespace of the actuator, where the bag holds several.
+        Name or namespace of the actuator, if the bag contains several.
 
     Raises
     ------
     RecordError
-        If the bag cannot be used as it is, or holds no record that counts.
+        If the bag is unusable, or contains no valid record.
     """
     log = DamageLog(salvage)
     records = bag_records(read_content(Path(path), log), log, actuator)
@@ -100,7 +100,7 @@ def _no_states(content: BagContent) -> str:
 
 
 def _namespace(topic: str, name: str) -> str:
-    """Return what stands in front of the agreed name of a topic."""
+    """Return the prefix of a standard topic name."""
     return topic.strip('/').removesuffix(name).strip('/')
 
 
@@ -168,7 +168,7 @@ class _Edge:
 def _edges(
     markers: list[Marker], runs: list[Track], stamps: list[IntArray], log_times: list[IntArray]
 ) -> list[_Edge]:
-    """Return where the markers cut, in order; what was moved or never began cuts nothing."""
+    """Return the cuts of the markers in order, without those of moved or unstarted records."""
     sequel = all(a.max() < b.min() for a, b in pairwise(stamps))
     begins = [each.min() for each in (stamps if sequel else log_times)]
     numbers = [_numbers(run) for run in runs]
@@ -185,14 +185,14 @@ def _edges(
 
 
 def _settled(markers: list[Marker], places: list[tuple[int, int]]) -> list[_Edge]:
-    """Return the edges in order, without those of records that never began.
+    """Return the edges in order, without those of records that never started.
 
-    A marker that judges ends the record that it judges and no other one.
+    A marker that rejects a record ends only that record.
     """
     rejections = _rejections(markers)
     edges: list[_Edge] = []
     running = -1
-    # At one tick, the end of a record stands in front of the beginning of the next.
+    # At the same tick, the end of a record precedes the start of the next one.
     for k in sorted(range(len(markers)), key=lambda k: (places[k], bool(markers[k].record))):
         marker, judge = markers[k], rejections.get(k, -1)
         void = markers[judge].verdict if judge >= 0 else ''
@@ -233,7 +233,7 @@ def _cut(runs: list[Track], edges: list[_Edge], path: Path, log: DamageLog) -> l
             elif count:
                 part = run.take(inside)
                 parts.append(replace(part, name=marker.record, info=marker.info, rate=marker.rate))
-            elif edge.sample < end or edge is own[-1]:  # else it was said twice
+            elif edge.sample < end or edge is own[-1]:  # else it is a duplicate
                 log.note(path, f'record {marker.record} is announced but holds no samples')
     if outside:
         log.note(path, f'{outside} samples lie outside the marked records', count=outside)
@@ -241,9 +241,9 @@ def _cut(runs: list[Track], edges: list[_Edge], path: Path, log: DamageLog) -> l
 
 
 def _rejections(markers: list[Marker]) -> dict[int, int]:
-    """Return which marker says that a record does not count, by that which begins the record.
+    """Return the rejecting marker of each record, by the marker that starts the record.
 
-    A marker that judges means the newest of its name that was started before it and still counts.
+    A marker rejects the newest earlier record of its name that is still valid.
     """
     rejections: dict[int, int] = {}
     for k, judge in enumerate(markers):
@@ -256,9 +256,9 @@ def _rejections(markers: list[Marker]) -> dict[int, int]:
 def _reference(
     content: BagContent, space: str, alone: bool, sample: IntArray, starts: IntArray
 ) -> FloatArray | None:
-    """Return the desired displacement of each sample [m], NaN where none was recorded.
+    """Return the desired displacement of each sample [m], NaN if none was recorded.
 
-    `starts` are the places at which the numbers of the samples start again.
+    `starts` are the positions at which the sample numbers restart.
     """
     found = _siblings(content, REFERENCE, REFERENCE_NAME, space, alone)
     if not found or 'displacement' not in found[0].columns:
@@ -276,7 +276,7 @@ def _reference(
 
 
 def _joined(sample: IntArray, number: IntArray, value: FloatArray) -> FloatArray:
-    """Return the value of each sample by its number, NaN where there is none."""
+    """Return the value of each sample by its number, NaN if there is none."""
     order = np.argsort(number, kind='stable')
     number, value = number[order], value[order]
     place = np.minimum(np.searchsorted(number, sample), number.size - 1)

@@ -1,8 +1,8 @@
-"""Messages of fixed size after their header, encoded and decoded a whole topic at once.
+"""CDR codec for whole topics of messages with a fixed size after their header.
 
-``std_msgs/Header`` holds a string, so the place of everything behind it depends on the length of
-``frame_id``: messages are decoded in groups of equal length.  Alignment padding is never looked
-at, because rclpy leaves it uninitialised.
+``std_msgs/Header`` contains a string, so the offsets after it depend on the length of
+``frame_id``: messages are decoded in groups of equal length. Alignment padding is ignored, because
+rclpy does not initialise it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NUMPY_CODES = {
 
 
 def fixed_fields(topic: Topic) -> Fields:
-    """Return name and NumPy code of the fields behind the header, as a topic's definition says.
+    """Return name and NumPy type of the fields after the header, from the definition of a topic.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""What the columns of a table mean, by their names: time, voltage, displacement, and the unit.
+"""Assigns columns of a table by their names to time, voltage and displacement with a unit.
 
-Every reader of named columns asks `assigned`: a name of ours (``displacement_um``) is certain, a
-quantity with its unit (``Weg [µm]``, ``Voltage (V)``) is taken and said, and so is a unit alone
-(``CH1 (V)``) where one column only has it.
+Every reader of named columns uses `assigned`. A standard name (``displacement_um``) is certain. A
+quantity with its unit (``Weg [µm]``, ``Voltage (V)``) is accepted and reported, as is a unit alone
+(``CH1 (V)``) if only one column has it.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ CERTAIN, NAMED, BY_UNIT, NOT_ENOUGH = range(4)
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column is taken for.
+    """Meaning assigned to a column.
 
     Attributes
     ----------
     what : str
-        Quantity: a key of `UNITS`; empty where it is not understood.
+        Quantity: a key of `UNITS`; empty if unknown.
     unit : str
-        A key of ``UNITS[what]``; empty where it is not known.
+        A key of ``UNITS[what]``; empty if unknown.
     rank : int
-        How certain that is: `CERTAIN`, `NAMED`, `BY_UNIT` or `NOT_ENOUGH`.
+        Certainty: `CERTAIN`, `NAMED`, `BY_UNIT` or `NOT_ENOUGH`.
     """
 
     what: str = ''
@@ -91,9 +91,10 @@ def _parts(name: str) -> tuple[str, str]:
 
 
 def _unit(text: str, what: str, *, exactly: bool = False) -> str:
-    """Return the unit of a quantity as `UNITS` spells it; empty where it is none.
+    """Return the unit of a quantity in the spelling of `UNITS`; empty if it is none.
 
-    Only a name of the quantity allows another case: S is siemens, but ``Time (S)`` is seconds.
+    Upper and lower case differ only without the name of the quantity: S is siemens, but ``Time
+    (S)`` is seconds.
     """
     text = SPELLED.get(text.lower(), text)
     for known in UNITS[what]:
@@ -105,7 +106,7 @@ def _unit(text: str, what: str, *, exactly: bool = False) -> str:
 def assigned(
     names: Sequence[str], where: object, *, of_file: bool = True
 ) -> tuple[dict[int, tuple[str, str]], str]:
-    """Return which column means what in which unit, by its place, and what was guessed.
+    """Return quantity and unit of the columns by position, and the guesses.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def _require(
     where: object,
     of_file: bool,
 ) -> None:
-    """Say what is missing, and how to name it."""
+    """Raise an error with the missing columns and how to name them."""
     found = {what for what, _ in chosen.values()}
     missing = [what for what in ('time', 'voltage', 'displacement') if what not in found]
     if 'force' in found and 'voltage' in missing:
@@ -192,15 +193,15 @@ def _usual(what: str) -> str:
 
 
 def renamed(names: Sequence[str], chosen: Mapping[str, str], where: object) -> list[str]:
-    """Return the names of columns as they would have to be, for those that are chosen.
+    """Return the standard names of the chosen columns.
 
     Parameters
     ----------
     names : sequence of str
         Of the columns.
     chosen : mapping of str to str
-        ``NAME:UNIT`` or the number of a column, from 1, by what it is to be taken for. Without a
-        unit, that of its own name or the SI unit holds.
+        ``NAME:UNIT`` or the number of a column, from 1, by quantity. Without a unit, that of its
+        name or the SI unit applies.
     where : object
         File, for messages.
 
@@ -223,7 +224,7 @@ def renamed(names: Sequence[str], chosen: Mapping[str, str], where: object) -> l
         if unit and unit not in UNITS[what]:
             raise RecordError(f'{unit!r} is no unit of a {what}; use {", ".join(UNITS[what])}')
         own = _unit(_parts(names[place])[1], what) or _unit(meaning(names[place]).unit, what)
-        # what was taken for it by its name is something else then
+        # a column assigned to it by name is then something else
         columns = ['' if meaning(each).what == what else each for each in columns]
         columns[place] = f'{what}_{unit or own or next(iter(UNITS[what]))}'
     return columns

@@ -14,8 +14,8 @@ from piezo_hysteresis.records.storage import MessageBlock, Storage, Topic
 
 PIECE = 1 << 20
 
-# What is decompressed at once: chunks of `ros2 bag record` hold 768 kB, the largest of others some
-# 10 MB. In memory a chunk takes about four times its size.
+# Largest decompressed block: chunks of `ros2 bag record` contain 768 kB, the largest of others
+# some 10 MB. In memory a chunk takes about four times its size.
 LARGEST = 1 << 28
 
 # A whole file may be this much larger than it was packed, whatever its size; black pictures are
@@ -93,7 +93,7 @@ class CompressedFile:
 
 
 def decompressed(block: MessageBlock, path: Path, log: DamageLog) -> MessageBlock:
-    """Return a block whose messages were compressed one by one."""
+    """Return a block of individually compressed messages."""
     payloads, good, left = [], np.ones(block.topic.size, np.bool_), LARGEST
     for index in range(block.topic.size):
         try:

@@ -1,8 +1,9 @@
 """Columns of a large CSV file by pyarrow, which reads in pieces and on all cores.
 
 3 million rows of three columns: 0.9 s of processor time and 550 MB at the most, against 2.2 s and
-850 MB by NumPy on lines of text, to the same bits (`python bench/csv_reading.py`). Whatever is not
-plain numbers, commented or damaged, is left to the reader that says which line is wrong.
+850 MB by NumPy on lines of text, to the same bits (`python bench/csv_reading.py`). Files with
+anything but plain numbers, such as comments or damage, are left to the reader that reports the
+wrong line.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ LARGE = 4_000_000
 
 
 def columns(path: Path, head: int, delimiter: str, places: Sequence[int]) -> FloatArray | None:
-    """Return the numbers of some columns, shape (n, places); None where they are not all plain.
+    """Return the numbers of some columns, shape (n, places); None if they are not all plain.
 
     Parameters
     ----------
@@ -28,9 +29,9 @@ def columns(path: Path, head: int, delimiter: str, places: Sequence[int]) -> Flo
     head : int
         Line of the column names, from 0.
     delimiter : str
-        Between the columns.
+        Column separator.
     places : sequence of int
-        Columns that are wanted, from 0.
+        Columns to read, from 0.
     """
     try:
         import pyarrow

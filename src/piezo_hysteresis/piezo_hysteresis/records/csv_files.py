@@ -1,4 +1,4 @@
-"""Records from and to CSV files whose columns are named with their unit."""
+"""Records from and to CSV files with units in the column names."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ END_OF_HEADER = '***End_of_Header***'  # LabVIEW
 def read_csv(path: str | Path, *, salvage: bool = False) -> Record:
     """Read one CSV file with the columns ``time_s, voltage_V, displacement_um``.
 
-    Lengths may be in m, mm, um or nm, times in s, ms, us or ns; ``force_N`` may stand in place of
-    the voltage, ``reference_um`` may be added, further columns are left out.  What
-    ``records.yaml`` beside the file says of it (as `export` writes it) is taken over.
+    Lengths may be in m, mm, um or nm, times in s, ms, us or ns; ``force_N`` may replace the
+    voltage, ``reference_um`` may be added, further columns are ignored. Metadata from
+    ``records.yaml`` next to the file (as `export` writes it) are used.
 
     Parameters
     ----------
     path : str or Path
         File with one line of column names.
     salvage : bool
-        Return the longest intact piece of a damaged file.
+        Return the longest intact part of a damaged file.
 
     Raises
     ------
     RecordError
-        If the file cannot be used as it is.
+        If the file is unusable.
     """
     log = DamageLog(salvage)
     records = csv_records(Path(path), log)
@@ -52,25 +52,25 @@ def csv_records(
     chosen: Mapping[str, str] | None = None,
     header_row: int | None = None,
 ) -> list[Record]:
-    """Return a CSV file as one record, or as its intact pieces when salvaging.
+    """Return a CSV file as one record, or as its intact parts when salvaging.
 
     Parameters
     ----------
     path : Path
         File with one line of column names.
     log : DamageLog
-        Where damage is listed, or raised.
+        Lists or raises damage.
     chosen : mapping of str to str, optional
-        ``NAME:UNIT`` or the number of a column, from 1, by what it is to be taken for; columns
-        that are not named keep what their own names say.
+        ``NAME:UNIT`` or the number of a column, from 1, by quantity; other columns are assigned by
+        their names.
     header_row : int, optional
-        Line of the column names, from 1; the first one that is neither empty nor a comment where
-        not given, and behind the header block of LabVIEW where there is one.
+        Line of the column names, from 1; by default the first one that is neither empty nor a
+        comment, after a header block of LabVIEW.
 
     Raises
     ------
     RecordError
-        If the file cannot be used and the log does not salvage, or nothing of it is readable.
+        If the file is unusable and the log does not salvage, or no part of it is readable.
     """
     values, meanings = _table(path, log, chosen or {}, header_row)
     if not values.size:
@@ -153,7 +153,7 @@ def _delimiter(line: str) -> str:
 
 
 def _names(lines: list[str], first: int, delimiter: str) -> list[str]:
-    """Return the names of the columns; words are names of their own where there are as many."""
+    """Return the names of the columns; words count as names if their number matches."""
     line = lines[first].strip() if not delimiter else lines[first]
     names = line.split(delimiter or None)
     if not delimiter and first + 1 < len(lines) and len(lines[first + 1].split()) != len(names):
@@ -204,7 +204,7 @@ def _slowly(
     meanings: dict[int, tuple[str, str]],
     log: DamageLog,
 ) -> FloatArray:
-    """Read line by line, to say which line is wrong and to keep the others."""
+    """Read line by line, to report wrong lines and to keep the others."""
     rows, wrong, first = [], 0, ''
     for number, line in enumerate(body, start=head + 2):
         if not line.strip() or line.startswith('#'):
@@ -235,14 +235,14 @@ def write_csv(path: str | Path, record: Record, *, unit: str = 'um') -> None:
     path : str or Path
         File to create.
     record : Record
-        What to write; ``force_N`` where its input is a force, a reference where it has one.
+        Record to write, with ``force_N`` if its input is a force, and the reference if it has one.
     unit : str
         Unit of the displacement: m, mm, um or nm.  In ``m`` every number is exact.
 
     Raises
     ------
     RecordError
-        If the file exists or cannot be written; nothing is left behind then.
+        If the file exists or cannot be written; no partial file remains.
     """
     columns = columns_of(record, unit)
     with new_file(Path(path)) as temporary:

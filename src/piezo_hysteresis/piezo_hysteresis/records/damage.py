@@ -1,4 +1,4 @@
-"""What was wrong with data that were read: refused, or kept and counted when salvaging."""
+"""Damage in data: refused, or repaired and counted when salvaging."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SALVAGE_HINT = 'pass --salvage to keep what is readable'
 
 
 class DamageWarning(UserWarning):
-    """Something was left out or mended while data were read."""
+    """Data were omitted or repaired while reading."""
 
 
 class LeftOutWarning(DataNote):
@@ -26,11 +26,11 @@ class Damage:
     where : str
         File or record.
     what : str
-        What is wrong, and what was done about it.
+        The damage and its treatment.
     count : int
-        How many samples, messages or places are concerned.
+        Number of affected samples, messages or positions.
     lost : int
-        How many samples or messages are not in what was returned.
+        Number of samples or messages missing from the result.
     """
 
     where: str
@@ -44,22 +44,22 @@ class Damage:
 
 @dataclass
 class DamageLog:
-    """Collects findings, or turns the first one into an error.
+    """Collects findings, or raises the first one as an error.
 
     Attributes
     ----------
     salvage : bool
         Keep what is readable and list the findings; otherwise the first one raises.
     interpolate : bool
-        An uneven rate is no damage: the reader asks for another rate anyway.
+        An uneven rate is no damage, because the data are resampled.
     findings : list of Damage
-        What was wrong, in the order it was met.
+        Damage in the order of detection.
     notes : list of Damage
-        What should be said but costs nothing (a recording that was cut off between two flushes).
+        Notes without loss of data (such as a recording that ended between two flushes).
     left_out : list of Damage
-        Those of the notes that tell of a record that does not count.
+        Notes on rejected records.
     guesses : list of Damage
-        Those of the notes that tell what was taken for what.
+        Notes on guessed columns.
     """
 
     salvage: bool = False
@@ -79,7 +79,7 @@ class DamageLog:
         remedy: str = '',
         done: str = '',
     ) -> None:
-        """List a finding, and what was `done` about it to salvage the rest.
+        """List a finding, and its treatment `done` to salvage the rest.
 
         Raises
         ------
@@ -94,21 +94,21 @@ class DamageLog:
         self.findings.append(Damage(str(where), text, count, lost))
 
     def note(self, where: object, what: str, *, count: int = 1) -> None:
-        """List something that should be said but does not keep the data from being used."""
+        """List a note that does not prevent the use of the data."""
         self.notes.append(Damage(str(where), what, count))
 
     def leave_out(self, where: object, what: str, *, count: int = 1) -> None:
-        """Note a record that is left out because its author says that it does not count."""
+        """List a record that is omitted because a marker rejects it."""
         self.note(where, what, count=count)
         self.left_out.append(self.notes[-1])
 
     def guess(self, where: object, what: str) -> None:
-        """Note what was taken for what, once."""
+        """List a guess, once."""
         if not any((each.where, each.what) == (str(where), what) for each in self.guesses):
             self.note(where, what)
             self.guesses.append(self.notes[-1])
 
     @property
     def lost(self) -> int:
-        """Samples or messages that are not in what was returned."""
+        """Number of samples or messages missing from the result."""
         return sum(finding.lost for finding in self.findings)

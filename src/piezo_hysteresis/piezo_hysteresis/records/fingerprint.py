@@ -23,22 +23,22 @@ _TURN = 1 << 20
 # A copy differs by its rounding, two repeats by 1.4 times their noise. Six sums of two repeats
 # agree within this share of the noise once in (2 * 0.2 / 1.4 / sqrt(2 pi))^-6 = 5e5 pairs.
 _OF_NOISE = 0.2
-# Below this share of the standard deviation no record holds anything, and a command no change.
+# Below this share of the standard deviation a signal or a change of a command is negligible.
 _NOTHING, _SAME_COMMAND = 1e-6, 1e-4
-# The noise is read from differences of this order, to which slow drives add next to nothing.
+# The noise is estimated from differences of this order, to which slow drives contribute little.
 _ORDER = 8
 
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What a record is recognised by.
+    """Fingerprint that identifies a record.
 
     Attributes
     ----------
     name : str
-        What the record was called; it decides nothing.
+        Name of the record; not compared.
     samples : int
-        How many it has.
+        Number of samples.
     dt : float
         Sampling interval [s].
     sums : str
@@ -104,7 +104,7 @@ def recognised(records: Sequence[Record], known: Sequence[Fingerprint]) -> list[
 
 
 def _sums(samples: FloatArray, count: int) -> FloatArray:
-    """Return the standard deviation and so many sums, shape (count + 1,)."""
+    """Return the standard deviation and `count` sums, shape (count + 1,)."""
     place = np.arange(samples.size, dtype=np.int64)
     square = place * place % _TURN
     deviation = samples - samples.mean()

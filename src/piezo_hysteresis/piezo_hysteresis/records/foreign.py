@@ -26,7 +26,7 @@ EXAMPLE = '/topic.field or /topic.field:unit'
 
 @dataclass(frozen=True)
 class Signal:
-    """A field of the messages of a topic, and by what to divide it for SI units."""
+    """A field of the messages of a topic, with its divisor for SI units."""
 
     topic: str
     field: tuple[str, ...]
@@ -42,22 +42,21 @@ class Series:
 
 
 def parse_signal(text: str, quantity: str) -> Signal:
-    """Return what ``/laser/position.point.x:um`` or ``/adc.data[2]:V`` names.
+    """Parse a field such as ``/laser/position.point.x:um`` or ``/adc.data[2]:V``.
 
-    ``/joint_states.position[stage]`` takes the element that the message's ``name`` list gives that
-    name.
+    ``/joint_states.position[stage]`` selects the element by the ``name`` list of the message.
 
     Parameters
     ----------
     text : str
-        Topic, path of the field, and unit (V or m where none is given).
+        Topic, path of the field, and unit (default V or m).
     quantity : str
         ``voltage``, ``force``, ``displacement`` or ``reference``.
 
     Raises
     ------
     RecordError
-        If the text is not understood.
+        If the text is invalid.
     """
     name, _, unit = text.partition(':')
     topic, dot, path = name.partition('.')
@@ -79,24 +78,24 @@ def foreign_records(
     reference: str | None = None,
     force: str | None = None,
 ) -> list[Record]:
-    """Read a bag of any message types as a record (as its intact pieces when salvaging).
+    """Read a bag of any message types as a record (as its intact parts when salvaging).
 
     Every displacement is a sample; voltage and reference hold until their next message.  The time
-    is that of the header, or of recording where the message has none.
+    is that of the header, or of recording if the message has none.
 
     Parameters
     ----------
     path : str or Path
         Bag folder or storage file.
     log : DamageLog
-        Where damage is listed, or raised.
+        Lists or raises damage.
     voltage, displacement, reference, force : str
-        Fields, see `parse_signal`; a force [N] stands in place of the voltage.
+        Fields, see `parse_signal`; a force [N] replaces the voltage.
 
     Raises
     ------
     RecordError
-        If a field is not there or the samples are no record and the log does not salvage.
+        If a field is missing, or the samples are no record and the log does not salvage.
     """
     path = Path(path)
     if (voltage is None) == (force is None):

@@ -29,22 +29,22 @@ Source: TypeAlias = str | Path | Columns | Record
 
 @dataclass(frozen=True)
 class Survey:
-    """What was found in some data.
+    """Content of data, with damage and notes.
 
     Attributes
     ----------
     records : list of Record
         Usable records.
     damage : list of Damage
-        What was lost or mended (only when salvaging).
+        Lost or repaired data (only when salvaging).
     notes : list of Damage
-        What should be said but keeps nothing from being used.
+        Notes that do not prevent the use of the data.
     bags : list of BagContent
         The bags among the data, with all their topics.
     left_out : list of Damage
-        Those of the notes that tell of a record that was cancelled, refused or run again.
+        Notes on records that were cancelled, refused or repeated.
     guesses : list of Damage
-        Those of the notes that tell what was taken for what.
+        Notes on guessed columns.
     """
 
     records: list[Record]
@@ -64,7 +64,7 @@ def load(
 ) -> list[Record]:
     """Return records from files, from arrays or from data frames, in any mix.
 
-    A record that was cancelled or refused is left out, with a `LeftOutWarning`.
+    A record that was cancelled or refused is omitted with a `LeftOutWarning`.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def load(
     dt : float, optional
         Sampling interval of columns in memory without a time [s].
     salvage : bool
-        Return what is readable of damaged data; everything lost or mended is a `DamageWarning`.
+        Return the readable part of damaged data; each loss or repair gives a `DamageWarning`.
     actuator : str, optional
-        Name or namespace of the actuator, where a bag holds several.
+        Name or namespace of the actuator, if a bag contains several.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def load(
     Raises
     ------
     RecordError
-        If the data cannot be used as they are.
+        If the data are unusable.
     """
     found = survey(_several(source), dt=dt, salvage=salvage, actuator=actuator)
     for damage in found.damage:
@@ -123,14 +123,14 @@ def survey(
     actuator: str | None = None,
     log: DamageLog | None = None,
 ) -> Survey:
-    """Read like `load`, and return besides the records all that was found and lost.
+    """Read like `load`, and also return damage, notes and bags.
 
-    What is damage and what is done about it is said by `log`, where there is one.
+    `log`, if given, defines what is damage and how it is treated.
 
     Raises
     ------
     RecordError
-        If the data cannot be used as they are, or if nothing of them is readable.
+        If the data are unusable, or no part of them is readable.
     """
     if not sources:
         raise RecordError('no data were given; name a bag folder or a CSV file')
@@ -168,12 +168,12 @@ def _of_path(
 
 @contextmanager
 def sentences(path: Path) -> Iterator[None]:
-    """Refuse what is no file or folder, and say in one sentence why it cannot be read.
+    """Refuse anything but a file or folder, with the reason in one sentence.
 
     Raises
     ------
     RecordError
-        Instead of all that reading damaged data may raise.
+        Replaces all other exceptions of reading damaged data.
     """
     try:
         if not path.exists():
@@ -221,7 +221,7 @@ def column_records(
     Raises
     ------
     RecordError
-        If the file cannot be used, or a line of a file that is no text is asked for.
+        If the file is unusable, or a line of a file that is no text is requested.
     """
     if _is_csv(path):
         return csv_records(path, log, chosen, header_row)

@@ -1,4 +1,4 @@
-"""The markers that cut what was recorded into records."""
+"""Markers that divide a recording into records."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from piezo_hysteresis.records.definitions import MARKER, stored_types, typestore
 from piezo_hysteresis.records.record import RecordInfo
 from piezo_hysteresis.records.storage import MessageBlock, Topic
 
-# Why a record does not count. The marker that says so has no name, so that it ends what is open as
-# any other end does; its excitation is one of these, its frame_id the name of the judged record.
+# Reasons for the rejection of a record. The rejecting marker has no name, so that it also ends an
+# open record; its excitation is one of these, its frame_id the name of the rejected record.
 CANCELLED, REFUSED, FAILED, REPEATED, MOVED = VERDICTS = (
     'cancelled', 'refused', 'failed', 'repeated', 'moved',
 )  # fmt: skip
@@ -28,26 +28,26 @@ NUMBERS = ('frequency', 'amplitude', 'warm_up', 'rate')
 
 @dataclass(frozen=True)
 class Marker:
-    """What a marker says.
+    """Content of a marker.
 
     Attributes
     ----------
     stamp : int
-        Header stamp: where its record begins [ns].
+        Header stamp: start of its record [ns].
     record : str
-        Name of the record; empty where the record before ends.
+        Name of the record; empty if it only ends the previous one.
     rate : float
         Sampling rate [Hz].
     info : RecordInfo
-        What is known besides.
+        Further metadata.
     judged : str
-        Name of a record that does not count; empty where none is judged.
+        Name of a rejected record; empty if none is rejected.
     verdict : str
-        Why it does not: one of `VERDICTS`.
+        Reason of the rejection: one of `VERDICTS`.
     sample : int
-        Number of the sample at which it begins or ends; -1 where only its stamp says.
+        Sample at which it starts or ends; -1 if only the stamp is given.
     log_time : int
-        When it was recorded [ns].
+        Time of recording [ns].
     """
 
     stamp: int
@@ -105,7 +105,7 @@ def _store(topic: Topic) -> Any:
 
 
 def sample_text(sample: int) -> str:
-    """Return the ``frame_id`` with which a marker that judges nothing names its sample."""
+    """Return the ``frame_id`` with which a marker that rejects no record names its sample."""
     return f'sample {sample}'
 
 

@@ -1,7 +1,7 @@
 """Reads MCAP files chunk by chunk, with or without a usable index.
 
-The index is never needed: chunks are found by walking over the records, their checksums are
-verified, and what the index counts is compared with what was found.
+The index is not required: chunks are found by a scan of the records, their checksums are verified,
+and the counts of the index are compared with the content.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class McapFile:
             )
 
     def _read_summary(self, file: BinaryIO) -> None:
-        """Take topics, counts and places of chunks from the index, where there is one."""
+        """Read topics, counts and offsets of chunks from the index, if there is one."""
         file.seek(max(self._size - 37, 0))
         ending = file.read()
         if len(ending) != 37 or not ending.endswith(mcap.MAGIC) or ending[0] != mcap.FOOTER:

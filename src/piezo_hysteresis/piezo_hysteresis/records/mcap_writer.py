@@ -1,13 +1,13 @@
-"""Writes MCAP files whose every state on disk is a valid file.
+"""Writes MCAP files that are valid on disk at every instant.
 
-A file being recorded is kept closed by one padding record that reaches up to a footer at the
-reserved end.  A chunk is first written inside that padding, where no reader looks, together with
-the shorter padding that shall follow it; then nine bytes, the head of the chunk, make it visible
-at once.  So a process that is killed, or a disk that fills up, leaves everything flushed before.
+An open file is kept valid by one padding record that extends to a footer at the reserved end. A
+chunk is first written inside that padding, which readers skip, together with the shorter padding
+after it; then nine bytes, the head of the chunk, make it visible atomically. If the process is
+killed or the disk is full, all flushed data remain.
 
-Why rosbags does not write these files: of a recording of 200 000 states that is killed, any reader
-finds all 200 000 here and none of what rosbags wrote, which has no footer before it is closed; and
-whole chunks of an array take a seventh of the time (``bench/records.py``, ratio 7.6).
+Reason for not using rosbags: of a killed recording of 200 000 states, any reader finds all 200 000
+in these files and none in those of rosbags, which have no footer before they are closed; and
+writing whole chunks of an array takes a seventh of the time (``bench/records.py``, ratio 7.6).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ RESERVE = 1 << 26
 
 
 class PlainFile:
-    """Appends to a file that nobody reads before it is finished."""
+    """Appends to a file that is not read before it is closed."""
 
     def __init__(self, path: Path, head: bytes) -> None:
         self._file = path.open('x+b')
@@ -52,7 +52,7 @@ class PlainFile:
         self.end += len(data)
 
     def readable(self) -> int:
-        """Return a descriptor by which what was appended can be read."""
+        """Return a descriptor for reading the appended data."""
         self._file.flush()
         return self._file.fileno()
 
@@ -112,7 +112,7 @@ class PaddedFile:
         return self.end + size + 3 * mcap.PREFIX.size <= self._limit
 
     def append(self, data: bytes) -> None:
-        """Append complete records, which become visible all at once."""
+        """Append complete records, which become visible atomically."""
         end = self.end + len(data)
         if end % PAGE > PAGE - mcap.PREFIX.size:
             # A head across two pages could be written half when the process is killed.
@@ -123,7 +123,7 @@ class PaddedFile:
         self.end = end
 
     def readable(self) -> int:
-        """Return a descriptor by which what was appended can be read."""
+        """Return a descriptor for reading the appended data."""
         return self._fd
 
     def finish(self, data: bytes) -> None:
@@ -135,7 +135,7 @@ class PaddedFile:
         self.abandon()
 
     def abandon(self) -> None:
-        """Close; the file stays as valid as it was."""
+        """Close the file without a change of its content."""
         if self._fd >= 0:
             os.close(self._fd)
         self._fd = -1
@@ -149,7 +149,7 @@ class McapWriter:
     path : Path
         File to create.
     reserve : int
-        0 for a file nobody reads before it is finished; else its size while it grows [byte].
+        0 for a file that is not read before it is closed; else its size while it grows [byte].
 
     Attributes
     ----------
@@ -269,7 +269,7 @@ class McapWriter:
         Parameters
         ----------
         metadata : str
-            What ``metadata.yaml`` says, as rosbag2 repeats it in the file.
+            Content of ``metadata.yaml``, which rosbag2 also stores in the file.
         """
         start = self._file.closing_at
         inner = mcap.text('serialized_metadata') + mcap.text(metadata)
@@ -342,7 +342,7 @@ def chunk_indexes(file: int, start: int, end: int) -> Iterator[bytes]:
 
 
 def _message_indexes(file: int, at: int, end: int) -> tuple[list[bytes], int]:
-    """Return channel and place of the message indexes from `at` on, and where they end."""
+    """Return channel and offset of the message indexes from `at` on, and their end."""
     places = []
     while at < end:
         head = os.pread(file, mcap.PREFIX.size + _CHANNEL.size, at)

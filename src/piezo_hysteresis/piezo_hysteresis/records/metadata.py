@@ -31,7 +31,7 @@ class FileSummary:
 
 @dataclass
 class Metadata:
-    """What a bag says about itself.
+    """Metadata of a bag.
 
     Attributes
     ----------
@@ -103,16 +103,16 @@ class Metadata:
         return str(yaml.safe_dump(self.content(), sort_keys=False))
 
     def write(self, folder: Path) -> None:
-        """Write ``metadata.yaml`` into `folder`, replacing an older one at once."""
+        """Write ``metadata.yaml`` into `folder`, atomically replacing an older one."""
         with write_atomically(folder / NAME) as temporary:
             temporary.write_text(yaml.safe_dump({ROOT: self.content()}, sort_keys=False), 'utf-8')
 
 
 def read_metadata(folder: Path, log: DamageLog) -> Metadata:
-    """Return what a bag folder says about itself.
+    """Return the metadata of a bag folder.
 
-    Where ``metadata.yaml`` is missing or cannot be read and the log salvages, the storage files
-    of the folder are listed instead.
+    If ``metadata.yaml`` is missing or unreadable and the log salvages, the storage files of the
+    folder are listed instead.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from piezo_hysteresis.records.storage import MessageBlock, Topic
 
 @dataclass(frozen=True)
 class Played:
-    """One message whose time has come.
+    """A message that is due.
 
     Attributes
     ----------
@@ -28,11 +28,11 @@ class Played:
     payload : bytes
         The serialised message as it was recorded.
     log_time : int
-        When it was recorded, which is what ``/clock`` should say [ns].
+        Time of recording, which is the time of ``/clock`` [ns].
     lap : int
         Rounds played before, with ``loop``.
     late : float
-        Time by which it comes too late; 0 where the taker sets the pace [s].
+        Delay of the message; 0 in lock-step [s].
     """
 
     topic: Topic
@@ -50,33 +50,33 @@ class Player:
     path : str or Path
         Bag folder or storage file.
     rate : float
-        Speed against the recording; ``inf`` never waits (lock-step: the taker sets the pace).
+        Speed relative to the recording; ``inf`` never waits (lock-step).
     loop : bool
-        Begin again at the end, until `stop`.
+        Repeat until `stop`.
     topics : collection of str, optional
-        Names of the topics to play; all where not given.
+        Names of the topics to play; default all.
     salvage : bool
-        Play what is readable of a damaged bag.
+        Play the readable part of a damaged bag.
     clock : callable
         Monotonic time [s].
     wait : callable, optional
-        Waits for a number of seconds; returns early when `stop` is called where not given.
+        Waits for a number of seconds; the default returns early when `stop` is called.
 
     Attributes
     ----------
     topics : dict of str to Topic
-        What will be played.
+        Topics to be played.
     first, last : int
         Log times of the first and the last message [ns].
     count : int
         Messages of one round.
     damage : list of Damage
-        What was wrong with the bag, when salvaging.
+        Damage of the bag, when salvaging.
 
     Raises
     ------
     RecordError
-        If the rate is not positive, the bag cannot be used, or nothing in it is to be played.
+        If the rate is not positive, the bag is unusable, or it contains no topic to play.
     """
 
     def __init__(
@@ -121,11 +121,11 @@ class Player:
         self._later = np.minimum.accumulate([*starts[1:], 1 << 62][::-1])[::-1].tolist()
 
     def hold(self, seconds: float) -> None:
-        """Play what is left so much later: somebody had to be waited for [s]."""
+        """Delay the remaining messages by the time of a wait [s]."""
         self._held += seconds
 
     def stop(self) -> None:
-        """End playing, from any thread; a wait under way ends at once."""
+        """Stop playing, from any thread; a running wait is aborted."""
         self._stop.set()
 
     @property

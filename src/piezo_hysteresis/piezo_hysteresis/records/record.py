@@ -1,4 +1,4 @@
-"""One experiment at a constant rate: what was commanded and what was measured."""
+"""One experiment at a constant rate: commanded input and measured displacement."""
 
 from __future__ import annotations
 
@@ -15,25 +15,24 @@ from piezo_hysteresis.errors import RecordError
 
 @dataclass(frozen=True)
 class RecordInfo:
-    """What is known about an experiment besides its samples.
+    """Metadata of an experiment.
 
     Attributes
     ----------
     actuator : str
-        Name of the actuator, so that two actuators in one bag are noticed.
+        Name of the actuator, to detect two actuators in one bag.
     excitation : str
         Kind of waveform: ``sine``, ``triangle``, ``multisine``, ``rest``, ... or ``unknown``.
     frequency : float
-        Fundamental frequency of the excitation [Hz]; 0 where there is none.
+        Fundamental frequency of the excitation [Hz]; 0 if there is none.
     amplitude : float
-        Amplitude of the commanded input [V]; 0 where it is not known.
+        Amplitude of the commanded input [V]; 0 if unknown.
     warm_up : float
-        Seconds at the start that errors leave out [s].
+        Time at the start that is excluded from errors [s].
     input_unit : str
         ``V`` for a voltage, ``N`` for a force (mechanical benchmarks).
     start : str
-        How it begins: ``rest``, ``step``, ``settled`` or ``estimate``; ``auto`` where it is not
-        known.
+        Initial condition: ``rest``, ``step``, ``settled`` or ``estimate``; ``auto`` if unknown.
     """
 
     actuator: str = ''
@@ -47,10 +46,10 @@ class RecordInfo:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(Plottable):
-    """One experiment at a constant rate; two of them are equal only if they are the same one.
+    """One experiment at a constant rate; records are compared by identity.
 
-    ``voltage[k]`` is what is commanded at tick k; ``displacement[k]`` is what is measured at tick
-    k, before that voltage acts.
+    ``voltage[k]`` is commanded at tick k; ``displacement[k]`` is measured at tick k, before that
+    voltage acts.
 
     Attributes
     ----------
@@ -65,18 +64,18 @@ class Record(Plottable):
     start : float
         Time of the first sample [s].
     reference : ndarray, shape (n,), or None
-        Desired displacement [m] where there was one.
+        Desired displacement [m], if there is one.
     info : RecordInfo
-        What is known about the experiment.
+        Metadata of the experiment.
     before : ndarray, shape (m,), or None
-        Commanded input of the ticks before the first sample, from a rest at 0 V on, where that is
-        known: models of a record that begins by ``step`` go through it first.
+        Commanded input of the ticks before the first sample, from rest at 0 V on, if known: models
+        of a record that starts by ``step`` are first run over it.
 
     Raises
     ------
     RecordError
         If the arrays have different lengths, are empty or not finite, ``dt`` is not positive, or
-        the warm-up is no time.
+        the warm-up is negative or not finite.
     """
 
     name: str

@@ -1,8 +1,8 @@
-"""Records serialised messages of any topics into a bag that is readable at every instant.
+"""Records serialized messages of any topics into a bag that is readable at every instant.
 
-Messages are queued by the thread that receives them and written by a thread of its own, a chunk
-every quarter of a second.  Whatever was flushed survives the process and a full disk: see
-`mcap_writer`.  Nothing here knows ROS; the node hands over the bytes it received.
+Messages are queued by the receiving thread and written by a second thread, one chunk every 0.25 s.
+Flushed data survive a crash and a full disk: see `mcap_writer`. This module does not depend on
+ROS; the node passes the received bytes.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class RecorderStatus:
     Attributes
     ----------
     received : int
-        Messages handed over.
+        Messages passed to the recorder.
     written : int
         Messages that are in the bag.
     dropped : int
-        Messages that are lost, because the disk was full or too slow.
+        Messages lost because the disk was full or too slow.
     problem : str
-        Why nothing can be written at the moment; empty while all is well.
+        Reason why writing fails at present; empty without a problem.
     """
 
     received: int
@@ -170,16 +170,16 @@ class Recorder:
             return len(self._topics)
 
     def write(self, topic: int, payload: bytes, log_time: int) -> bool:
-        """Queue one serialised message as it was received; return False if it had to be dropped.
+        """Queue a serialized message as received; return False if it had to be dropped.
 
         Parameters
         ----------
         topic : int
             Number from `add_topic`.
         payload : bytes
-            The message as it came over the wire.
+            The serialized message.
         log_time : int
-            When it came [ns].
+            Time of reception [ns].
         """
         with self._lock:
             sequence = self._received[topic - 1]
@@ -202,12 +202,12 @@ class Recorder:
             )
 
     def flush(self, timeout: float = 0.0) -> None:
-        """Write what is queued, as the thread does by itself at every interval.
+        """Write the queue, as the thread does at every interval.
 
         Parameters
         ----------
         timeout : float
-            How long to wait until it is in the bag [s].
+            Longest wait until it is in the bag [s].
         """
         self._wake.set()
         with self._written:
@@ -215,9 +215,9 @@ class Recorder:
             self._written.wait_for(lambda: sum(self._counts) >= goal or self._problem, timeout)
 
     def close(self) -> RecorderStatus:
-        """Write all that is queued, finish the bag and return the counters.
+        """Write the queue, close the bag and return the counters.
 
-        A disk that is full at this moment costs what is still queued, nothing else.
+        If the disk is full, only the queue is lost.
         """
         with self._lock:
             self._closing = True

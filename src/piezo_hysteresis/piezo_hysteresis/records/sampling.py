@@ -18,9 +18,9 @@ GAP = 1.5  # a longer step, in median steps, is a gap
 UNEVEN = 0.2  # steps may differ from their median by this part
 WANDER = 0.05  # numbered samples: stamps may leave an even rate by this part of the record
 LARGEST_WANDER = 0.25  # and by this one if the rate is the same nearly everywhere
-LOCAL = 32  # over so many steps the rate is looked at [steps]
+LOCAL = 32  # window in which the rate is estimated [steps]
 JITTER = 0.05  # jitter below this part of a step is not worth a note
-LARGEST_NUMBER = 1e15  # nothing here is larger in any unit; float64 still adds it safely
+LARGEST_NUMBER = 1e15  # upper bound of plausible values in any unit; exact in float64
 LARGEST_STROKE = 0.05  # no actuator of this kind moves further [m]
 SMALLEST_STROKE = 1e-11  # an excited actuator moves more [m]
 LARGEST_VOLTAGE = 5000.0  # no amplifier of this kind gives more [V]
@@ -28,22 +28,22 @@ LARGEST_VOLTAGE = 5000.0  # no amplifier of this kind gives more [V]
 
 @dataclass(frozen=True)
 class Track:
-    """Samples as they were read, before anything is known to be in order.
+    """Samples as read, before their order is checked.
 
     Attributes
     ----------
     name : str
-        Name of the record they are to become.
+        Name of the resulting record.
     time : ndarray, shape (n,)
         Time of each sample [s].
     columns : dict of ndarray, shape (n,)
         ``voltage`` [V], ``displacement`` [m] and perhaps ``reference`` [m].
     sample : ndarray, shape (n,), or None
-        Number of each sample, where the source counts them.
+        Number of each sample, if the source counts them.
     info : RecordInfo
-        What is known besides.
+        Metadata.
     rate : float
-        Sampling rate that the source states, 0 where it does not [Hz].
+        Sampling rate stated by the source, 0 if unknown [Hz].
     """
 
     name: str
@@ -109,7 +109,7 @@ def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
 
 
 def _finite(track: Track, place: str, log: DamageLog) -> Track:
-    good = np.abs(track.time) < LARGEST_NUMBER  # false for what is not a number
+    good = np.abs(track.time) < LARGEST_NUMBER  # false for NaN
     for column in track.columns.values():
         good &= np.abs(column) < LARGEST_NUMBER
     bad = int(good.size - good.sum())
@@ -149,10 +149,10 @@ def restarts(sample: IntArray, log_time: IntArray) -> IntArray:
 
 
 def _ordered(track: Track, place: str, log: DamageLog) -> Track:
-    """Sort by number, or by time where there are none, and drop samples that come twice."""
+    """Sort by number, or by time without numbers, and drop duplicate samples."""
     key: FloatArray | IntArray = track.time
     if track.sample is not None and np.unique(track.sample).size == track.sample.size:
-        key = track.sample  # whatever the stamps say
+        key = track.sample  # regardless of the stamps
     back = int(np.sum(np.diff(key) < 0))
     if back:
         log.add(place, f'{back} samples are out of order', count=back, remedy='sort them by time',
@@ -178,7 +178,7 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
 def _without_repeats(
     track: Track, again: BoolArray, place: str, log: DamageLog
 ) -> tuple[Track, BoolArray]:
-    """Drop messages that say the same again: nodes repeat their last word when a loop stalls."""
+    """Drop repeated messages: nodes repeat their last message when a loop stalls."""
     same = again.copy()
     for column in (track.time, *track.columns.values()):
         same[1:] &= column[1:] == column[:-1]
@@ -291,7 +291,7 @@ def _local_steps(track: Track) -> FloatArray:
 
 
 def _even_runs(steps: FloatArray) -> list[tuple[int, int]]:
-    """Return the stretches of even steps where they make up nearly all; none where not."""
+    """Return the evenly sampled intervals if they cover nearly all samples; else none."""
     changes = np.flatnonzero(np.abs(np.diff(steps)) > UNEVEN * steps[:-1]) + 1
     edges = [0, *changes.tolist(), steps.size]
     runs = [(a, b) for a, b in pairwise(edges) if b - a >= SHORTEST]
@@ -299,7 +299,7 @@ def _even_runs(steps: FloatArray) -> list[tuple[int, int]]:
 
 
 def _resampled(track: Track, place: str, log: DamageLog) -> Track:
-    """Return the samples interpolated at a constant rate: only where somebody asked for it."""
+    """Return the samples interpolated at a constant rate: only on request."""
     steps = np.diff(track.time)
     low, high = 1e3 * np.quantile(steps, [0.05, 0.95])
     message = f'the rate is uneven, steps are {low:.4g} to {high:.4g} ms'

@@ -54,7 +54,7 @@ class SqliteFile:
             return
         rows: list[tuple[int, int, bytes]] = []
         try:
-            # rosbags puts the path into an address as it is.
+            # rosbags inserts the path into a URI without escaping.
             reader = Sqlite3Reader(Path(quote(str(self.path.resolve()))))
             reader.open()
             with closing(reader):
@@ -68,7 +68,7 @@ class SqliteFile:
                     yield block_of(rows)
         except RecordError:
             raise
-        except Exception as error:  # SQLite lets any value be in any column: rosbags checks none
+        except Exception as error:  # SQLite allows any value in any column, unchecked
             self.log.add(
                 self.path, f'the database is damaged ({error})',
                 remedy='repair it with `sqlite3 FILE .recover`',

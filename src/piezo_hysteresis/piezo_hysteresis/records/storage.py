@@ -21,13 +21,13 @@ class Topic:
     name, msgtype : str
         Topic name and ``package/msg/Name``.
     definition : str
-        Message definition with all it depends on; empty where it is not known.
+        Message definition with all dependencies; empty if unknown.
     type_hash : str
-        RIHS01 hash of the type; empty where it is not known.
+        RIHS01 hash of the type; empty if unknown.
     qos : str
         Offered QoS profiles as YAML text, as rosbag2 stores them.
     encoding : str
-        ``ros2msg`` or ``ros2idl``: how the definition is written.
+        Format of the definition: ``ros2msg`` or ``ros2idl``.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Records from and to named columns, and what ``records.yaml`` beside a file says of it."""
+"""Records from and to named columns, and metadata in ``records.yaml`` next to a file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ INFO_FILE = 'records.yaml'
 def in_si(
     columns: Mapping[int, FloatArray], meanings: Mapping[int, tuple[str, str]]
 ) -> dict[str, FloatArray]:
-    """Return columns in SI units by what they are, see `columns.assigned`."""
+    """Return columns in SI units by quantity, see `columns.assigned`."""
     return {what: columns[k] / UNITS[what][unit] for k, (what, unit) in meanings.items()}
 
 
@@ -35,14 +35,14 @@ def columns_of(record: Record, unit: str = 'um') -> dict[str, FloatArray]:
     Parameters
     ----------
     record : Record
-        ``force_N`` where its input is a force, a reference where it has one.
+        Has ``force_N`` if its input is a force, and a reference if it has one.
     unit : str
         Unit of the displacement: m, mm, um or nm. In ``m`` every number is exact.
 
     Raises
     ------
     RecordError
-        If the unit is not known.
+        If the unit is unknown.
     """
     if unit not in LENGTHS:
         raise RecordError(f'unit {unit!r} is not known; use m, mm, um or nm')
@@ -58,12 +58,12 @@ def columns_of(record: Record, unit: str = 'um') -> dict[str, FloatArray]:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Offer a name for a file that is there only when it is whole.
+    """Provide a temporary name for a file that appears only when it is complete.
 
     Raises
     ------
     RecordError
-        If the file exists or cannot be written; nothing is left behind then.
+        If the file exists or cannot be written; no partial file remains.
     """
     if path.exists():
         raise RecordError(f'{path} exists already; remove it or choose another name')
@@ -77,7 +77,7 @@ def new_file(path: Path) -> Iterator[Path]:
 def records_from(
     path: Path, columns: dict[str, FloatArray], log: DamageLog, part: str = ''
 ) -> list[Record]:
-    """Return the columns of a file as one record, or as its intact pieces when salvaging.
+    """Return the columns of a file as one record, or as its intact parts when salvaging.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ def records_from(
         ``time`` [s], ``voltage`` [V] or ``force`` [N], ``displacement`` [m], perhaps ``reference``
         [m].
     log : DamageLog
-        Where damage is listed, or raised.
+        Lists or raises damage.
     part : str
-        Name of the part of the file (sheet, group, struct) where it has several.
+        Name of the part of the file (sheet, group, struct) if it has several.
 
     Raises
     ------
     RecordError
-        If nothing of it is readable.
+        If no part of it is readable.
     """
     info, name, rate = _about(path)
     columns = dict(columns)
@@ -110,7 +110,7 @@ def records_from(
 
 
 def _about(path: Path) -> tuple[RecordInfo, str, float]:
-    """Return what ``records.yaml`` beside a file says of it, its name and its rate."""
+    """Return metadata, name and rate of a file from ``records.yaml`` next to it."""
     notes = path.with_name(INFO_FILE)
     entry: Any = None
     if notes.is_file():

@@ -1,4 +1,4 @@
-"""Sinusoids whose frequency runs from one value to another."""
+"""Chirps: sinusoids with a swept frequency."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ LAWS = ('linear', 'logarithmic')
 
 @dataclass(frozen=True)
 class Chirp(Shaped):
-    """A sine whose frequency runs from `frequency` to `highest` over the duration.
+    """A sine with a frequency that is swept from `frequency` to `highest` over the duration.
 
     Attributes
     ----------
     frequency, highest : float
         Frequencies at the start and at the end [Hz].
     law : str
-        ``linear``: so many hertz per second; ``logarithmic``: so many octaves per second.
+        ``linear``: constant hertz per second; ``logarithmic``: constant octaves per second.
     """
 
     frequency: float = 1.0

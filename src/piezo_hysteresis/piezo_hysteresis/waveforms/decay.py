@@ -12,10 +12,10 @@ from piezo_hysteresis.waveforms.waveform import Shape, Shaped
 
 @dataclass(frozen=True)
 class Decay(Shaped):
-    """A sine of one full turn, whose amplitude then falls to 0 until the end, and stays there.
+    """A sine with one full period, whose amplitude then decays to 0 at the end.
 
-    Each turn wipes out what turns smaller than itself had left, so that afterwards the actuator
-    remembers nothing of before the largest one.
+    Each period erases the memory of smaller ones, so that the actuator retains no history from
+    before the largest one.
 
     Attributes
     ----------

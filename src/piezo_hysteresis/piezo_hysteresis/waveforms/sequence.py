@@ -12,12 +12,12 @@ from piezo_hysteresis.waveforms.waveform import Samples, Waveform, WaveformError
 
 @dataclass(frozen=True)
 class Sequence:
-    """Waveforms one after another; the phase goes on where the one before ended.
+    """Waveforms in sequence; the phase continues from the previous one.
 
     Attributes
     ----------
     parts : tuple of Waveform
-        At least one; each runs for its duration, the last one on after the end.
+        At least one; each runs for its duration, the last one continues.
     """
 
     parts: tuple[Waveform, ...]

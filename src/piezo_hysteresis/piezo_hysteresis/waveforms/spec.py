@@ -25,13 +25,14 @@ class Setting:
     Attributes
     ----------
     name, unit, description : str
-        What it is; the unit is ``1`` where there is none, ``unit`` for that of the signal.
+        Name, unit and description; the unit is ``1`` for dimensionless settings, ``unit`` for that
+        of the signal.
     default : object
-        Its type is the type of the setting; None where it must be given as a number.
+        Also defines the type; None for a required number.
     low, high : float
         Bounds of numbers.
     choices : tuple of str
-        Allowed words, where it is a word.
+        Allowed texts.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What every waveform answers: value, rate, acceleration, fundamental frequency and phase."""
+"""Interface of all waveforms: value, rate, acceleration, fundamental frequency and phase."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from piezo_hysteresis.numerics.smooth import smooth_ramp
 
 
 class WaveformError(PiezoError):
-    """A waveform was asked for that does not exist or cannot be built."""
+    """A requested waveform does not exist or cannot be built."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Samples:
     acceleration : ndarray
         Second time derivative [unit/s^2] (0 at corners).
     frequency : ndarray
-        Instantaneous fundamental frequency [Hz]; 0 where there is none.
+        Instantaneous fundamental frequency [Hz]; 0 if there is none.
     phase : ndarray
         Accumulated phase of the fundamental [rad].
     """
@@ -58,7 +58,7 @@ Shape = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Shaped:
-    """``offset + ramp(t) amplitude shape(t)``: what all steady excitations have in common.
+    """Base of all steady excitations: ``offset + ramp(t) amplitude shape(t)``.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Commands and answers of GCS 2."""
+"""Commands and responses of GCS 2."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ ERRORS = {
 
 
 class GcsConnection:
-    """Sends commands and reads whole answers.
+    """Sends commands and reads complete responses.
 
     Parameters
     ----------
     wire : Wire
-        To the controller.
+        Connection to the controller.
     """
 
     def __init__(self, wire: Wire) -> None:
@@ -35,7 +35,7 @@ class GcsConnection:
         self._is_late = False
 
     def close(self) -> None:
-        """Close the connection; the controller goes on with what it does."""
+        """Close the connection; the controller continues its task."""
         self._wire.close()
 
     def send(self, text: str | bytes) -> None:
@@ -49,14 +49,14 @@ class GcsConnection:
         self._wire.send(text if isinstance(text, bytes) else text.encode('ascii') + b'\n')
 
     def ask(self, text: str | bytes) -> list[str]:
-        """Send a query; return the lines of its answer.
+        """Send a query; return the lines of the response.
 
-        After an answer that did not come in time, what comes late is thrown away first.
+        After a timeout, the late response is discarded first.
 
         Raises
         ------
         DriverError
-            If the connection is lost, or the answer does not come whole in time.
+            If the connection is lost, or the response is not complete before the timeout.
         """
         if self._is_late:
             self._catch_up()
@@ -72,7 +72,7 @@ class GcsConnection:
         return lines
 
     def command(self, text: str) -> None:
-        """Send a command and ask whether it was accepted.
+        """Send a command and check that it was accepted.
 
         Raises
         ------
@@ -83,12 +83,12 @@ class GcsConnection:
         self.require(text)
 
     def require(self, text: str) -> None:
-        """Ask for the last error.
+        """Query the last error.
 
         Raises
         ------
         DriverError
-            If there is one; `text` says of what.
+            If there is one; `text` describes the command.
         """
         (answer,) = self.ask('ERR?')
         number = self._integer(answer, 'ERR?')
@@ -101,7 +101,7 @@ class GcsConnection:
         return self._integer(self.ask(RUNNING)[0], RUNNING, 16) != 0
 
     def value(self, text: str) -> str:
-        """Return what stands behind the ``=`` of the answer to a query."""
+        """Return the text after the ``=`` of the response to a query."""
         answer = self.ask(text)[0]
         _, sign, value = answer.partition('=')
         if not sign:
@@ -109,7 +109,7 @@ class GcsConnection:
         return value.strip()
 
     def number(self, text: str) -> float:
-        """Return the number that answers a query."""
+        """Return the numeric response to a query."""
         value = self.value(text)
         try:
             return float(value)
@@ -123,7 +123,7 @@ class GcsConnection:
             raise DriverError(f'{self.address}: {text!r} is answered by {answer!r}') from None
 
     def _catch_up(self) -> None:
-        """Read until the controller says who it is: all that was asked before is answered."""
+        """Read until the controller returns its identity, after all earlier responses."""
         self.send(IDENTITY)
         for _ in range(ATTEMPTS if self._identity else 0):
             try:

@@ -22,16 +22,16 @@ class GcsController(Controller):
     Parameters
     ----------
     connection : GcsConnection
-        To the controller; closed where the axis is not there.
+        Connection to the controller; closed if the axis does not exist.
     limits : Limits
-        What is never exceeded, besides the limits of the controller.
+        Limits in addition to those of the controller.
     axis : str
         Name of the axis and of its output.
 
     Raises
     ------
     DriverError
-        If the axis is not there.
+        If the axis does not exist.
     """
 
     most_points = 60_000  # that every controller of this kind holds
@@ -89,13 +89,13 @@ class GcsController(Controller):
         self.ramp_to(0.0)
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the voltage of the output at once [V]."""
+        """Set the output voltage immediately [V]."""
         self._line.command(f'SVA {self.axis} {voltage:.9g}')
 
     def halt(self) -> None:
-        """Stop the wave generator; the voltage stays where it is."""
+        """Stop the wave generator; the voltage is held."""
         self._line.send(STOP)
-        self._line.ask('ERR?')  # it says that it was stopped
+        self._line.ask('ERR?')  # clears the error of the stop
 
     def load(self, voltages: FloatArray, divider: int) -> None:
         """Load a wave [V], to be played once, and prepare the recorder."""

@@ -1,4 +1,4 @@
-"""Commands and answers of the NV200: lines of ASCII, each answered up to the byte XON."""
+"""Commands and responses of the NV200: ASCII lines, each with a response up to the byte XON."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from piezo_hysteresis.drivers.wires import ATTEMPTS, Wire, silent
 #: Of its telnet server.
 PORT = 23
 XON = b'\x11'
-#: In the answer to an empty line.
+#: Text in the response to an empty line.
 MODEL = 'NV200'
-_AROUND = '\x00\x01\x11\x13\r\n <>'  # what stands around an answer
+_AROUND = '\x00\x01\x11\x13\r\n <>'  # characters around a response
 
 #: What the error numbers mean.
 ERRORS = {
@@ -28,12 +28,12 @@ ERRORS = {
 
 
 class Nv200Connection:
-    """Sends commands and reads whole answers.
+    """Sends commands and reads complete responses.
 
     Parameters
     ----------
     wire : Wire
-        To the controller.
+        Connection to the controller.
     """
 
     def __init__(self, wire: Wire) -> None:
@@ -41,18 +41,18 @@ class Nv200Connection:
         self._rest, self._is_late = b'', False
 
     def close(self) -> None:
-        """Close the connection; the controller goes on with what it does."""
+        """Close the connection; the controller continues its task."""
         self._wire.close()
 
     def ask(self, text: str) -> str:
-        """Send a line; return its answer, empty for a command.
+        """Send a line; return the response, empty for a command.
 
-        After an answer that did not come in time, what comes late is thrown away first.
+        After a timeout, the late response is discarded first.
 
         Raises
         ------
         DriverError
-            If it is refused, the connection is lost, or the answer does not come in time.
+            If it is refused, the connection is lost, or the response is late.
         """
         if self._is_late:
             self._catch_up()
@@ -69,7 +69,7 @@ class Nv200Connection:
         return answer
 
     def _catch_up(self) -> None:
-        """Read until the controller says who it is: all that was asked before is answered."""
+        """Read until the controller returns its identity, after all earlier responses."""
         self._wire.send(b'\r\n')
         for _ in range(ATTEMPTS):
             try:
@@ -88,7 +88,7 @@ class Nv200Connection:
         return raw.decode('latin-1').strip(_AROUND)
 
     def values(self, text: str) -> list[str]:
-        """Return what stands behind the command in the answer to a query."""
+        """Return the text after the command in the response to a query."""
         answer = self.ask(text)
         word, *values = answer.split(',')
         if word.strip() != text.split(',', 1)[0] or not values:
@@ -96,7 +96,7 @@ class Nv200Connection:
         return [value.strip(_AROUND) for value in values]
 
     def number(self, text: str, place: int = 0) -> float:
-        """Return one of the numbers that answer a query."""
+        """Return one of the numbers in the response to a query."""
         values = self.values(text)
         try:
             return float(values[place])

@@ -1,7 +1,7 @@
 """An amplifier NV200 of piezosystem jena: a wave of 1024 points, two recorders of 6144 values.
 
-The wave is given in percent of the range of its output; the voltage that counts is the recorded
-one. Its output cannot be asked for where it has a sensor: a recorder of one value tells it.
+The wave is set in percent of the output range; the recorded voltage is the applied one. With a
+sensor the output cannot be queried: it is read by a recording of one value.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ _RECORDED = 1.0  # longest time that a recorder of one value takes [s]
 
 
 class Nv200Controller(Controller):
-    """Its one axis in open loop.
+    """The axis in open loop.
 
     Parameters
     ----------
     connection : Nv200Connection
-        To the controller; closed where it is of another kind.
+        Connection to the controller; closed if it is of another kind.
     limits : Limits
-        What is never exceeded, besides the limits of the controller.
+        Limits in addition to those of the controller.
     axis : str
-        It has one, ``1``.
+        The only axis is ``1``.
 
     Raises
     ------
     DriverError
-        If something else answers, or another axis is asked for.
+        If another device responds, or another axis is requested.
     """
 
     most_points = 1024
@@ -71,7 +71,7 @@ class Nv200Controller(Controller):
         self.filters = self._filters()
 
     def _filters(self) -> str:
-        """Say which filters are on, which stay as they are."""
+        """Return the active filters, which are not changed."""
         number, found = self._line.number, []
         for switch, frequency, what in (
             ('setlpon', 'setlpf', 'low-pass of the set point'),
@@ -126,11 +126,11 @@ class Nv200Controller(Controller):
         self.ramp_to(0.0)
 
     def set_voltage(self, voltage: float) -> None:
-        """Set the set point of the output at once [V]."""
+        """Set the set point of the output immediately [V]."""
         self._line.ask(f'set,{voltage:.6f}')
 
     def halt(self) -> None:
-        """Stop the wave generator; the voltage stays where it is."""
+        """Stop the wave generator; the voltage is held."""
         ask = self._line.ask
         ask('grun,0')
         if self._line.number('cl') == 0.0:
@@ -151,7 +151,7 @@ class Nv200Controller(Controller):
             'recast,2',
         ):  # fmt: skip
             ask(text)
-        for k in (0, count // 2, count - 1):  # did it arrive where it belongs
+        for k in (0, count // 2, count - 1):  # verify the stored points
             if abs(self._line.number(f'gbarb,{k}', 1) - percent[k]) > 1e-3:
                 raise DriverError(f'{self.address}: the wave did not arrive whole; try again')
 

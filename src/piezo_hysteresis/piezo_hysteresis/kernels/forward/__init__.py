@@ -1,9 +1,9 @@
-"""Derivatives of kernels, generated from their source: a law is written once.
+"""Automatic differentiation of kernels: derivatives are generated from their source.
 
-Forward mode, as tangent-linear code: `normal` gives every call a statement of its own, `flow`
-finds what depends on which direction, `partials` differentiates one expression, `writer` puts the
-text together, and `generate` compiles it. Every number ``v`` that depends on a direction j gets a
-companion ``v_dj``, every array one with one more leading axis.
+Forward mode by tangent-linear code: `normal` gives every call a separate statement, `flow` finds
+the dependences on the directions, `partials` differentiates one expression, `writer` assembles the
+text, and `generate` compiles it. Every number ``v`` that depends on a direction j gets a companion
+``v_dj``, every array one with one more leading axis.
 """
 
 from piezo_hysteresis.kernels.forward.generate import (

@@ -23,7 +23,7 @@ _NONE = frozenset[int]()
 
 
 class Dependences:
-    """Dependences of names, as they grow while statements are looked at.
+    """Dependences of names, accumulated over the statements.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Dependences:
     kinds : dict of str to str
         Which names are an ``array`` or a ``tuple``; others are numbers.
     own : int
-        So many directions are those of the parameters, one by one.
+        Number of directions that are single parameters.
     """
 
     def __init__(self, space: Mapping[str, Any], lanes: range, own: int) -> None:
@@ -43,7 +43,7 @@ class Dependences:
         self.kinds: dict[str, str] = {}
 
     def settle(self, statements: Sequence[ast.stmt]) -> None:
-        """Look at statements until nothing depends on more than was known."""
+        """Iterate over the statements until the dependences do not change."""
         while self._once(statements):
             pass
 
@@ -57,7 +57,7 @@ class Dependences:
         return new
 
     def take(self, target: ast.expr, value: ast.expr) -> bool:
-        """Let a target depend on a value; return whether that is new."""
+        """Add the dependence of a target on a value; return whether it is new."""
         if isinstance(target, ast.Tuple):
             values = value.elts if isinstance(value, ast.Tuple) else [value] * len(target.elts)
             taken = [self.take(t, v) for t, v in zip(target.elts, values, strict=True)]

@@ -1,4 +1,4 @@
-"""Derivatives of kernels along several directions at once, and Jacobians of small functions."""
+"""Derivatives of kernels along several directions in one pass, and Jacobians of functions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LANES, WIDE = 2, 4
 
 @dataclass(frozen=True)
 class Directional:
-    """A kernel that carries derivatives along.
+    """A kernel with derivatives.
 
     Attributes
     ----------
@@ -28,10 +28,10 @@ class Directional:
         arguments of the kernel and the derivatives of its arrays, with one more leading axis.
         Each has ``own + lanes`` rows; the first of `x_d` are 0.
     own : int
-        So many directions come first: those of the parameters, one by one. 0 where every
-        direction must be given, in `p_d`.
+        Number of leading directions that are single parameters. 0 if every direction must be given
+        in `p_d`.
     lanes : int
-        Directions that are given.
+        Number of given directions.
     """
 
     run: Callable[..., Any]
@@ -41,7 +41,7 @@ class Directional:
 
 @cache
 def directional(kernel: Callable[..., Any], parameters: int) -> Directional:
-    """Return a kernel ``(x, y, state, p, ...)`` with the derivatives of what it writes.
+    """Return a kernel ``(x, y, state, p, ...)`` with the derivatives of its outputs.
 
     Numbers, arrays of floats and tuples are known, ``if``, ``for``, ``while``, early returns, the
     functions of `partials.RULES` and `partials.PIECEWISE`, and other kernels: those of a few
@@ -53,13 +53,13 @@ def directional(kernel: Callable[..., Any], parameters: int) -> Directional:
     kernel : callable
         Compiled; input, output, state and parameters are its arrays.
     parameters : int
-        How many there are in `p`. Where the kernel names each by its place, all of them are
-        differentiated by in one pass.
+        Number of parameters in `p`. If the kernel indexes them by constants, the derivatives by
+        all of them are computed in one pass.
 
     Raises
     ------
     NotDifferentiable
-        If the kernel uses something that has no rule.
+        If the kernel uses an operation without a rule.
     """
     own = parameters if names_each(kernel) else 0
     lanes = LANES if own else WIDE

@@ -1,4 +1,4 @@
-"""The normal form of a kernel: what has a derivative of its own is a statement of its own."""
+"""Normal form of a kernel: every call with a derivative is a separate statement."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Normal:
     def _value(self, node: ast.expr, before: list[ast.stmt], *, whole: bool = False) -> ast.expr:
         """Return an expression whose inner calls have become statements `before` it.
 
-        The outermost call stays where it is the `whole` of what a statement assigns.
+        The outermost call remains if it is the `whole` right-hand side of a statement.
         """
         match node:
             case _ if isinstance(node, _ATOMS):

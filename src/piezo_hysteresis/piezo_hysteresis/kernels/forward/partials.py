@@ -26,7 +26,7 @@ RULES = {
 }
 #: Functions that are straight between their kinks.
 PIECEWISE = ('abs', 'min', 'max', 'float', 'copysign')
-#: Functions that stay where they are between their steps: nothing depends on what goes in.
+#: Piecewise constant functions: their derivative is zero.
 STEPS = ('int', 'bool', 'ceil', 'floor', 'round', 'len', 'range', 'isfinite')
 #: Name of the value of a function, which `RULES` may use.
 VALUE = '_w'
@@ -40,7 +40,7 @@ class Partials:
     Parameters
     ----------
     moves : callable
-        Whether an expression depends on anything.
+        Whether an expression depends on any direction.
     """
 
     def __init__(self, moves: Callable[[ast.expr], object]) -> None:

@@ -1,4 +1,4 @@
-"""What the source of a kernel says: its arguments, what it calls, what it does with parameters."""
+"""Analysis of the source of a kernel: arguments, calls and use of parameters."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def space_of(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def called_in(node: ast.AST, space: Mapping[str, Any]) -> Callable[..., Any] | None:
-    """Return the function that a call calls, where it has a source to be differentiated."""
+    """Return the called function if it has a source that can be differentiated."""
     if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Name):
         return None
     found = space.get(node.func.id)
@@ -63,7 +63,7 @@ def names_in(node: ast.AST) -> Iterator[str]:
 
 
 def base_of(node: ast.expr) -> str:
-    """Return the name of which an expression is an entry, however deep; '' of others."""
+    """Return the name of the array that an expression indexes at any depth; else ''."""
     while isinstance(node, ast.Subscript):
         node = node.value
     return node.id if isinstance(node, ast.Name) else ''
@@ -80,7 +80,7 @@ def numbers_alone(function: Callable[..., Any]) -> bool:
 
 
 def passes_unchanged(function: Callable[..., Any], call: ast.Call) -> bool:
-    """Return whether a call hands input, output, state and parameters on as they are."""
+    """Return whether a call passes input, output, state and parameters unchanged."""
     pairs = zip(hints_of(function), call.args, strict=True)
     same = {name for name, each in pairs if ast.unparse(each) == name}
     return {INPUT, 'y', 'state', PARAMETERS} <= same

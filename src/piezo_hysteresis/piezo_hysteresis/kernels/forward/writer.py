@@ -39,11 +39,11 @@ class Generated(Protocol):
 
     @property
     def shape(self) -> int | None:
-        """How many numbers it returns as a tuple; None where it returns one."""
+        """Length of the returned tuple; None if it returns one number."""
 
     @property
     def digest(self) -> str:
-        """Of what it is made of."""
+        """Digest of its dependencies."""
 
 
 Make = Callable[[Callable[..., Any], int, bool, tuple[str, ...], int], Generated]
@@ -57,15 +57,15 @@ class Writer:
     source : callable
         The Python function.
     lanes : int
-        Directions that are given.
+        Number of given directions.
     local : bool
-        Whether each of its arguments is a direction instead.
+        Whether the directions are its arguments.
     still : tuple of str
-        Arguments on which nothing depends.
+        Arguments without derivatives.
     own : int
-        Parameters that are directions too, before those that are given.
+        Number of parameters that are directions, before the given ones.
     make : callable
-        Returns the derivative of another function, of the same arguments as here.
+        Returns the derivative of another function, with the same arguments.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class Writer:
         return name
 
     def _several(self, target: ast.Tuple, value: ast.expr) -> None:
-        """Assign to several targets at once."""
+        """Write an assignment to several targets."""
         if not isinstance(value, ast.Tuple):
             for k, each in enumerate(target.elts):
                 for lane in self._lanes_of(each):
@@ -236,7 +236,7 @@ class Writer:
     def _rows(
         self, target: ast.expr, partials: Sequence[Term], value: ast.expr | None = None
     ) -> None:
-        """Write the derivatives of a target, given those by what it is computed from."""
+        """Write the derivatives of a target by the chain rule."""
         lanes = self._lanes_of(target)
         if not lanes:
             return

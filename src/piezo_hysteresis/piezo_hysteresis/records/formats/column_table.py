@@ -51,12 +51,12 @@ def vector(value: Any) -> FloatArray | None:
 def tables_of(entries: Mapping[str, Any], name: str = '') -> Iterator[ColumnTable]:
     """Yield the tables of nested mappings of arrays and scalars, such as structs and groups.
 
-    Arrays of columns are numbered from 1. A scalar ``dt`` [s] or ``fs`` [Hz] stands for the time.
+    Columns of arrays are numbered from 1. A scalar ``dt`` [s] or ``fs`` [Hz] defines the time.
 
     Raises
     ------
     RecordError
-        If columns that mean something differ in length.
+        If assigned columns differ in length.
     """
     columns: dict[str, FloatArray] = {}
     for key, value in entries.items():
@@ -118,7 +118,7 @@ def _of_one_length(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
 def _with_time(
     columns: dict[str, FloatArray], entries: Mapping[str, Any]
 ) -> dict[str, FloatArray]:
-    """Return the columns with a time, by the interval or rate that stands beside them."""
+    """Return the columns with a time from the given interval or rate."""
     if any(meaning(key).what == 'time' for key in columns):
         return columns
     dt = interval_of(entries)
@@ -129,7 +129,7 @@ def _with_time(
 
 
 def interval_of(entries: Mapping[str, Any]) -> float:
-    """Return the sampling interval [s] that scalars state; 0 where none does."""
+    """Return the sampling interval [s] from scalars; 0 if none states it."""
     for key, value in entries.items():
         array = np.asarray(value)
         if array.size != 1 or array.dtype.kind not in 'iuf':

@@ -30,7 +30,7 @@ def read(path: Path) -> Iterator[ColumnTable]:
 
 
 def object_refused(names: Sequence[str]) -> RecordError:
-    """Return the error that says how to save what only MATLAB reads."""
+    """Return the error with the instruction to save objects that only MATLAB can read."""
     return RecordError(
         f'{", ".join(names)} is a MATLAB object (table, timetable, iddata), which only MATLAB '
         "reads; save its columns as vectors: save('x.mat', 'time_s', 'voltage_V', "

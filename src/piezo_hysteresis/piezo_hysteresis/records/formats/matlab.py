@@ -35,7 +35,7 @@ def read(path: Path) -> Iterator[ColumnTable]:
 
 
 def _opaque(value: Any) -> bool:
-    """Return whether a value is a MATLAB object, or what stands for one."""
+    """Return whether a value is a MATLAB object or a placeholder of one."""
     from scipy.io import matlab
 
     kinds = (matlab.MatlabOpaque, matlab.MatlabFunction)

@@ -12,7 +12,7 @@ from piezo_hysteresis.records.formats.column_table import ColumnTable, tables_of
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield the tables of a file; nothing in it is executed."""
+    """Yield the tables of a file; no code in it is executed."""
     loaded = np.load(path, allow_pickle=False)
     if isinstance(loaded, np.ndarray):
         yield from tables_of({path.stem: loaded})

@@ -57,34 +57,34 @@ def tables(path: Path) -> list[ColumnTable]:
         raise RecordError(missing(path, kind, error)) from None
     except MemoryError:
         raise
-    except Exception as error:  # libraries raise anything where a file is cut or damaged
+    except Exception as error:  # libraries raise any exception for truncated or damaged files
         reason = ' '.join(str(error).split())[:120] or type(error).__name__
         raise RecordError(f'{path}: it is no readable {kind} ({reason}); save it again') from None
 
 
 def missing(path: Path, kind: str, error: ImportError) -> str:
-    """Return the sentence that says which library a format needs."""
+    """Return the message with the library that a format needs."""
     return f"{path}: a {kind} needs {error.name}; pip install 'piezo_hysteresis[formats]'"
 
 
 def table_records(
     path: Path, log: DamageLog, chosen: Mapping[str, str] | None = None
 ) -> list[Record]:
-    """Return the records of a file: one for each of its tables that is understood.
+    """Return the records of a file: one for each table with the required columns.
 
     Parameters
     ----------
     path : Path
         File of one of `FORMATS`.
     log : DamageLog
-        Where damage is listed, or raised.
+        Lists or raises damage.
     chosen : mapping of str to str, optional
-        Columns by what they are to be taken for, as in `csv_files.csv_records`.
+        Columns by quantity, as in `csv_files.csv_records`.
 
     Raises
     ------
     RecordError
-        If the file cannot be used, or none of its tables is understood.
+        If the file is unusable, or none of its tables has the required columns.
     """
     found = tables(path)
     if not found:
