@@ -67,7 +67,7 @@ class Trial:
     jump, command_jump : float
         Largest change of the applied voltage in a tick, and largest distance of a command from
         the voltage applied before, in multiples of what the slew allows.
-    heard, back : float or None
+    received, back : float or None
         Time from the restart until the node was heard, and until the loop tracked again [s].
     code : int or None
         Exit code of a node that was asked to end.

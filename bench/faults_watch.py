@@ -127,7 +127,7 @@ class Watch:
 
         Returns
         -------
-        back, heard : float or None
+        back, received : float or None
             Seconds after `since` at which the period began over which the error was as small as
             before, and at which `target` was heard; None where it did not happen.
         """

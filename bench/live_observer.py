@@ -85,7 +85,7 @@ class Observed:
         Displacement wanted at a tick [m], of the newest run.
     commands : dict
         Voltage commanded for a tick [V], of the newest run.
-    heard : dict
+    received : dict
         When each node was last heard [s].
     counts : dict
         Messages of each node.

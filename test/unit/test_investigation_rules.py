@@ -30,11 +30,11 @@ def prepared() -> Investigation:
 def course(prepared: Investigation) -> Investigation:
     """Return it before the first experiment."""
     prepared.rules, prepared.answers, prepared.records = Rules(), [], []
-    prepared.belief = replace(belief_to_dict('none'), chances=prepared.hidden.chances(()))
+    prepared.belief = replace(a_belief('none'), chances=prepared.hidden.chances(()))
     return prepared
 
 
-def belief_to_dict(verdict: str, chance: float = 0.5, *names: str, left: bool = False) -> Belief:
+def a_belief(verdict: str, chance: float = 0.5, *names: str, left: bool = False) -> Belief:
     """Return what is believed: `names`, the least sure of them with this probability."""
     first = names[0] if names else 'none'
     return Belief(verdict, names, {first: chance}, (first, chance), (), left, 1.0)
@@ -61,7 +61,7 @@ def stopped(course: Investigation, after: Belief, most: int = 60) -> tuple[int, 
 
 
 def test_a_sure_name_is_confirmed_by_one_more_experiment(course: Investigation) -> None:
-    number, stop = stopped(course, belief_to_dict('named', 0.95, 'creep'))
+    number, stop = stopped(course, a_belief('named', 0.95, 'creep'))
     assert (number, stop.reason) == (2, 'sure')
     assert stop.words == 'creep: sure, and confirmed by another experiment'
 
@@ -74,29 +74,29 @@ def test_a_sure_name_is_separated_from_what_resembles_it(course: Investigation) 
         base.with_candidate(every[name], every[name].values(base.values, every[name].starts[0]))
         for name in ('creep', 'drift')
     ]
-    candidates = tuple(CandidateModel(each.effect, 0.5, each, {}) for each in models)
-    alike = replace(belief_to_dict('named', 0.95, 'creep'), candidates=candidates, alike=True)
+    alternatives = tuple(CandidateModel(each.effect, 0.5, each, {}) for each in models)
+    alike = replace(a_belief('named', 0.95, 'creep'), candidates=alternatives, alike=True)
     for _ in range(2):
         run(course, alike)
     choice = course.next()
     assert isinstance(choice, ExperimentChoice)
     assert choice.discrimination > 0.5
     assert 'distinguishes creep and drift' in choice.why
-    assert distances(candidates, course.outlooks[0]).shape == (2, 2)
+    assert distances(alternatives, course.outlooks[0]).shape == (2, 2)
     run(course, replace(alike, alike=False))
     assert isinstance(course.next(), Stop)
 
 
 def test_a_name_below_the_limit_is_not_sure(course: Investigation) -> None:
-    _, stop = stopped(course, belief_to_dict('named', 0.89, 'creep'))
+    _, stop = stopped(course, a_belief('named', 0.89, 'creep'))
     assert stop.reason != 'sure'
 
 
 def test_a_name_that_changes_is_confirmed_anew(course: Investigation) -> None:
-    run(course, belief_to_dict('named', 0.95, 'creep'))
-    run(course, belief_to_dict('named', 0.95, 'drift'))
+    run(course, a_belief('named', 0.95, 'creep'))
+    run(course, a_belief('named', 0.95, 'drift'))
     assert isinstance(course.next(), ExperimentChoice)
-    run(course, belief_to_dict('named', 0.95, 'drift'))
+    run(course, a_belief('named', 0.95, 'drift'))
     stop = course.next()
     assert isinstance(stop, Stop)
     assert stop.words.startswith('drift: sure')
@@ -104,12 +104,12 @@ def test_a_name_that_changes_is_confirmed_anew(course: Investigation) -> None:
 
 def test_more_confirmations_may_be_asked_for(course: Investigation) -> None:
     course.rules = Rules(confirmed=3)
-    number, stop = stopped(course, belief_to_dict('named', 0.95, 'creep'))
+    number, stop = stopped(course, a_belief('named', 0.95, 'creep'))
     assert (number, stop.reason) == (4, 'sure')
 
 
 def test_where_nothing_shows_every_effect_was_looked_for(course: Investigation) -> None:
-    number, stop = stopped(course, belief_to_dict('none'))
+    number, stop = stopped(course, a_belief('none'))
     assert stop.reason == 'nothing'
     assert 1 < number < 30
     assert course.spent < course.rules.budget
@@ -118,26 +118,26 @@ def test_where_nothing_shows_every_effect_was_looked_for(course: Investigation) 
 
 
 def test_what_has_no_name_is_given_up_after_some_experiments(course: Investigation) -> None:
-    number, stop = stopped(course, belief_to_dict('unknown', 0.3, left=True))
+    number, stop = stopped(course, a_belief('unknown', 0.3, left=True))
     assert stop.reason == 'exhausted'
     assert number >= course.rules.nameless
 
 
 def test_a_budget_ends_it_before_it_is_exceeded(course: Investigation) -> None:
     course.rules = Rules(budget=2.0)
-    _, stop = stopped(course, belief_to_dict('named', 0.5, 'creep'))
+    _, stop = stopped(course, a_belief('named', 0.5, 'creep'))
     assert stop.reason == 'budget'
     assert 0.0 < course.spent <= 2.0
 
 
 def test_an_experiment_is_run_twice_at_the_most(course: Investigation) -> None:
-    stopped(course, belief_to_dict('named', 0.5, 'creep'))
+    stopped(course, a_belief('named', 0.5, 'creep'))
     runs = [course.done.count(name) for name in set(course.done)]
     assert max(runs) <= 2
 
 
 def test_experiments_keep_the_limits(course: Investigation) -> None:
-    stopped(course, belief_to_dict('unknown', 0.3, left=True))
+    stopped(course, a_belief('unknown', 0.3, left=True))
     for answer in course.answers:
         voltage = answer.experiment.voltage(RATE)
         assert np.all(np.abs(voltage) <= 1.0)

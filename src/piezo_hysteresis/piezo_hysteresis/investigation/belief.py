@@ -59,9 +59,9 @@ class Belief:
     chances : dict of str to float
         Probability by effect, most probable first: of every named effect, and of the alternatives
         to the least certain one.
-    surest : (str, float)
+    most_probable : (str, float)
         Most probable name of the least certain effect, and its probability.
-    rivals : tuple of Rival
+    candidates : tuple of CandidateModel
         Candidate models that further experiments could discriminate.
     left : bool
         Whether a significant residual remains without a name.

@@ -37,7 +37,7 @@ class HeartbeatPublisher:
 
     Parameters
     ----------
-    say : callable
+    publish : callable
         Publishes a state and a sentence; called in a separate thread, and once by the caller.
     compiles : callable
         Called once if kernels are compiled, in a separate thread.

@@ -70,7 +70,7 @@ class HarmonicLaw(NamedTuple):
     ----------
     size : callable
         ``size(p)``: numbers that it remembers.
-    forget : callable
+    clear : callable
         Puts every correction to 0.
     update : callable
         ``update(error, frequency, phase, ...)``: takes the error y - d [m] of one tick.

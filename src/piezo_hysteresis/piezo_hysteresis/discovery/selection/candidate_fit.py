@@ -103,7 +103,7 @@ class CandidateFit(ModelSpec):
         Noise rms of every view [m].
     precisions : tuple of float
         Weight of every view.
-    doubts : tuple of float
+    excess_deviations : tuple of float
         Relative standard deviation of the noise mean square of every view.
     parameters : int
         Number of fitted parameters.

@@ -26,7 +26,7 @@ def led_by_best_start(
     ----------
     evaluator : Evaluator
         Evaluator of the round.
-    contest : SelectionRound
+    round_ : SelectionRound
         The round with its finalists; none of them needs to be accepted.
     start : CandidateFit
         The baseline.
@@ -35,7 +35,7 @@ def led_by_best_start(
     -------
     evaluator : Evaluator
         Evaluator with the initial conditions of the first finalist.
-    contest : SelectionRound
+    round_ : SelectionRound
         The round; unchanged if no other initial conditions are better.
     """
     free = any(v.begins.kind == 'estimate' or v.begins.levels for v in evaluator.views)

@@ -25,9 +25,9 @@ def shows_a_gap(
         Excess over all records.
     by_record : sequence of float
         Excess of each record.
-    doubts : sequence of float
+    excess_deviations : sequence of float
         Standard deviation of each of them due to chance.
-    doubt : float
+    excess_deviation : float
         Relative standard deviation of the estimated noise mean square [1].
     policy : SelectionPolicy
         Decision thresholds.

@@ -45,7 +45,7 @@ class InvestigationServer:
         Of the node: ``folder``, ``model_file``.
     begin : callable
         Reserves the node; returns the reason if it is busy, else an empty text.
-    tell : callable
+    log : callable
         Called with the present task.
     end : callable
         Called with the result, and whether it failed.
