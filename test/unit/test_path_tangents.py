@@ -203,3 +203,31 @@ def test_paths_side_by_side_have_the_bits_of_one(many: int) -> None:
     run_path_four(x, together, states, *step)
     np.testing.assert_array_equal(together, single)
     np.testing.assert_array_equal(states, apart)
+
+
+@pytest.mark.parametrize(
+    'names',
+    [
+        ('amplifier_lag', 'bouc_wen_exact', 'stiffness', 'mode', 'sensor_lag'),
+        ('slew_limit', 'bouc_wen_exact', 'mode', 'sensor_lag'),
+        ('bouc_wen_exact', 'mode', 'sensor_nonlinearity', 'sensor_lag'),
+    ],
+    ids=' '.join,
+)
+def test_a_fast_lag_at_the_end_asks_for_no_finer_steps(names: Any) -> None:
+    """It is exact for what comes in: only what shapes its input asks for steps."""
+    model, p = drawn(names, 6)
+    (stage,) = (stage for stage in model.stages if isinstance(stage, PathStage))
+    lag = model.parameter_names.index('sensor_lag_time')
+    if 'sensor_nonlinearity' in names:
+        p[model.parameter_names.index('sensor_quadratic')] = 300.0
+    p[lag] = 0.01 * DT
+    fast, state = p[stage.columns], stage.initial_state(DT, 0.0)
+    steps = stage.run.steps(fast, DT)
+    assert steps == (32 if 'slew_limit' in names else 8)
+    u = drive()
+    found, fine = (
+        stage.respond(u, fast, DT, state=state.copy(), frequency=0.0, steps=n)
+        for n in (steps, 16 * steps)
+    )
+    np.testing.assert_allclose(found, fine, atol=3e-5 * np.ptp(fine))

@@ -155,7 +155,11 @@ class PathRun:
             return JOINED_STEPS
         if self.by_quadrature is not None and self.by_quadrature.fits(p, dt):
             return 0
-        pace = max(_pace(parts, p) for parts, _, _ in self._groups)
+        shaping = self._groups
+        if shaping[-1][1] and not self.delays:
+            # linear blocks at the end are exact for their input and read at the end of a step
+            shaping = shaping[:-1]
+        pace = max(_pace(parts, p) for parts, _, _ in shaping)
         if not np.isfinite(pace):
             return _MOST
         least = max(part.block.least_steps for part in self._moving)
