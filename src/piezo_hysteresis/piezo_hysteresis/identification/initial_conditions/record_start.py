@@ -24,6 +24,9 @@ STARTS = ('auto', 'rest', 'step', 'settled', 'estimate')
 
 #: Time a model gets to forget its own start before a settled record begins [s].
 SETTLING = 3.0
+# Cycles that it gets unless they last longer than a limit [s]: a Bouc-Wen loop around an offset
+# voltage forgets some 60 % of its start per cycle.
+_CYCLES, _LONGEST = 10, 10.0
 NEAR_ZERO = 0.05  # first voltage over the largest up to which a record begins at 0 V
 _RAMP = 0.5  # time from one level to the next [s], slow against any mode
 _EDGE = 4  # ticks of a lead-in at the least, so that a record can be read between its ticks
@@ -158,7 +161,9 @@ def lead_in(record: Record, start: RecordStart) -> FloatArray:
         return np.concatenate([np.zeros(_EDGE), record.before])
     if start.kind == 'settled':
         cycle = record.voltage[: cycle_of(record)]
-        return np.tile(cycle, max(2, ceil(SETTLING / (cycle.size * record.dt))))
+        period = cycle.size * record.dt
+        few = min(_CYCLES, ceil(_LONGEST / period))
+        return np.tile(cycle, max(2, few, ceil(SETTLING / period)))
     return path_to(record.voltage[:2], start, record.dt)
 
 
