@@ -26,7 +26,8 @@ from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, scaled
-from piezo_hysteresis.identification.errors import free_run_of, views_of
+from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Model, candidates
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import simulate
@@ -69,7 +70,8 @@ def responses(
 ) -> list[FloatArray]:
     """Return the free run of a model over each record, its zero left as it is [m]."""
     views = [replace(v, own_zero=False) for v in views_of(model, values, records, late)]
-    return [free_run_of(model, values, view, late, checked=False) for view in views]
+    runs = predictions(model, values, views, late, checked=False)
+    return [each.displacement for each in runs]
 
 
 def main(words: Sequence[str] | None = None) -> int:

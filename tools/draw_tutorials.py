@@ -23,8 +23,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.errors import free_run_of, views_of
-from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.identification.simulate import simulate
 from piezo_hysteresis.records import Record, load
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 
@@ -84,10 +83,7 @@ def _rows(folder: Path) -> dict[str, Any]:
 
 def _free_run(file: Path, record: Record) -> FloatArray:
     """Return the free run of a saved model over a record [m]."""
-    saved = ModelFile.load(file)
-    late = float(saved.provenance.notes.get('sampling_offset_s', 0.0))
-    (view,) = views_of(saved.model, saved.values, [record], late)
-    return free_run_of(saved.model, saved.values, view, late)
+    return simulate(file, record)
 
 
 def _identify(folder: Path) -> Figure:

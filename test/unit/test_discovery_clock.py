@@ -21,10 +21,10 @@ from piezo_hysteresis.discovery.selection.screen import Screen
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
 from piezo_hysteresis.identification.clock import JITTER, clock_about, clock_of
 from piezo_hysteresis.identification.comparison import compared
-from piezo_hysteresis.identification.discrepancy import residuals_of
+from piezo_hysteresis.identification.discrepancy import residual_of
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
-from piezo_hysteresis.identification.prediction import Prediction
+from piezo_hysteresis.identification.prediction import Prediction, predictions
 from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.models import (
     Condition,
@@ -191,7 +191,7 @@ def test_discover_and_validate_agree_that_a_tick_is_a_delay(ticks: int) -> None:
     views = [replace(whole(r), own_zero=True) for r in late]
     clock = clock_of(file, views)
     assert abs(clock) <= 1.001 * JITTER * DT
-    left = residuals_of(MODEL, VALUES, late, views, clock)
+    left = list(map(residual_of, late, predictions(MODEL, VALUES, views, clock)))
     evaluator, base = held_by(file, late)
     assert file.discrepancy is not None
     assert evaluator.exceeds_discrepancy(base) == any(

@@ -7,7 +7,6 @@ import pytest
 
 from piezo_hysteresis import models
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.errors import free_run_of
 from piezo_hysteresis.identification.initial_conditions.record_start import (
     SETTLED,
     RecordStart,
@@ -15,6 +14,7 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     lead_in,
 )
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import grid, simulate
@@ -42,7 +42,8 @@ def test_the_error_that_is_told_is_that_of_a_free_run(
     records = sines(preset, *frequencies, cut=cut)
     found = identify(records, models.named(model))
     for record, view, row in zip(records, found.views, found.records, strict=True):
-        run = free_run_of(found.model, found.values, view, found.sampling_offset)
+        (each,) = predictions(found.model, found.values, (view,), found.sampling_offset)
+        run = each.displacement
         error = (record.displacement - run)[record.warm_up_samples :]
         assert np.sqrt(np.mean(error**2)) == pytest.approx(row.free_run_rms, rel=0.02)
 

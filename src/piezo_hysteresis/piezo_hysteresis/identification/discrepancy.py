@@ -21,8 +21,7 @@ from piezo_hysteresis.identification.drive_lines import (
 from piezo_hysteresis.identification.noise import density
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.qr import projected_out
-from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import Condition, Discrepancy, Model
+from piezo_hysteresis.models import Condition, Discrepancy
 from piezo_hysteresis.numerics.harmonics import harmonics, line_amplitudes, phase_of
 from piezo_hysteresis.records import Record
 
@@ -75,45 +74,20 @@ class RecordResidual:
     voltage: FloatArray | None = None
 
 
-def residuals_of(
-    model: Model,
-    values: Mapping[str, float],
-    records: Sequence[Record],
-    views: Sequence[Target],
-    sampling_offset: float = 0.0,
-) -> list[RecordResidual]:
-    """Return what a model leaves of records, each after its warm-up.
-
-    Parameters
-    ----------
-    model, values : Model, mapping of str to float
-        The chain and its parameters.
-    records : sequence of Record
-        What was measured.
-    views : sequence of Target
-        The same records whole, with how each begins, its zero and its noise.
-    sampling_offset : float
-        By how much later than our convention the displacement was sampled [s].
-    """
-    packed = model.pack(values, checked=False)
-    found = []
-    for record, view in zip(records, views, strict=True):
-        with np.errstate(over='ignore', invalid='ignore'):
-            error = Prediction(model, packed, view, sampling_offset).residual
-        found.append(
-            RecordResidual(
-                name=record.name,
-                error=error,
-                dt=record.dt,
-                frequency=record.info.frequency or main_frequency(record),
-                amplitude=0.5 * float(np.ptp(record.voltage)),
-                stroke=float(np.ptp(view.kept(view.measured))),
-                noise=view.noise,
-                noise_colour=view.noise_colour,
-                voltage=view.pick(view.voltage),
-            )
-        )
-    return found
+def residual_of(record: Record, found: Prediction) -> RecordResidual:
+    """Return what the prediction of a whole record leaves of it after its warm-up."""
+    view = found.target
+    return RecordResidual(
+        name=record.name,
+        error=found.residual,
+        dt=record.dt,
+        frequency=record.info.frequency or main_frequency(record),
+        amplitude=0.5 * float(np.ptp(record.voltage)),
+        stroke=float(np.ptp(view.kept(view.measured))),
+        noise=view.noise,
+        noise_colour=view.noise_colour,
+        voltage=view.pick(view.voltage),
+    )
 
 
 def discrepancy_of(residuals: Iterable[RecordResidual], *, held_out: bool) -> Discrepancy | None:

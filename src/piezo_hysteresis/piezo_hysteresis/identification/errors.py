@@ -15,7 +15,7 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     first_guess,
 )
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
-from piezo_hysteresis.identification.prediction import Prediction
+from piezo_hysteresis.identification.prediction import Prediction, predictions
 from piezo_hysteresis.identification.targets import Target, targets_of, whole
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
@@ -87,20 +87,6 @@ def free_run(
         return simulated(model, packed, target, sampling_offset)[target.origin :]
 
 
-def free_run_of(
-    model: Model,
-    values: Mapping[str, float],
-    view: Target,
-    sampling_offset: float = 0.0,
-    *,
-    checked: bool = True,
-) -> FloatArray:
-    """Return the simulated displacement from the first sample of `view` on, in its zero [m]."""
-    packed = model.pack(values, checked=checked)
-    with np.errstate(over='ignore', invalid='ignore'):
-        return Prediction(model, packed, view, sampling_offset).displacement
-
-
 def views_of(
     model: Model,
     values: Mapping[str, float],
@@ -158,39 +144,24 @@ def errors_of(
 ) -> tuple[RecordErrors, ...]:
     """Return the errors of a model over records, each after its warm-up; see `views_of`."""
     views = views_of(model, values, records, sampling_offset, choices, checked=checked)
-    return evaluated(model, values, views, sampling_offset, checked=checked)
+    found = predictions(model, values, views, sampling_offset, checked=checked)
+    return tuple(errors_in(model, values, each) for each in found)
 
 
-def evaluated(
-    model: Model,
-    values: Mapping[str, float],
-    views: Sequence[Target],
-    sampling_offset: float = 0.0,
-    *,
-    checked: bool = True,
-) -> tuple[RecordErrors, ...]:
-    """Return the errors of a model over whole records with the initial conditions of `views`."""
-    packed = model.pack(values, checked=checked)
-    rows = []
-    for view in views:
-        with np.errstate(over='ignore', invalid='ignore'):
-            error = Prediction(model, packed, view, sampling_offset).residual
-        kept = view.kept(error)
-        free = _rms(kept)
-        spread = float(np.std(view.kept(view.measured)))
-        rows.append(
-            RecordErrors(
-                record=view.name,
-                one_step_rms=_rms(view.kept(one_step(model, values, error))),
-                free_run_rms=free,
-                nrmse_percent=100 * free / spread if spread > 0 else float('nan'),
-                start=str(view.begins),
-                own_zero=view.own_zero,
-                noise_rms=view.noise,
-                lost=view.lost,
-            )
-        )
-    return tuple(rows)
+def errors_in(model: Model, values: Mapping[str, float], found: Prediction) -> RecordErrors:
+    """Return the errors of a prediction of a whole record."""
+    view, error = found.target, found.residual
+    free, spread = _rms(view.kept(error)), float(np.std(view.kept(view.measured)))
+    return RecordErrors(
+        record=view.name,
+        one_step_rms=_rms(view.kept(one_step(model, values, error))),
+        free_run_rms=free,
+        nrmse_percent=100 * free / spread if spread > 0 else float('nan'),
+        start=str(view.begins),
+        own_zero=view.own_zero,
+        noise_rms=view.noise,
+        lost=view.lost,
+    )
 
 
 def _rms(x: FloatArray) -> float:

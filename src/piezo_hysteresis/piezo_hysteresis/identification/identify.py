@@ -16,14 +16,15 @@ from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
-from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
-from piezo_hysteresis.identification.errors import RecordErrors, evaluated, views_of
+from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual_of
+from piezo_hysteresis.identification.errors import RecordErrors, errors_in, views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.methods import base_of, options_implied_by
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.options import require_options
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
@@ -338,7 +339,9 @@ def from_fit(
     """
     started = time.perf_counter() if started is None else started
     views = views_of(fit.model, fit.values, records, fit.sampling_offset, choices)
-    rows = evaluated(fit.model, fit.values, views, fit.sampling_offset)
+    rows, left = _errors_and_discrepancy(
+        fit.model, fit.values, records, views, fit.sampling_offset
+    )
     floor = floor_of(records).rms
     return Identification(
         model=fit.model,
@@ -357,7 +360,7 @@ def from_fit(
         history=fit.history,
         seconds=time.perf_counter() - started,
         fit=fit,
-        discrepancy=_discrepancy(fit.model, fit.values, records, views, fit.sampling_offset),
+        discrepancy=left,
         views=views,
         sampling_offset_std=fit.std.get(SAMPLING_OFFSET, 0.0),
         seen=fingerprints(records),
@@ -365,17 +368,22 @@ def from_fit(
     )
 
 
-def _discrepancy(
+def _errors_and_discrepancy(
     model: Model,
     values: Mapping[str, float],
     records: Sequence[Record],
     views: Sequence[Target],
     sampling_offset: float,
     *,
+    checked: bool = True,
     held_out: bool = False,
-) -> Discrepancy | None:
-    left = residuals_of(model, values, records, views, sampling_offset)
-    return discrepancy_of(left, held_out=held_out)
+) -> tuple[tuple[RecordErrors, ...], Discrepancy | None]:
+    found = predictions(model, values, views, sampling_offset, checked=checked)
+    rows, left = [], []
+    for record, each in zip(records, found, strict=True):
+        rows.append(errors_in(model, values, each))
+        left.append(residual_of(record, each))
+    return tuple(rows), discrepancy_of(left, held_out=held_out)
 
 
 def evaluated_on(found: Identification, records: Sequence[Record]) -> Identification:
@@ -389,7 +397,9 @@ def evaluated_on(found: Identification, records: Sequence[Record]) -> Identifica
     require_usable(records)
     late = found.sampling_offset
     views = views_of(found.model, found.values, records, late)
-    left = _discrepancy(found.model, found.values, records, views, late, held_out=True)
+    _, left = _errors_and_discrepancy(
+        found.model, found.values, records, views, late, held_out=True
+    )
     return replace(found, discrepancy=left, seen=(*found.seen, *fingerprints(records)))
 
 
@@ -443,7 +453,7 @@ def _online(
         remarks = (*remarks, _MEAN_APART)
     late = run.sampling_offset
     views = views_of(chain, values, records, late, checked=False)
-    rows = evaluated(chain, values, views, late, checked=False)
+    rows, left = _errors_and_discrepancy(chain, values, records, views, late, checked=False)
     return Identification(
         model=chain,
         method=method,
@@ -460,7 +470,7 @@ def _online(
         sampling_offset=late,
         history=run.history,
         seconds=time.perf_counter() - started,
-        discrepancy=_discrepancy(chain, values, records, views, late),
+        discrepancy=left,
         views=views,
         seen=fingerprints(records),
         data=tuple(records),

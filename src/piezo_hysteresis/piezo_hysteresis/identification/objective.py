@@ -142,9 +142,7 @@ class Objective:
         late = self.sampling_offset(x)
 
         def left(target: Target) -> float:
-            # parameters may make the model overflow: then they are impossible, not an error
-            with np.errstate(over='ignore', invalid='ignore'):
-                return Prediction(self.model, packed, target, late, weighted=True).cost
+            return Prediction(self.model, packed, target, late, weighted=True).cost
 
         squares = of_each(left, self.targets, self._workers)
         total = sum(

@@ -17,7 +17,7 @@ from piezo_hysteresis.identification.initial_conditions.revision import (
     revised,
     zeros_lie_apart,
 )
-from piezo_hysteresis.identification.initial_conditions.start_hypotheses import search_by
+from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
@@ -287,7 +287,7 @@ def refined(
         result = attempt(targets, _with_offset(result), sampling_offset)
     if stopped():
         return result
-    search = search_by(model, result.values, result.sampling_offset, records, choices.start)
+    search = StartSearch(model, result.values, result.sampling_offset, records, choices.start)
     other = search.with_steps(targets)
     if other is not None:
         plain = attempt(other[0], _with_offset(result), sampling_offset)
@@ -303,7 +303,7 @@ def refined(
 
 def _alike(one: Target, other: Target, error: FloatArray) -> bool:
     """Return whether two views of a record give the same fit, for such residuals [m]."""
-    if one.begins != other.begins or one.own_zero != other.own_zero:
+    if not one.begins_like(other):
         return False
 
     def square(target: Target) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.chain import State
+
+# Parameters may make a model overflow: then they are impossible, and no warning helps.
+_quiet = partial(np.errstate, over='ignore', invalid='ignore')
 
 
 class Prediction:
@@ -55,25 +59,27 @@ class Prediction:
         self.target, self._offset = target, sampling_offset
         self._factors = target.factors if weighted else target.valid
         #: What the record alone determines, see `Nuisances`.
-        self.nuisances: Nuisances = nuisances_of(
-            model, packed, target, sampling_offset, self._factors
-        )
+        self.nuisances: Nuisances
+        with _quiet():
+            self.nuisances = nuisances_of(model, packed, target, sampling_offset, self._factors)
 
     @cached_property
     def response(self) -> FloatArray:
         """Displacement at every tick of the drive, lead-in included, shape (n,) [m]."""
         run = self.nuisances.motion
-        if run is None:
-            return simulated(self._model, self._packed, self.target, self._offset, self._cache)
         late = samples_late(self._model, self.target.dt, self._offset)
-        return read(run.response, self.target, late)
+        with _quiet():
+            if run is None:
+                return simulated(self._model, self._packed, self.target, self._offset, self._cache)
+            return read(run.response, self.target, late)
 
     @property
     def displacement(self) -> FloatArray:
         """Displacement from the first sample of the record on, in the zero of the record [m]."""
         y, view = self.response, self.target
         if view.own_zero:
-            y = y + float(np.mean(view.kept(view.measured - view.pick(y))))
+            with _quiet():
+                y = y + float(np.mean(view.kept(view.measured - view.pick(y))))
         return y[view.origin :]
 
     @property
@@ -85,20 +91,22 @@ class Prediction:
     def cost(self) -> float:
         """Sum of squares that a fit minimises, with what the prior of the nuisances adds [m^2]."""
         residual, held = self._split
-        return inner(residual, residual) + float(held @ held)
+        with _quiet():
+            return inner(residual, residual) + float(held @ held)
 
     @cached_property
     def _split(self) -> tuple[FloatArray, FloatArray]:
         """Residual with all nuisances at their optimum, and the residual of their prior [m]."""
         nuisances, factors = self.nuisances, self._factors
-        error, rows = self.target.measured - self.target.pick(self.response), nuisances.rows
-        if factors is not None:
-            error, rows = error * factors, rows * factors
-        if not len(rows) or not np.all(np.isfinite(error)):
-            return error, np.zeros(0)
-        explained = nuisances.explained or BestFit(rows, nuisances.prior)
-        more = explained(error, nuisances.pull)
-        return error - more @ rows, nuisances.prior * (nuisances.pull + more)
+        with _quiet():
+            error, rows = self.target.measured - self.target.pick(self.response), nuisances.rows
+            if factors is not None:
+                error, rows = error * factors, rows * factors
+            if not len(rows) or not np.all(np.isfinite(error)):
+                return error, np.zeros(0)
+            explained = nuisances.explained or BestFit(rows, nuisances.prior)
+            more = explained(error, nuisances.pull)
+            return error - more @ rows, nuisances.prior * (nuisances.pull + more)
 
     def sensitivities(self, free: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the response and its derivatives, see `free_run.differentiated`."""
@@ -117,3 +125,29 @@ class Prediction:
         for each in self.nuisances.motion.moved if self.nuisances.motion else ():
             state[each.stage][each.place] += each.amount
         return state, answer
+
+
+def predictions(
+    model: Model,
+    values: Mapping[str, float],
+    views: Sequence[Target],
+    sampling_offset: float = 0.0,
+    *,
+    checked: bool = True,
+) -> Iterator[Prediction]:
+    """Yield what a model predicts of whole records, one after another.
+
+    Parameters
+    ----------
+    model, values : Model, mapping of str to float
+        The chain and its parameters.
+    views : sequence of Target
+        Records with how each begins and its zero, see `errors.views_of`.
+    sampling_offset : float
+        How much later than our convention the displacement was sampled [s].
+    checked : bool
+        False simulates also what the model refuses, such as unstable recursions.
+    """
+    packed = model.pack(values, checked=checked)
+    for view in views:
+        yield Prediction(model, packed, view, sampling_offset)

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import overload
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.errors import free_run_of, views_of
+from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.records import Record, listed
 
@@ -45,5 +46,5 @@ def simulate(
     given = with_values(model)
     late = given.sampling_offset
     views = views_of(given.model, given.values, listed(records), late)
-    runs = [free_run_of(given.model, given.values, view, late) for view in views]
+    runs = [each.displacement for each in predictions(given.model, given.values, views, late)]
     return runs[0] if isinstance(records, Record) else runs

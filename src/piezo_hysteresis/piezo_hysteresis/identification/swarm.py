@@ -202,8 +202,7 @@ def identify_by_search(
             values.update(zip(names, (float(v) for v in box.point(found.x)), strict=True))
         own = {name: values[name] for name in chain.parameter_names}
         renewed = revised(chain, own, values[SAMPLING_OFFSET], targets, records, choices)
-        if all(a.begins == b.begins and a.own_zero == b.own_zero
-               for a, b in zip(renewed, targets, strict=True)):  # fmt: skip
+        if all(map(Target.begins_like, renewed, targets)):
             break
         targets = renewed
     return _result(chain, targets, values, late, weights, trail, workers)

@@ -127,6 +127,10 @@ class Target:
             return self.influence if self.valid is None else self.valid
         return self.valid * self.influence
 
+    def begins_like(self, other: Target) -> bool:
+        """Return whether two targets have the same initial condition and kind of zero."""
+        return self.begins == other.begins and self.own_zero == other.own_zero
+
     def kept(self, samples: FloatArray) -> FloatArray:
         """Return the valid ones of the compared samples, shape (m,)."""
         return samples if self.valid is None else samples[self.valid > 0.0]

@@ -18,11 +18,12 @@ from piezo_hysteresis.identification.comparison import (
     comparison_summary,
     comparison_text,
 )
-from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
-from piezo_hysteresis.identification.errors import RecordErrors, evaluated, free_run_of, views_of
+from piezo_hysteresis.identification.discrepancy import RecordResidual, discrepancy_of, residual_of
+from piezo_hysteresis.identification.errors import RecordErrors, errors_in, views_of
 from piezo_hysteresis.identification.identify import record_summary
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.noise import floor_of
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.units import require_plausible
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import Modelled, ModelLike, with_values
@@ -165,7 +166,14 @@ def validate(
     late = given.sampling_offset
     views = views_of(given.model, given.values, records, late, Choices(begins, zero))
     late = clock_of(given, views)
-    left = residuals_of(given.model, given.values, records, views, late)
+    rows: list[RecordErrors] = []
+    left: list[RecordResidual] = []
+    simulated: dict[str, FloatArray] = {}
+    found = predictions(given.model, given.values, views, late)
+    for record, each in zip(records, found, strict=True):
+        rows.append(errors_in(given.model, given.values, each))
+        left.append(residual_of(record, each))
+        simulated[record.name] = each.displacement
     known = compared(left, given.discrepancy) if given.discrepancy is not None else []
     seen = (*given.provenance.records, *fingerprints(records))
     updated = replace(
@@ -176,8 +184,8 @@ def validate(
     return Validation(
         given=given,
         updated=updated,
-        records=evaluated(given.model, given.values, views, late),
-        simulated={v.name: free_run_of(given.model, given.values, v, late) for v in views},
+        records=tuple(rows),
+        simulated=simulated,
         noise_floor=floor_of(records).rms,
         sampling_offset=late,
         comparisons=tuple(known),

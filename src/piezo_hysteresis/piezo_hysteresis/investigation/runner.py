@@ -14,7 +14,7 @@ from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
-from piezo_hysteresis.identification.prediction import Prediction
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.journal import (
     Journal,
@@ -282,9 +282,8 @@ def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
     (view,) = views_of(
         model.model, model.values, [record], late, Choices(start='step', zero='record')
     )
-    packed = model.model.pack(model.values)
-    error = Prediction(model.model, packed, view, late).residual
-    return float(np.sqrt(np.mean(error**2))) / max(floor, 1e-300)
+    (found,) = predictions(model.model, model.values, (view,), late)
+    return float(np.sqrt(np.mean(found.residual**2))) / max(floor, 1e-300)
 
 
 @dataclass(frozen=True)

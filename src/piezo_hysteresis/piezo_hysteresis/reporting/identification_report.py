@@ -10,8 +10,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.discovery.choice.choose import TriedModel
 from piezo_hysteresis.discovery.data.annotate import annotated
-from piezo_hysteresis.identification.errors import free_run_of
 from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.models.named import LADDER
 from piezo_hysteresis.records import Record
@@ -69,13 +69,10 @@ def identification_page(
 
 def free_runs(records: Sequence[Record], found: Identification) -> dict[str, FloatArray]:
     """Return the free run of the model for every record [m], by record name."""
-    with np.errstate(over='ignore', invalid='ignore'):
-        return {
-            each.name: free_run_of(
-                found.model, found.values, each, found.sampling_offset, checked=False
-            )
-            for each in found.views
-        }
+    runs = predictions(
+        found.model, found.values, found.views, found.sampling_offset, checked=False
+    )
+    return {each.target.name: each.displacement for each in runs}
 
 
 def sentence_of(found: Identification) -> str:

@@ -27,7 +27,7 @@ from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.output_error import output_error, refined, suited
-from piezo_hysteresis.identification.prediction import Prediction
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import (
@@ -230,17 +230,17 @@ class Ladder:
 
         `neutral` are the parameter values for which the last effect is inactive.
         """
-        packed, late = found.model.pack(found.values), found.sampling_offset
+        late = found.sampling_offset
         views = views_of(found.model, found.values, self._records, late, self._choices)
         parts: tuple[list[FloatArray], list[FloatArray]] = ([], [])
         rows = []
-        for view, record, cut in zip(views, self._records, self._cuts, strict=True):
-            with np.errstate(over='ignore', invalid='ignore'):
-                error = Prediction(found.model, packed, view, late).residual
+        runs = predictions(found.model, found.values, views, late)
+        for run, record, cut in zip(runs, self._records, self._cuts, strict=True):
+            error = run.residual
             before = max(cut - record.warm_up_samples, 0)
             parts[0].append(error[:before])
             parts[1].append(error[before:])
-            rows.append(_held_out(view, error, before))
+            rows.append(_held_out(run.target, error, before))
         trained, held_out = (float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for p in parts)
         return Rung(found, trained, held_out, tuple(rows), _is_significant(found, neutral or {}))
 

@@ -152,8 +152,7 @@ def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, flo
 
 def same_initial_conditions(one: Dataset, other: Dataset) -> bool:
     """Return whether initial conditions and zero offsets of two datasets are equal."""
-    pairs = zip(one.training, other.training, strict=True)
-    return all(a.begins == b.begins and a.own_zero == b.own_zero for a, b in pairs)
+    return all(map(Target.begins_like, one.training, other.training))
 
 
 def _slow(

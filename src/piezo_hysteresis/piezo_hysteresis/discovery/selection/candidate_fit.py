@@ -172,11 +172,10 @@ def errors_of(
         If a parameter value is invalid.
     """
     packed = spec.model.pack(spec.values)
-    with np.errstate(over='ignore', invalid='ignore'):
-        errors = [
-            Prediction(spec.model, packed, view, spec.sampling_offset, cache=cache).residual
-            for view in views
-        ]
+    errors = [
+        Prediction(spec.model, packed, view, spec.sampling_offset, cache=cache).residual
+        for view in views
+    ]
     return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
 
 

@@ -14,10 +14,11 @@ import numpy as np
 
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
+from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual_of
 from piezo_hysteresis.identification.errors import views_of
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record
@@ -58,7 +59,8 @@ def as_on(
     else:
         found = identify(records, baseline, workers=workers, begins=chosen.start, zero=chosen.zero)
         file, views = found.model_file(), found.views
-    left = residuals_of(file.model, file.values, records, views, file.sampling_offset)
+    runs = predictions(file.model, file.values, views, file.sampling_offset, checked=False)
+    left = list(map(residual_of, records, runs))
     missed = discrepancy_of(left, held_out=file is baseline)
     if missed is None:
         raise IdentificationError(

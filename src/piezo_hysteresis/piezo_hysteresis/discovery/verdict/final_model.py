@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from piezo_hysteresis.identification.discrepancy import discrepancy_of, residuals_of
+from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
@@ -98,7 +99,6 @@ def remaining_discrepancy(found: Discovery) -> Discrepancy | None:
     records = {r.name: r for r in found.data.records}
     views = found.data.training
     kept = [records[view.name] for view in views]
-    left = residuals_of(
-        found.final.model, found.final.values, kept, views, found.final.sampling_offset
-    )
-    return discrepancy_of(left, held_out=False)
+    final = found.final
+    runs = predictions(final.model, final.values, views, final.sampling_offset, checked=False)
+    return discrepancy_of(map(residual_of, kept, runs), held_out=False)

@@ -14,7 +14,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
-from piezo_hysteresis.identification.initial_conditions.start_hypotheses import search_by
+from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
 from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.identification.thread_pool import of_each
@@ -101,7 +101,7 @@ def revised(
     workers : int
         Threads over the records.
     """
-    search = search_by(model, values, sampling_offset, records, choices.start, lasting=alone)
+    search = StartSearch(model, values, sampling_offset, records, choices.start, lasting=alone)
     seen = of_each(lambda each: search.best_start(each, choices.zero), targets, workers)
     seen = (
         [search.settled(_zeroed([each], choices, search.left)[0]) for each in seen]

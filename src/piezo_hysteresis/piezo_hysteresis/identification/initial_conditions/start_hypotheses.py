@@ -68,7 +68,7 @@ class StartSearch:
     ----------
     model : Model
         The chain.
-    packed : ndarray, shape (p,)
+    values : mapping of str to float
         Its parameters.
     sampling_offset : float
         By how much later than our convention the displacement was read [s].
@@ -84,30 +84,27 @@ class StartSearch:
     def __init__(
         self,
         model: Model,
-        packed: FloatArray,
+        values: Mapping[str, float],
         sampling_offset: float,
         records: Sequence[Record],
         wanted: str,
         *,
         lasting: bool = False,
     ) -> None:
-        self._model, self._packed, self._late = model, packed, sampling_offset
+        self._model, self._packed, self._late = model, model.pack(values), sampling_offset
         self._records = {record.name: record for record in records}
         self._wanted, self._lasting = wanted, lasting
 
     def left(self, target: Target) -> FloatArray:
         """Return the residual of a target, shape (m,) [m]."""
-        with np.errstate(over='ignore', invalid='ignore'):
-            return self._predicted(target).residual
+        return self._predicted(target).residual
 
     def _predicted(self, target: Target) -> Prediction:
         return Prediction(self._model, self._packed, target, self._late)
 
     def square(self, target: Target) -> float:
         """Return the sum of squares of the residual [m^2], infinite where it is not finite."""
-        error = self.left(target)
-        total = inner(error, error)
-        return total if isfinite(total) else float('inf')
+        return _square(self._predicted(target))
 
     def best_start(self, target: Target, zero: str) -> Target:
         """Return the target with the start of the smallest residual, else with the guess.
@@ -155,21 +152,27 @@ class StartSearch:
         begins after them has no such derivatives.
         """
         record = self._record_of(target)
-        if record is None:
+        if record is None or not target.begins.levels:
             return target
-        found, most = target, _AS_WELL * self.square(target)
-        largest = float(np.max(np.abs(record.voltage)))
-        for _ in range(_SETTLING_TURNS if target.begins.levels else 0):
-            levels = self._predicted(found).nuisances.levels
-            if not all(abs(level) <= _FARTHEST * largest for level in levels):
+        found = self._predicted(target)
+        most, largest = _AS_WELL * _square(found), float(np.max(np.abs(record.voltage)))
+        for _ in range(_SETTLING_TURNS):
+            closer = self._stepped(found, record)
+            if closer is None or not _square(closer) <= most:
                 return target
-            moved = max(abs(a - b) for a, b in zip(levels, found.begins.levels, strict=True))
-            found = led_in(found, record, RecordStart(found.begins.kind, levels))
-            if not self.square(found) <= most:
-                return target
-            if moved <= _STILL * largest:
-                return found
+            pairs = zip(closer.target.begins.levels, found.target.begins.levels, strict=True)
+            if max(abs(a - b) for a, b in pairs) <= _STILL * largest:
+                return closer.target
+            found = closer
         return target
+
+    def _stepped(self, found: Prediction, record: Record) -> Prediction | None:
+        """Return the prediction after a Gauss-Newton step of the levels, None out of reach."""
+        levels, begins = found.nuisances.levels, found.target.begins
+        reach = _FARTHEST * float(np.max(np.abs(record.voltage)))
+        if not levels or not all(abs(level) <= reach for level in levels):
+            return None
+        return self._predicted(led_in(found.target, record, RecordStart(begins.kind, levels)))
 
     def with_steps(self, targets: Sequence[Target]) -> tuple[list[Target], float] | None:
         """Return targets that may begin with a step although their initial state is estimated.
@@ -260,16 +263,12 @@ class StartSearch:
 
     def _sharpened(self, target: Target, record: Record, best: Hypothesis) -> Hypothesis:
         """Return a start with its levels refined by Gauss-Newton steps."""
+        found = self._predicted(led_in(target, record, best[1]))
         for _ in range(_TURNS):
-            led = led_in(target, record, best[1])
-            levels = self._predicted(led).nuisances.levels
-            reach = _FARTHEST * float(np.max(np.abs(record.voltage)))
-            if not levels or not all(abs(level) <= reach for level in levels):
+            closer = self._stepped(found, record)
+            if closer is None or not _square(closer) <= best[0] * (1.0 + 1e-6):
                 break
-            closer = self._tried(target, record, RecordStart(best[1].kind, levels))
-            if not closer[0] <= best[0] * (1.0 + 1e-6):
-                break
-            best = closer
+            found, best = closer, (_square(closer), closer.target.begins)
         return best
 
     def _plainest(
@@ -290,15 +289,7 @@ def _cost(evaluated: Hypothesis) -> float:
     return evaluated[0]
 
 
-def search_by(
-    model: Model,
-    values: Mapping[str, float],
-    sampling_offset: float,
-    records: Sequence[Record],
-    wanted: str,
-    *,
-    lasting: bool = False,
-) -> StartSearch:
-    """Return the search of a model with these values, see `StartSearch`."""
-    packed = model.pack(values)
-    return StartSearch(model, packed, sampling_offset, records, wanted, lasting=lasting)
+def _square(found: Prediction) -> float:
+    """Return the sum of squares of a residual [m^2], infinite where it is not finite."""
+    total = inner(found.residual, found.residual)
+    return total if isfinite(total) else float('inf')
