@@ -126,7 +126,7 @@ def main() -> None:
             for name, root in roots.items():
                 found = out / name
                 asked = ['discover', str(bag), '--baseline', 'bouc_wen_mode', *case.words]
-                words = ['piezo_hysteresis', *asked, '--out', str(found)]
+                words = ['piezo_hysteresis', *asked, '--out', str(found), '--time-limit', '0']
                 if case is SHORT:
                     run(root, words)
                 else:

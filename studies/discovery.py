@@ -45,6 +45,7 @@ def discover(bag: Path, baseline: str, seed: int, how: Sequence[str]) -> dict[st
     out = bag.parent / 'verdict'
     command = [sys.executable, '-m', 'piezo_hysteresis', 'discover', str(bag)]
     command += ['--baseline', baseline, '--out', str(out), '--seed', str(seed)]
+    command += ['--time-limit', '0']
     command += how
     try:
         done = subprocess.run(

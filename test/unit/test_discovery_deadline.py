@@ -1,10 +1,12 @@
 """A limit of time: nothing more is started, and what was not tried is said."""
 
+import argparse
 import math
 
 import numpy as np
 import pytest
 
+from piezo_hysteresis.cli.discover import configure, task_of
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.errors import IdentificationError
@@ -46,6 +48,14 @@ def test_what_is_skipped_is_noted_once() -> None:
 def test_no_time_at_all_is_refused(seconds: float) -> None:
     with pytest.raises(IdentificationError, match='more than 0 s'):
         Deadline(seconds)
+
+
+@pytest.mark.parametrize(('words', 'seconds'), [([], 60.0), (['--time-limit', '0'], 0.0)])
+def test_the_verb_has_a_limit_unless_it_gets_another(words: list[str], seconds: float) -> None:
+    parser = argparse.ArgumentParser()
+    configure(parser)
+    given = parser.parse_args(['a.csv', '--baseline', 'classical', '--out', 'found', *words])
+    assert task_of(given).time_limit == seconds
 
 
 @pytest.mark.component

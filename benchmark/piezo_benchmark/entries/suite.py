@@ -88,7 +88,7 @@ def answer(task: Task) -> Answer:
         command = [*shlex.split(os.environ.get('PIEZO_COMMAND', 'piezo')), 'discover', '-q']
         command += [str(file) for file in files['records']]
         command += ['--baseline', BASELINES[task.baseline.name], '--out', str(folder / 'out')]
-        command += ['--workers', '1', '--seed', '0']
+        command += ['--workers', '1', '--seed', '0', '--time-limit', '0']
         if 'reference' in files:
             command += ['--reference', *(str(file) for file in files['reference'])]
         _run(command)

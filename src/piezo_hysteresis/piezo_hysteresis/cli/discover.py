@@ -55,9 +55,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         '--time-limit',
         type=float,
-        default=0.0,
+        default=60.0,
         metavar='S',
-        help='seconds after which the search stops with the best model so far',
+        help='seconds after which the search stops with the best model so far and states what it '
+        'left out; 0 for none (default: 60)',
     )
     add('--actuator', help='actuator, if a bag holds several')
     add('--salvage', action='store_true', help='use the readable part of damaged data')
