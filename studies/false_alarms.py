@@ -1,0 +1,143 @@
+"""False alarms on untouched measured records: how often a new deviation is seen where none is.
+
+    python studies/false_alarms.py --data ../shared/data
+
+A model is identified on the first part of a record, and the rest, with a second record where there
+is one, is cut into blocks. Nothing was changed, so a verdict other than `none` is a false alarm.
+The table has its rate by the test that opens a search, and by a conformal bar: half of the blocks,
+drawn, calibrate it, and a block of the other half is an alarm if
+
+    p = (1 + number of calibration blocks with at least its score) / (n + 1)
+
+is 5 % at most. The score is the power beyond the expected one. Below 19 calibration blocks no p is
+that small, and the table says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+
+from bench.quick import parsed
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.discovery.data.annotate import annotated
+from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.selection.deadline import Deadline
+from piezo_hysteresis.discovery.selection.start import Searching, unsearched
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.records import Record, load
+from studies.discovery_hidden import CASES, Case, chain, cut
+from studies.stand_ins import records_in
+
+#: Calibration blocks from which a p of 5 % is possible.
+ENOUGH = 19
+LEVEL = 0.05
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Untouched blocks of one record, judged by one model."""
+
+    case: str
+    baseline: str
+    record: str
+    scores: FloatArray  # power beyond the expected one, in units of that, shape (n,)
+    alarms: int  # blocks with a new deviation
+
+    def conformal(self, generator: np.random.Generator) -> str:
+        """Return the alarms by a bar from half of the blocks, in a cell."""
+        order = generator.permutation(self.scores)
+        known, judged = np.array_split(order, 2)
+        if known.size < ENOUGH:
+            return f'too few ({known.size} of {ENOUGH})'
+        chances = (1 + np.sum(known[None] >= judged[:, None], axis=1)) / (known.size + 1)
+        return f'{np.sum(chances <= LEVEL)} of {judged.size}'
+
+
+def judged(
+    records: Sequence[Record], model: ModelFile, seconds: float
+) -> tuple[list[float], list[bool]]:
+    """Return score and new deviation of every block of so many seconds."""
+    how = Searching(Choices('auto', 'auto'), 0, 1, {}, Deadline(inf))
+    scores, alarms = [], []
+    for record in records:
+        length = round(seconds / record.dt)
+        for first in range(0, len(record) - length + 1, length):
+            try:
+                data = split(annotated([record.section(first, first + length)]), 'auto')
+                found = unsearched(data, model, how)
+            except PiezoError:  # a block at rest tells nothing
+                continue
+            scores.append(found.evaluator.excess(found.final))
+            alarms.append(found.evaluator.has_significant_residual(found.final, found.start))
+    return scores, alarms
+
+
+def examined(case: Case, word: str, data: Path, seconds: float, part: float) -> list[Blocks]:
+    """Return the blocks of every record of a case."""
+    whole = load([data / case.fitted])[0]
+    until = part * len(whole) * whole.dt
+    fitted = cut(whole, until)
+    model = ModelFile.parse(identify([fitted], chain(word)).model_file().text())
+    rest = {case.fitted: whole.section(len(fitted), len(whole))}
+    rest |= {file: load([data / file])[0] for file in case.evaluated if file != case.fitted}
+    rows = []
+    for file, record in rest.items():
+        scores, alarms = judged([record], model, seconds)
+        name = Path(file).stem
+        rows.append(Blocks(case.name, word, name, np.array(scores), sum(alarms)))
+    return rows
+
+
+def table(rows: Sequence[Blocks], seed: int) -> str:
+    """Return the table of the page."""
+    lines = [
+        '| actuator | baseline | record | blocks | false alarms | by a conformal bar |',
+        '|---|---|---|---:|---:|---:|',
+    ]
+    for row in rows:
+        conformal = row.conformal(np.random.default_rng(seed))
+        lines.append(
+            f'| {row.case} | `{row.baseline}` | {row.record} | {row.scores.size} | {row.alarms} '
+            f'| {conformal} |'
+        )
+    return '\n'.join(lines)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Examine every actuator and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--data', type=Path, default=Path('../shared/data'))
+    parser.add_argument('--seconds', type=float, default=1.0, help='of a block')
+    parser.add_argument('--part', type=float, default=0.4, help='of the record that is fitted')
+    parser.add_argument('--seed', type=int, default=1, help='which blocks calibrate')
+    parser.add_argument('--cases', type=int, help='so many actuators')
+    parser.add_argument('--baselines', type=int, help='so many of each actuator')
+    asked = parsed(parser, words, data=None, cases=1, baselines=1, seconds=0.4)
+    cases = CASES[: asked.cases]
+    files = sorted({file for case in cases for file in (case.fitted, *case.evaluated)})
+    rows: list[Blocks] = []
+    with records_in(asked.data, files) as data:
+        for case in cases:
+            for word in case.baselines[: asked.baselines]:
+                rows += examined(case, word, data, asked.seconds, asked.part)
+    print(table(rows, asked.seed))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
