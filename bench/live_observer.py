@@ -59,7 +59,7 @@ class State(NamedTuple):
     arrived : float
         When it was published [s], on the monotonic clock.
     life : int
-        How often the actuator was started anew before.
+        How often the actuator was restarted before.
     sample : int
         Number of the tick.
     voltage, displacement : float

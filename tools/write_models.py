@@ -83,16 +83,16 @@ def _effect_rows() -> Iterator[str]:
 
 
 def _new_page(name: str) -> str:
-    """Return a page for an effect that has none, from what its file says."""
+    """Return a page for an effect that has none, from its file."""
     effects = described(name)
-    lines = [f'# {name}', '', '**What it is.** ' + _together(e.physics for e in effects), '']
-    lines += ['**How it shows.** As in the picture: a model without and with it.', '']
+    lines = [f'# {name}', '', '**Physical cause.** ' + _together(e.physics for e in effects), '']
+    lines += ['**Signature.** See the picture: a model without and with the effect.', '']
     lines += [f'![A model without and with {name}](../pictures/effects/{name}.png)', '']
     others = dict.fromkeys(other for effect in effects for other in effect.mistaken_for)
     links = ', '.join(f'[{other}]({other}.md)' for other in others)
-    lines += [f'**What it is mistaken for.** {links or "Nothing here"}.', '']
-    lines += ['**What settles it.** ' + _together(e.experiment for e in effects), '']
-    lines += ['**How it enters a model.**', '', '| variant | block | neutral |', '|---|---|---|']
+    lines += [f'**Similar effects.** {links or "None"}.', '']
+    lines += ['**Distinguishing experiment.** ' + _together(e.experiment for e in effects), '']
+    lines += ['**Model blocks.**', '', '| variant | block | neutral |', '|---|---|---|']
     lines += [_variant(effect) for effect in effects]
     lines += ['', '| parameter | unit | bounds | meaning |', '|---|---|---|---|']
     blocks = dict.fromkeys(e.block for e in effects if e.block is not None)

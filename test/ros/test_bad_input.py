@@ -262,7 +262,7 @@ def test_a_slow_loop_in_lock_step_is_never_taken_for_silent(
     monkeypatch.setattr(link_health, 'SILENCE', 0.0)
     for link in chain.links:
         link.health()
-    assert all('stands still' in link.health().message for link in chain.links)
+    assert all('has stopped' in link.health().message for link in chain.links)
     monkeypatch.undo()
     chain.run(1)
     assert chain.counts('stale') == [0, 0, 0]

@@ -56,7 +56,7 @@ def test_every_effect_has_a_page_that_matches_the_code(name: Any) -> None:
         assert effect.experiment in page
         for other in effect.mistaken_for:
             assert f'[{other}]({other}.md)' in page
-    for heading in ('What it is', 'How it shows', 'What it is mistaken for', 'What settles it'):
+    for heading in ('Physical cause', 'Signature', 'Similar effects', 'Distinguishing experiment'):
         assert f'**{heading}.**' in page
 
 

@@ -151,7 +151,7 @@ def test_an_excitation_says_what_it_does_and_whom_it_waits_for() -> None:
         assert found.values['last_sweep'] == '4 records'
         return found.level, found.message
 
-    assert level(sample=-1) == (Level.OK, 'idle, no actuator is heard yet')
+    assert level(sample=-1) == (Level.OK, 'idle, no actuator state received yet')
     assert level(silent=9.0) == (Level.OK, 'idle')
     assert level(what='reference: sine, 2 Hz') == (Level.OK, 'reference: sine, 2 Hz')
     silent = (Level.WARN, 'no actuator/state for 9 s after tick 7')
@@ -223,7 +223,7 @@ def test_a_link_tells_standstill_from_silence_and_from_rest() -> None:
     assert level(5) == (Level.OK, 'corrects the voltage')
     assert level(6, active=False) == (Level.OK, 'inactive: passes the voltage on')
     clock.now += SILENCE + 1.0
-    assert level(6) == (Level.WARN, 'no tick for 3 s: the loop stands still')
+    assert level(6) == (Level.WARN, 'no tick for 3 s: the loop has stopped')
     watchdog.received(6)
     watchdog.voltage(17)
     words = 'no input since tick 6: the voltage is ramped to safety'

@@ -98,7 +98,7 @@ def run_batch(
     progress(resumed / len(jobs), f'{resumed} of {len(jobs)} were finished before')
     if executor is not None:
         if _round(task, left, executor, len(left), collect):
-            raise PiezoError('the executor broke down; start it anew and run the batch again')
+            raise PiezoError('the executor broke down; restart it and run the batch again')
     elif number_of_workers(workers) == 1:
         for job in left:
             collect(job, work(task, job))

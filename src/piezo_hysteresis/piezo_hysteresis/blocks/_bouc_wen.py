@@ -66,7 +66,7 @@ PARAMETERS = (
 def check(values: Mapping[str, float]) -> str:
     """Return '' or why these values make h grow without bound."""
     if values['beta'] == 0.0 and values['A0'] != 0.0:
-        return 'A0 without decay (beta = 0) grows for ever; set beta above 0 or A0 to 0'
+        return 'A0 without decay (beta = 0) grows without bound; set beta above 0 or A0 to 0'
     return ''
 
 

@@ -43,12 +43,12 @@ EFFECTS = (
         start={'A0': 2e-6},
         alternatives=({'A0': -2e-6},),
         physics=(
-            'Rising and falling voltage do not switch alike (a preferred polarisation), so the '
-            'loop wanders off centre until decay balances the growth.'
+            'Domains switch differently for rising and falling voltage (a preferred '
+            'polarisation), so the loop drifts off centre until decay balances the growth.'
         ),
         experiment=(
-            'The first seconds after the start and an amplitude step: asymmetry builds up with '
-            'the travel of the voltage, an offset is there from the start.'
+            'The first seconds after the start and an amplitude step: asymmetry builds up '
+            'with the travel of the voltage, an offset is present from the start.'
         ),
         mistaken_for=('offset', 'drift', 'electrostriction', 'creep'),
     ),

@@ -81,12 +81,12 @@ EFFECTS = (
         start={'A': 4e-5, 'beta': 2.0, 'gamma': 0.2},
         alternatives=({'A': -4e-5}, {'beta': 10.0, 'gamma': 1.0}),
         physics=(
-            'Domains of the ceramic switch with losses: the displacement lags behind the voltage '
-            'by a share that depends on where it came from and not on how fast.'
+            'Domains of the ceramic switch with losses: the displacement lags behind the '
+            'voltage by a share that depends on its history and not on its rate.'
         ),
         experiment=(
-            'A slow triangle: the width of the loop stays when the frequency falls to a tenth, '
-            'that of a lag or delay does not.'
+            'A slow triangle: at a tenth of the frequency the loop has the same width; that '
+            'of a lag or delay is smaller.'
         ),
         mistaken_for=('friction', 'amplifier_lag', 'transport_delay', 'creep'),
     ),

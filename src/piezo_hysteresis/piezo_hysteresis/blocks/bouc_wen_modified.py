@@ -39,7 +39,7 @@ def along(
 def check(values: Mapping[str, float]) -> str:
     """Return '' or why these values make h grow without bound."""
     if values['beta'] == 0.0 and values['epsilon'] != 0.0:
-        return 'epsilon without decay (beta = 0) grows for ever; set beta above 0 or epsilon to 0'
+        return 'epsilon without decay (beta = 0) grows without bound; set beta > 0 or epsilon = 0'
     return ''
 
 

@@ -132,8 +132,8 @@ _POWER = Block(
 )  # fmt: skip
 
 _EXPERIMENT = (
-    'Triangles of the same travel at rates of 1, 10, 100 V/s: the width of the loop grows by the '
-    'same step each time by a logarithm, by the same factor by a power.'
+    'Triangles of the same travel at rates of 1, 10, 100 V/s: with a logarithm the '
+    'loop width grows by equal steps, with a power by equal factors.'
 )
 _MISTAKEN = ('amplifier_lag', 'transport_delay', 'creep', 'resonance')
 
@@ -153,8 +153,8 @@ EFFECTS = (
             {'widening_corner': 0.5, 'widening_memory': 1e-2},
         ),
         physics=(
-            'The coercive field grows with the logarithm of the rate, so the whole loop widens '
-            'as the voltage moves faster, its shape being the same.'
+            'The coercive field grows with the logarithm of the voltage rate, so the loop '
+            'widens and keeps its shape.'
         ),
         experiment=_EXPERIMENT,
         shown_by=(Coverage.WIDE, Coverage.STEP),
@@ -174,8 +174,8 @@ EFFECTS = (
             {'widening_power': 1.0, 'power_memory': 1e-2},
         ),
         physics=(
-            'The coercive field grows with a power of the rate, so the whole loop widens as the '
-            'voltage moves faster, its shape being the same.'
+            'The coercive field grows with a power of the voltage rate, so the loop widens '
+            'and keeps its shape.'
         ),
         experiment=_EXPERIMENT,
         shown_by=(Coverage.WIDE, Coverage.STEP),

@@ -54,7 +54,7 @@ BLOCKS = (
         kernel=kernel,
         state_size=0,
         between=Between.INSTANT,
-        description='Square law of the voltage beside the piezo effect and its hysteresis.',
+        description='Square law of the voltage in parallel with piezo effect and hysteresis.',
         source='strain of the square of the field',
         in_parallel=True,
     ),

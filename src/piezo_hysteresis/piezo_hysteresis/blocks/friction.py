@@ -102,7 +102,7 @@ BLOCKS = (
         state_size=1,
         between=Between.PATH,
         along=stiction_along,
-        description='Stick-slip: the output stands still, then jumps to the drive.',
+        description='Stick-slip: the output sticks, then jumps to the drive.',
         source='Coulomb friction with break-away, quasi-static',
     ),
 )

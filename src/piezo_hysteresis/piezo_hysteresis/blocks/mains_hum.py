@@ -107,8 +107,8 @@ EFFECTS = (
         alternatives=({'hum_frequency': 60.0}, {'hum_frequency': 100.0}),
         guess=guess,
         physics=(
-            'Mains, a pump or a fan gets into the sensor or the mount at a frequency that has '
-            'nothing to do with the drive.'
+            'Mains, a pump or a fan couples into the sensor or the mount at a frequency '
+            'unrelated to the drive.'
         ),
         experiment='A record at 0 V, and drives of which the tone is not a multiple.',
         shown_by=(Coverage.REST,),

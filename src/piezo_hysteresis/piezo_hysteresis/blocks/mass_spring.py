@@ -62,5 +62,5 @@ BLOCK = Block(
         "m x'' + b x' + k x = k v by exact zero-order hold; voltage and displacement see the "
         'ratios m/k and b/k only, so the stiffness is held at the value of the data sheet.'
     ),
-    source='Zhou 2021 (3), (4), (5); its table 2 with its units mended (m 0.0514 kg, k 8.0e5 N/m)',
+    source='Zhou 2021 (3), (4), (5); its table 2 with corrected units (m 0.0514 kg, k 8.0e5 N/m)',
 )

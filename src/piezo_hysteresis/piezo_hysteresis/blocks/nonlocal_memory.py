@@ -59,7 +59,7 @@ def _block(name: str, prefix: str, count: int) -> Block:
         regressors=regressors,
         state_size=count,
         between=Between.PATH,
-        description=f'Bank of {count} play operators beside the hysteresis of the model.',
+        description=f'Bank of {count} play operators in parallel with the hysteresis.',
         source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen',
         in_parallel=True,
     )
@@ -89,9 +89,9 @@ EFFECTS = tuple(
         neutral={each.name: 0.0 for each in block.parameters[1:]},
         start={each.name: 1e-5 / len(block.parameters) for each in block.parameters[1:]},
         physics=(
-            'The ceramic remembers every reversal that a larger one has not erased; Bouc-Wen '
-            'remembers one number. Inner loops therefore close in the actuator and not in the '
-            'model.'
+            'The memory of the ceramic contains every reversal that no larger one has '
+            'erased; that of Bouc-Wen is one number. Inner loops therefore close in the '
+            'actuator and not in the model.'
         ),
         experiment=(
             'First-order reversal curves: triangles with decreasing amplitude and nested loops.'

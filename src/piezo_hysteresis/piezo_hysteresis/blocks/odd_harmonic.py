@@ -46,7 +46,7 @@ BLOCKS = tuple(
             f'Harmonic of order {order} with the phase of the drive; nothing where the drive has '
             'no fundamental frequency.'
         ),
-        source=f'Fujii 2018 ({each}) without the coefficients that steady state cannot tell',
+        source=f'Fujii 2018 ({each}) without coefficients undetermined in steady state',
     )
     for order, kernel, each in ((3, kernel3, 6), (5, kernel5, 7))
 )

@@ -60,8 +60,8 @@ def side_by_side(*blocks: Block) -> Block:
     names = [parameter.name for part in parts for parameter in part.parameters]
     if len(set(names)) < len(names):
         raise ModelError(
-            f'{" and ".join(part.name for part in parts)} share parameters and cannot stand side '
-            'by side; leave one out'
+            f'{" and ".join(part.name for part in parts)} share parameters and cannot be in '
+            'parallel; omit one'
         )
     counts = np.cumsum([0, *(len(part.parameters) for part in parts)])
 

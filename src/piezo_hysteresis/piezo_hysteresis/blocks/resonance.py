@@ -182,7 +182,7 @@ _SERIES = Block(
     inertia=True,
     system=series_system,
     description='One mode of unit DC gain that carries the whole displacement.',
-    source='Zhou 2021 (3) in the place of the autoregression of Fujii 2018 (3)',
+    source='Zhou 2021 (3) instead of the autoregression of Fujii 2018 (3)',
 )
 
 _PAIR = Block(

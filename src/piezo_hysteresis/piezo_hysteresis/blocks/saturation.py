@@ -89,7 +89,7 @@ EFFECTS = (
         ),
         guess=guess,
         physics='The amplifier cannot deliver more than its rails; the tips of the drive are cut.',
-        experiment='An amplitude ladder: nothing below a threshold, flat tips above it.',
+        experiment='An amplitude ladder: no change below a threshold, flat tips above it.',
         shown_by=(Coverage.LADDER,),
         mistaken_for=('stiffness', 'slew_limit', 'odd_harmonic'),
     ),

@@ -56,7 +56,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=0,
     between=Between.INSTANT,
-    description='Polynomial of third order about a middle of its own, before the offset.',
+    description='Polynomial of third order about its own middle, before the offset.',
     source='calibration curve of the sensor',
 )
 
@@ -72,12 +72,12 @@ EFFECTS = (
         held=True,
         guess=guess,
         physics=(
-            'The reading is a curve of the true displacement about the middle of the range of the '
-            'sensor, which need not be where the actuator rests.'
+            'The reading is a nonlinear function of the true displacement about the middle '
+            'of the range of the sensor, which need not be the position at rest.'
         ),
         experiment=(
-            'Calibrate against a second sensor; or shift the sensor against the actuator: a curve '
-            'of the sensor stays with the sensor.'
+            'Calibrate against a second sensor; or shift the sensor relative to the '
+            'actuator: a curve of the sensor moves with the sensor.'
         ),
         shown_by=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),

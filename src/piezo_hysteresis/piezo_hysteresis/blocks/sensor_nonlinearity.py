@@ -49,12 +49,13 @@ EFFECTS = (
             {'sensor_quadratic': 0.0, 'sensor_cubic': -1e6},
         ),
         physics=(
-            'The reading is a curve of the true displacement: the harmonics it makes follow the '
-            'measured amplitude, resonance included, and do not excite the structure.'
+            'The reading is a nonlinear function of the true displacement: its harmonics '
+            'follow the measured amplitude, also at resonance, and do not excite the '
+            'structure.'
         ),
         experiment=(
-            'Calibrate against a second sensor; or drive half the resonance frequency, where a '
-            'square law before the mode would ring and one of the sensor does not.'
+            'Calibrate against a second sensor; or drive at half the resonance frequency, '
+            'where a square law before the mode excites it and one of the sensor does not.'
         ),
         shown_by=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),

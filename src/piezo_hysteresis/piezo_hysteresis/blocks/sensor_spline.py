@@ -82,8 +82,9 @@ EFFECTS = (
         alternatives=({'spline_quadratic': -50.0},),
         refines={'spline_quadratic': 'sensor_quadratic', 'spline_cubic': 'sensor_cubic'},
         physics=(
-            'The reading is a curve of the true displacement with local bends, as in a '
-            'calibration table; a polynomial of third order describes only a part of it.'
+            'The reading is a nonlinear function of the true displacement with local bends, '
+            'as in a calibration table; a polynomial of third order describes only a part '
+            'of it.'
         ),
         experiment=(
             'Calibrate against a second sensor at ten points of the stroke: the error is the same '

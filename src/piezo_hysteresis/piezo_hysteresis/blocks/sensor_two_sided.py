@@ -55,7 +55,7 @@ BLOCK = Block(
     kernel=kernel,
     state_size=0,
     between=Between.INSTANT,
-    description='A parabola on each side of a middle of its own, before the offset.',
+    description='A parabola on each side of its own middle, before the offset.',
     source='calibration curve of the sensor',
 )
 
@@ -72,12 +72,12 @@ EFFECTS = (
         held=True,
         guess=guess,
         physics=(
-            'The gain of the sensor changes in proportion to the distance from the middle of its '
-            'range; that of a cubic changes mostly near the ends.'
+            'The gain of the sensor changes in proportion to the distance from the middle '
+            'of its range; with a cubic curve it changes mostly near the ends.'
         ),
         experiment=(
-            'Calibrate against a second sensor; or shift the sensor against the actuator: a curve '
-            'of the sensor stays with the sensor.'
+            'Calibrate against a second sensor; or shift the sensor relative to the '
+            'actuator: a curve of the sensor moves with the sensor.'
         ),
         shown_by=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),

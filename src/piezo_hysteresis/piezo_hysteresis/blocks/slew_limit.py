@@ -110,8 +110,8 @@ EFFECTS = (
             'drives become triangles.'
         ),
         experiment=(
-            'The same amplitude at rising frequency: nothing until amplitude times frequency '
-            'passes a threshold, then the fundamental shrinks and lags.'
+            'The same amplitude at rising frequency: no change until amplitude times '
+            'frequency exceeds a threshold, then the fundamental decreases and lags.'
         ),
         mistaken_for=('amplifier_lag', 'saturation', 'rate_dependence'),
     ),

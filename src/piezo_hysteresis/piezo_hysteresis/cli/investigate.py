@@ -53,7 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--sure', type=float, default=0.0, metavar='P', help='a name is sure from here on, 0.9')
     add('--seed', type=int, default=0, help='of every random choice')
     add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
-    add('--no-apply', action='store_true', help='leave feedforward and gap monitor as they are')
+    add('--no-apply', action='store_true', help='do not change feedforward and gap monitor')
     add('--namespace', default='', help='of the nodes')
     add('--on', metavar='ADDRESS', help=f'a controller instead of nodes: {FORMS}')
     add('--axis', default='1', help='of the controller (1)')

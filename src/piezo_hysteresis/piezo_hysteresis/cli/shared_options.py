@@ -28,5 +28,5 @@ def add_out(parser: argparse.ArgumentParser, default: str | None = None) -> None
         help=f'folder of the results; those of the same verb are replaced{note}',
     )  # fmt: skip
     parser.add_argument(
-        '--overwrite', action='store_true', help='write there whatever the folder holds'
+        '--overwrite', action='store_true', help='write also if the folder is not empty'
     )

@@ -35,7 +35,7 @@ class _Loader(yaml.SafeLoader):
 
     def construct_document(self, node: yaml.Node) -> Any:
         if _size(node, {}) > MOST:
-            raise yaml.YAMLError('its aliases stand for too many values')
+            raise yaml.YAMLError('its aliases expand to too many values')
         return super().construct_document(node)
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:

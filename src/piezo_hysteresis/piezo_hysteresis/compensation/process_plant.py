@@ -74,7 +74,7 @@ class ProcessPlant:
         self._process.kill()
         _, output = self._process.communicate()
         lines = output.decode('utf-8', 'replace').strip().splitlines()
-        return lines[-1].removeprefix('error: ') if lines else 'it said nothing'
+        return lines[-1].removeprefix('error: ') if lines else 'no output'
 
     def close(self) -> None:
         """End the program."""

@@ -18,7 +18,7 @@ COUNTED = {
     'out_of_stroke': 'ticks at which the reference lay beyond the stroke of the model',
     'clamped_slopes': 'ticks at which the slope of the inverse was clamped',
     'dropped': 'ticks left out because their reference never came',
-    'windows': 'windows of whole periods that attenuation has judged',
+    'windows': 'windows of whole periods that attenuation has evaluated',
     'restarts': 'times that a law, or the counting of ticks, began again',
     'bounded': 'corrections that were held at their bound',
     'frozen': 'readings of the sensor that repeat the one before',

@@ -102,7 +102,11 @@ class ChancesPlot:
     def __init__(self) -> None:
         self._x = Range1d(0.0, 10.0)
         self.figure = live_axes(
-            'What is believed', 'actuator time [s]', 'probability', self._x, Range1d(-0.03, 1.05)
+            'Present probabilities',
+            'actuator time [s]',
+            'probability',
+            self._x,
+            Range1d(-0.03, 1.05),
         )
         self.figure.name, self.figure.visible = 'investigation.chances', False
         self._sources = [ColumnDataSource({'x': [], 'y': []}) for _ in range(SHOWN)]

@@ -173,7 +173,7 @@ def lost(address: str, reason: object) -> ConnectionLostError:
     """Return the error of a lost connection."""
     why = getattr(reason, 'strerror', None) or reason
     return ConnectionLostError(
-        f'{address}: the connection is lost ({why}); a wave that runs ends at 0 V by itself; '
+        f'{address}: the connection is lost ({why}); a running wave ends at 0 V; '
         'check the cable, then try again'
     )
 

@@ -100,7 +100,7 @@ def _require_motion(records: Sequence[Record]) -> None:
     stroke = max(float(np.ptp(r.displacement)) for r in driven)
     if stroke == 0.0:
         raise IdentificationError(
-            'the displacement is constant; check sensor and cable, then record anew'
+            'the displacement is constant; check sensor and cable, then record again'
         )
     for record in records:
         moved = float(np.ptp(record.displacement))
@@ -149,7 +149,7 @@ def _judge(record: Record, *, alone: bool) -> list[tuple[bool, str]]:
             return _fatal(f'the {kind} is constant; record a sine over the range you will use')
         return []
     if float(np.ptp(y)) == 0.0:
-        return _fatal('the displacement is constant; check sensor and cable, then record anew')
+        return _fatal('the displacement is constant; check sensor and cable, then record again')
     return [
         *unit_findings(record),
         *_clipping(y, 'displacement', 'sensor range'),

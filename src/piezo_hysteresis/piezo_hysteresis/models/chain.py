@@ -50,7 +50,7 @@ class Model:
         if places != sorted(places):
             chain = ' -> '.join(f'{block.name} ({block.slot})' for block in self.blocks)
             raise ModelError(
-                f'model {self.name}: blocks stand out of order: {chain}; order them '
+                f'model {self.name}: the blocks are out of order: {chain}; order them '
                 f'{" -> ".join(Slot)}'
             )
 

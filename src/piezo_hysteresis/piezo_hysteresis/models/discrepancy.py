@@ -356,7 +356,9 @@ class Discrepancy:
         refuse_unknown(whole, {'judged_on', 'rms', 'share', 'conditions'}, 'discrepancy')
         judged = whole.get('judged_on')
         if judged not in ('held-out', 'fitted'):
-            raise ModelError(f'discrepancy is judged on held-out or fitted data, got {judged!r}')
+            raise ModelError(
+                f'discrepancy is evaluated on held-out or fitted data, got {judged!r}'
+            )
         rows = whole.get('conditions')
         if not isinstance(rows, list):
             raise ModelError('the conditions of the discrepancy must be a list')

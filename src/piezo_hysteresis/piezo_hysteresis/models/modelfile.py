@@ -393,7 +393,7 @@ def _from_dict(content: object) -> ModelFile:
     whole = mapping(content, 'a model file')
     refuse_unknown(whole, _KEYS, 'the model file')
     if whole.get('schema') != SCHEMA:
-        raise ModelError(f'schema is {whole.get("schema")!r}, expected {SCHEMA}; save it anew')
+        raise ModelError(f'schema is {whole.get("schema")!r}, expected {SCHEMA}; save it again')
     chain = whole.get('chain')
     if not isinstance(chain, list) or not chain:
         raise ModelError('chain must be a list of block names, from the voltage to the sensor')

@@ -24,9 +24,7 @@ from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.threads import number_of_workers
 from piezo_interfaces.action import Discover
 
-SENTENCES: dict[str, Finding] = {
-    'refused': (Level.WARN, 'a discovery was refused: its log says why')
-}
+SENTENCES: dict[str, Finding] = {'refused': (Level.WARN, 'a discovery was refused: see its log')}
 
 
 class DiscoveryNode(Node):

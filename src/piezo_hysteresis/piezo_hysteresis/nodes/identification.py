@@ -151,7 +151,7 @@ class IdentificationNode(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._course.reset()
-        response.success, response.message = True, 'the estimation starts anew'
+        response.success, response.message = True, 'the estimation restarts'
         return response
 
     def _on_save(

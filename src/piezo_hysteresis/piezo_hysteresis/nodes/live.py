@@ -164,7 +164,7 @@ class Observer(Client):
         self.until(accepted.done, 'the acceptance of the sweep')
         handle: Any = accepted.result()
         if not handle.accepted:
-            raise PiezoError('the sweep was refused; the log of the excitation node says why')
+            raise PiezoError('the sweep was refused; see the log of the excitation node')
         finished = handle.get_result_async()
         self.until(finished.done, 'the end of the sweep', lambda: at[0])
         result: RunSweep.Result = finished.result().result

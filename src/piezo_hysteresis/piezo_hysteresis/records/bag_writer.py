@@ -93,7 +93,7 @@ def _check_request(folder: Path, records: Sequence[Record], storage: str) -> Non
     again = sorted({name for name in names if names.count(name) > 1})
     if again or '' in names:
         raise RecordError(
-            f'{folder}: every record needs a name of its own, not {(again or [""])[0]!r}'
+            f'{folder}: every record needs a unique name, not {(again or [""])[0]!r}'
         )
 
 

@@ -68,7 +68,7 @@ class Diagnostics:
 
     def _compiles(self) -> None:
         self._node.get_logger().info(
-            'compiles its kernels, once; nodes that wait for it go on waiting'
+            'compiles its kernels (first start only); waiting nodes extend their timeouts'
         )
 
     def _publish(self, state: Readiness, health: Health) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 
 _SENTENCES: dict[str, Finding] = {
-    'missed': (Level.WARN, 'ticks of the actuator were not heard: they had no reference'),
+    'missed': (Level.WARN, 'ticks of the actuator were not received: they had no reference'),
     'strays': (Level.WARN, 'states are numbered far from the others: is there a second actuator?'),
     'reordered': (Level.WARN, 'states come out of order: is there a second actuator?'),
     'stamp_jumps': (Level.WARN, 'time stamps of states jump: the numbers of the samples hold'),
@@ -17,7 +17,7 @@ _SENTENCES: dict[str, Finding] = {
         Level.WARN,
         'commands are held back to slew: they come late, or are planned faster',
     ),
-    'restarts': (Level.WARN, 'the actuator was started anew'),
+    'restarts': (Level.WARN, 'the actuator was restarted'),
     'sweeps_refused': (Level.WARN, 'a sweep was refused'),
     'sweeps_failed': (Level.ERROR, 'a sweep did not come to its end'),
 }
@@ -73,6 +73,6 @@ class ExcitationHealth:
         elif doing.what and doing.silent > SILENCE:
             message = f'no actuator/state for {doing.silent:.0f} s after tick {doing.sample}'
             findings.append((Level.WARN, message))
-        rest = 'idle' if doing.sample >= 0 else 'idle, no actuator is heard yet'
+        rest = 'idle' if doing.sample >= 0 else 'idle, no actuator state received yet'
         values = {'sample': doing.sample, 'last_sweep': last, **counts}
         return judge(findings, doing.what or rest, values)

@@ -20,7 +20,7 @@ _SENTENCES: dict[str, Finding] = {
     'refused': (Level.ERROR, 'what came in is not a number: the voltage is held'),
     'refused_references': (Level.ERROR, 'the reference is not a number: the last one is held'),
     'measured_not_finite': (Level.WARN, 'the sensor answers what is not a number'),
-    'law_reset': (Level.ERROR, 'the law answered what is not a number and was started anew'),
+    'law_reset': (Level.ERROR, 'the law returned a value that is not finite and was reset'),
     'late': (Level.WARN, 'input comes after its tick: the machine is too slow'),
     'missed': (Level.WARN, 'ticks are missing in the input'),
     'dropped': (Level.WARN, 'ticks are dropped: their reference never came'),
@@ -33,7 +33,7 @@ _SENTENCES: dict[str, Finding] = {
     'out_of_stroke': (Level.WARN, 'the reference lies beyond the stroke of the model'),
     'clamped_slopes': (Level.WARN, 'the model has no inverse here: its slope is clamped'),
     'frozen': (Level.WARN, 'the sensor repeats the same reading'),
-    'backed_off': (Level.ERROR, 'the correction made the error larger: it begins anew from 0'),
+    'backed_off': (Level.ERROR, 'the correction increased the error: it restarts from 0'),
     'reverted': (Level.WARN, 'a step of the correction made the error larger and was taken back'),
 }
 
@@ -85,7 +85,7 @@ class LinkHealth:
         if numbers['sample'] == -1:
             fine = 'waits for the first tick'
         elif silent > SILENCE and not watchdog.stale:
-            findings.append((Level.WARN, f'no tick for {silent:.0f} s: the loop stands still'))
+            findings.append((Level.WARN, f'no tick for {silent:.0f} s: the loop has stopped'))
             fine = ''
         else:
             fine = (

@@ -40,7 +40,9 @@ EFFECTS = (
     ),
     PlantEffect('log_creep', 'Creep with the logarithm of time.', {'log_creep.gain': 0.0}),
     PlantEffect(
-        'drift', 'Thermal drift, whatever the drive.', {'drift.rate': 0.0, 'drift.warming': 0.0}
+        'drift',
+        'Thermal drift, independent of the drive.',
+        {'drift.rate': 0.0, 'drift.warming': 0.0},
     ),
 )
 

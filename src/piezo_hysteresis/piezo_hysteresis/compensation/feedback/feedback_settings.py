@@ -46,7 +46,7 @@ class PidGains:
             if not value >= 0.0:
                 raise CompensationError(
                     f'the {name} gain must be 0 or more, got {value:g}; a plant of the opposite '
-                    'sign is mended at the sensor or amplifier, not by a negative gain'
+                    'sign is corrected at the sensor or amplifier, not by a negative gain'
                 )
         refuse(judge(self))
 

@@ -88,9 +88,9 @@ class HInfinityDesign:
             )
         if not self.stable:
             raise CompensationError(
-                f'the H-infinity controller would be unstable by itself (a pole at '
-                f'{abs(self.poles[0]):.4g}) and run away when the sensor or the voltage stands '
-                'still; raise control or lower the bandwidth'
+                f'the H-infinity controller would be unstable (a pole at '
+                f'{abs(self.poles[0]):.4g}) and diverge if the sensor or the voltage is '
+                'constant; raise control or lower the bandwidth'
             )
         return self
 

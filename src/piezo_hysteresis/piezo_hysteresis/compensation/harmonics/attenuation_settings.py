@@ -128,7 +128,7 @@ class AttenuationSettings:
             return ''
         if 0 in self.orders:
             return (
-                f'method {self.method} cannot take off the mean, order 0; leave it out of orders, '
+                f'method {self.method} cannot suppress the mean, order 0; omit it in orders, '
                 'as in [3], before the method is chosen, or take method afc'
             )
         if self.resonance > 0.0:

@@ -227,7 +227,7 @@ class SelectionPolicy:
         0.02,
         '1',
         'Random increase of the held-out error that is accepted with an effect.',
-        'chosen: a larger increase rejects the effect, whatever the fitted records show',
+        'chosen: a larger increase rejects the effect, regardless of the fitted records',
     )
     resamples: int = number(2000, '1', 'Block-bootstrap resamples.', 'effort')
     block_seconds: float = number(

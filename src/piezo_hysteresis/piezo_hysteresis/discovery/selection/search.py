@@ -51,7 +51,7 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
     if not found.steps:
         return found
     first = found.steps[0].round
-    progress(0.85, 'judging every effect knowing the others')
+    progress(0.85, 'testing every effect with the others present')
     best = _retested(found)
     for step in _others(evaluator, first):
         if not best.leaves_much or evaluator.deadline.skips(f'{step.fit.effect} first'):
@@ -69,7 +69,7 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
 def _retested(found: Found) -> Found:
     if found.evaluator.policy.elimination_rounds == 0 or not found.steps:
         return found
-    if len(found.steps) > 1 and found.evaluator.deadline.skips('effects judged again'):
+    if len(found.steps) > 1 and found.evaluator.deadline.skips('effects tested again'):
         return found
     evaluator, steps, final = retested(found.evaluator, found.start, found.steps)
     return replace(found, evaluator=evaluator, steps=tuple(steps), final=final)

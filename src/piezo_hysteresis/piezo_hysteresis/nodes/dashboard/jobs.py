@@ -86,7 +86,7 @@ class ActionJob:
         handle = future.result()
         if not handle.accepted:
             self._unexplained = True
-            self.fail(f'{self._server} refused; its log says why')
+            self.fail(f'{self._server} refused; see its log')
             self._explain()
             return
         self._handle = handle
@@ -97,7 +97,7 @@ class ActionJob:
         if not self.read().busy:
             return
         result = future.result().result
-        why = result.message or f'{self._server} failed; its log says why'
+        why = result.message or f'{self._server} failed; see its log'
         job = self.on_result(result) if result.success else BackgroundJob('failed', 1.0, why)
         self.write(job)
 

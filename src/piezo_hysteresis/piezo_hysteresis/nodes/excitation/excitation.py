@@ -137,7 +137,7 @@ class Excitation(Node):
 
     def _follow_restart(self, sample: int) -> None:
         """Restart: the actuator was restarted and has reached tick `sample`."""
-        self.get_logger().warning('the actuator was started anew', throttle_duration_sec=5.0)
+        self.get_logger().warning('the actuator was restarted', throttle_duration_sec=5.0)
         self._restarts += 1
         self._newest_state = self._emitted = sample
         self._experiment = None

@@ -201,7 +201,7 @@ class SweepServer:
         self._recount = False
         self._known_until = 0
         if self._run is not None and self._newest > self._first:
-            self.give_up('the actuator was started anew during the sweep; run it again')
+            self.give_up('the actuator was restarted during the sweep; run it again')
         else:
             self._markers.close(empty=True)
             self._first = -1

@@ -70,7 +70,7 @@ class Asking(Client):
         self._follow(sent, ANSWERS_WITHIN)
         handle: Any = sent.result()
         if not handle.accepted:
-            raise PiezoError('the discovery node refused; its log says why')
+            raise PiezoError('the discovery node refused; see its log')
         ended = handle.get_result_async()
         try:
             self._follow(ended)

@@ -123,7 +123,7 @@ class SweepGoals:
     def _refusal(self) -> str:
         if self._running - {self._own}:
             return 'another sweep is running: cancel it or wait for its end, and investigate again'
-        return 'the excitation refused the experiment; its log says why'
+        return 'the excitation refused the experiment; see its log'
 
     def _rest(self, ended: Any) -> None:
         """Wait until a sweep that was stopped has brought the actuator to rest."""
@@ -160,7 +160,7 @@ class SweepGoals:
         end = time.monotonic() + RESTS_WITHIN
         while left := self._left():
             if time.monotonic() > end:
-                raise Unanswered('the excitation does not end a sweep that nobody waits for')
+                raise Unanswered('the excitation does not end an orphaned sweep')
             for goal in left:  # the previous request may be lost
                 self._end(goal)
             waited(lambda: not self._left(), stopped, _ASK_AGAIN)

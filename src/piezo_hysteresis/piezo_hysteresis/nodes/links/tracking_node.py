@@ -237,7 +237,7 @@ class TrackingNode(LinkNode):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._reset()
-        response.success, response.message = True, 'the correction starts anew'
+        response.success, response.message = True, 'the correction restarts'
         return response
 
     # --- the model of the plant ------------------------------------------------------------------

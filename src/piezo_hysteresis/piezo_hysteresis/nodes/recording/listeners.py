@@ -99,7 +99,7 @@ class Listeners:
 
     def _missing(self) -> str:
         if silent := self._reports.silent():
-            return f'{", ".join(silent)} says nothing on its status; restart it and play again'
+            return f'{", ".join(silent)} does not publish its status; restart it and play again'
         if self._known():
             return 'nodes come and go all the time; play again when all are there'
         return (
