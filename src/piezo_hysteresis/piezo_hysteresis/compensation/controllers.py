@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 REPETITIVE = 'repetitive'
 ATTENUATIONS = (*METHODS, REPETITIVE, 'none')
 _NAMES = {'pid': 'PID', 'fuzzy_pid': 'fuzzy PID', 'h_infinity': 'H-infinity'}
-#: Quasi-static gain that is assumed where nothing is known of the plant [m/V].
+#: Assumed quasi-static gain of an unknown plant [m/V].
 GUESS = 1e-4
 # Largest first step where nothing is known of the plant: beside a mode its gain may be 30 times
 # the guess, and the error then grows by no more than it is.
@@ -90,21 +90,21 @@ class Controllers:
     limits : Limits
         Of the voltage.
     model, slow : ModelFile, optional
-        What is inverted; for slow drives another one, where given.
+        Model to invert, and optionally another one for slow drives.
     law : str
-        By which, see `inverse_for`.
+        Name of the inverse, see `inverse_for`.
     switch : float
-        Up to which frequency drives are slow [Hz].
+        Frequency up to which drives are slow [Hz].
     start, transition : float
-        Times over which the reference is eased in and changes go over [s].
+        Durations of the initial fade-in of the reference and of transitions [s].
     attenuation : AttenuationSettings or Repetition, optional
         Attenuation of harmonics.
     feedback : Feedback, optional
         Law on the error.
     gain_model : ModelFile, optional
-        Whose gain steers the attenuation; `model` where not given.
+        Model of the plant gain for the attenuation; default `model`.
     plant : ModeGain, optional
-        Gain and mode of the plant, in the place of those of a model.
+        Gain and mode of the plant, instead of those of a model.
     """
 
     dt: float
@@ -126,11 +126,11 @@ class Controllers:
         return 0.5 * (self.limits.high - self.limits.low)
 
     def gain(self) -> LinearGain | None:
-        """Return the gain for small tones, None where nothing is known of the plant."""
+        """Return the gain for small tones, None for an unknown plant."""
         return self.plant or self._gain_of(self.gain_model or self.model)
 
     def mode(self, *, of_inverted: bool = False) -> ModeGain | None:
-        """Return it as a gain, a mode and a delay, of the inverted model where asked for."""
+        """Return the plant as a gain, a mode and a delay, on request of the inverted model."""
         given = self.model if of_inverted else self.gain_model or self.model
         if self.plant is not None or given is None:
             return self.plant
@@ -191,7 +191,7 @@ class Controllers:
         Raises
         ------
         CompensationError
-            If an H-infinity controller does less than was asked for.
+            If an H-infinity controller violates its weights.
         """
         asked = self.feedback
         assert asked is not None
@@ -226,7 +226,7 @@ class Controllers:
         Parameters
         ----------
         by_mode : bool
-            Whether a gain, a mode and a delay steer the attenuation, whatever the model is.
+            Whether the attenuation uses a gain, a mode and a delay for every model.
         """
         links = [self.inverse()]
         if self.attenuation is not None:

@@ -8,26 +8,26 @@ from dataclasses import dataclass
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 
-# Share of the window in which the allowed slew goes over to what can be kept up for ever.
+# Share of the window in which the allowed slew decreases to the sustained value.
 TAPER = 0.1
 
 
 @dataclass(frozen=True)
 class EnergyLimits:
-    """The mean power that an amplifier may be asked for.
+    """Limit of the mean power of an amplifier.
 
     An amplifier charges a piezo actuator from its supply and discharges it to the other rail, so
-    that each way the charge ``C |dV|`` falls through the supply voltage U once in two: the mean
-    power is ``P = C U <|dV/dt|> / 2``. For a periodic voltage with one rise and one fall of Vpp
-    per period this is the well-known ``P = C f U Vpp`` of the makers' data sheets.
+    that the charge ``C |dV|`` passes the supply voltage U once per two changes: the mean power is
+    ``P = C U <|dV/dt|> / 2``. For a periodic voltage with one rise and one fall of Vpp per period
+    this is the well-known ``P = C f U Vpp`` of the makers' data sheets.
 
     Attributes
     ----------
     power : float
         Largest running mean of P [W]; 0 sets no limit.
     capacitance : float
-        C of the actuator at large signals [F]. Where the voltage of the chain drives an amplifier
-        of gain G, give ``G^2 C``.
+        C of the actuator at large signals [F]. If the voltage of the chain drives an amplifier of
+        gain G, give ``G^2 C``.
     window : float
         Time constant of the exponential running mean [s].
     supply : float
@@ -41,7 +41,7 @@ class EnergyLimits:
 
     @property
     def sustained_slew(self) -> float:
-        """Mean of ``|dV/dt|`` that can be kept up for ever [V/s]."""
+        """Sustained mean of ``|dV/dt|`` [V/s]."""
         return 2.0 * self.power / (self.capacitance * self.supply) if self.power else math.inf
 
 
@@ -81,7 +81,7 @@ def energy_numbers(
 
 @jit
 def slow_enough(share: float) -> bool:
-    """Tell whether the mean lasts long enough for the bound of `largest_change` to hold."""
+    """Return whether the window is long enough for the bound of `largest_change`."""
     return bool(share * (1.0 + 1.0 / TAPER) <= 1.0)
 
 
@@ -90,9 +90,9 @@ def largest_change(mean: float, power: float, per_volt: float) -> float:
     """Return the largest change that the next sample may make [V].
 
     The mean is ``p[k] = p[k-1] + (dt / T) (q[k] - p[k-1])`` with ``q = C U |dV| / (2 dt)``. A
-    change may spend ``q <= P + (T / S) (P - p[k-1])`` with S a tenth of T: bursts from rest may be
-    eleven times as fast as what is sustained, and the bound falls smoothly while the mean rises.
-    As ``p[k] <= p[k-1] + (dt / T + dt / S) (P - p[k-1])``, the mean never exceeds P.
+    change may spend ``q <= P + (T / S) (P - p[k-1])`` with S a tenth of T: bursts from rest may
+    have eleven times the sustained rate, and the bound decreases smoothly as the mean rises. As
+    ``p[k] <= p[k-1] + (dt / T + dt / S) (P - p[k-1])``, the mean never exceeds P.
     """
     if power == 0.0:
         return math.inf

@@ -24,7 +24,7 @@ LOW, HIGH, STEP, POWER, SHARE, PER_VOLT = range(6)
 
 @leaf
 def approach(goal: float, memory: FloatArray, settings: FloatArray) -> float:
-    """Go towards `goal` [V] as far as slew and energy allow; answer the voltage."""
+    """Move towards `goal` [V] within the limits of slew and energy; return the voltage."""
     before, step, reason = memory[VOLTAGE], settings[STEP], _SLEW_LIMITED
     affordable = largest_change(memory[MEAN], settings[POWER], settings[PER_VOLT])
     if affordable < step:

@@ -33,7 +33,7 @@ _pack_read = Struct('3d').pack_into
 
 @jit
 def reset_watch(memory: FloatArray) -> None:
-    """Forget every point and count."""
+    """Reset every point and counter."""
     for k in range(_POINTS):
         memory[k] = 0.0
     memory[_LAST] = -1.0

@@ -48,7 +48,7 @@ def begin_fade(memory: FloatArray) -> None:
 
 @jit
 def reset_fade(memory: FloatArray) -> None:
-    """Forget the last output and any change under way."""
+    """Reset the last output and any running transition."""
     memory[PENDING] = memory[BUMP] = memory[_STARTED] = 0.0
 
 
@@ -73,7 +73,7 @@ def begin_cross(memory: FloatArray) -> None:
 
 @jit
 def reset_cross(memory: FloatArray) -> None:
-    """Forget the last share and any change under way."""
+    """Reset the last share and any running transition."""
     memory[_TICKS], memory[_SHARED] = -1.0, 0.0
 
 

@@ -56,9 +56,9 @@ class FeedbackLaw(NamedTuple):
     share : callable
         ``share(error, memory, p, dt)``: share of the voltage [V] for the error d - y [m].
     hold : callable
-        ``hold(memory, p)``: the share while no measurement can be believed [V].
+        ``hold(memory, p)``: the share while no measurement is valid [V].
     cut : callable
-        ``cut(excess, memory, p, dt)``: takes note that the voltage was changed behind the law [V].
+        ``cut(excess, memory, p, dt)``: anti-windup: the voltage was changed after the law [V].
     """
 
     share: Callable[[float, FloatArray, FloatArray, float], float]
@@ -68,7 +68,7 @@ class FeedbackLaw(NamedTuple):
 
 @leaf
 def judge(excess: float, received_in_range: bool, memory: FloatArray, window: float) -> None:
-    """Switch the law off where it does harm."""
+    """Switch the law off if it is harmful."""
     memory[_TICKS] += 1.0
     if excess != 0.0 and received_in_range:
         memory[_SATURATED] += 1.0
@@ -92,7 +92,7 @@ def judge(excess: float, received_in_range: bool, memory: FloatArray, window: fl
 def stepping(law: FeedbackLaw) -> Callable[..., float]:
     """Return the kernel of a link: ``step(point, read, received, memory, settings, p)``.
 
-    It answers `received` plus the share of the law [V].
+    It returns `received` plus the share of the law [V].
     """
     share_of, hold, cut = law
 
@@ -124,7 +124,7 @@ def stepping(law: FeedbackLaw) -> Callable[..., float]:
 
 @jit
 def reset_link(memory: FloatArray) -> None:
-    """Forget everything but the watch over the sensor, which forgets by itself."""
+    """Reset all state except the sensor guard, which has its own reset."""
     for k in range(WATCH_SIZE, memory.size):
         memory[k] = 0.0
     reset_fade(memory[_FADING:OWN])
@@ -140,19 +140,18 @@ def packed_settings(dt: float, limits: Limits | None) -> FloatArray:
 class FeedbackLink:
     """Base of the feedback links: adds a law on the error to the voltage that it receives.
 
-    The measurement is compared with the reference of its own tick. While there is none that may
-    be believed the law is asked for what it holds. When the plant is found to answer with the
-    opposite sign, or the loop to swing between the limits, the law fades out and stays off until
-    `reset`; `counters` say so.
+    The measurement is compared with the reference of its own tick. Without a valid measurement the
+    law holds its output. If the plant has the opposite sign, or the loop oscillates between the
+    limits, the law fades out and stays off until `reset`; `counters` report it.
 
     Parameters
     ----------
     dt : float
         Sampling interval [s].
     limits : Limits, optional
-        Range of the voltage passed on [V]; the law learns what it was cut to (anti-windup).
+        Range of the output voltage [V]; the law receives the limited value (anti-windup).
     size : int
-        Of the memory of the law.
+        Size of the memory of the law.
     """
 
     #: Kernel of the link, from `stepping`.
@@ -181,7 +180,7 @@ class FeedbackLink:
         return answer
 
     def counters(self) -> dict[str, int]:
-        """Return what went wrong so far, by name."""
+        """Return the error counters by name."""
         return {
             'saturated': int(self.memory[_SATURATED]),
             'inverted_plant': int(self.memory[_OFF] == _INVERTED),
@@ -190,6 +189,6 @@ class FeedbackLink:
         }
 
     def reset(self) -> None:
-        """Forget everything but the parameters."""
+        """Reset everything but the parameters."""
         self._watch.reset()
         reset_link(self.memory)

@@ -19,7 +19,7 @@ class PidGains:
     Raises
     ------
     CompensationError
-        If one is impossible.
+        If one is invalid.
     """
 
     proportional: float = setting(0.0, 'Proportional gain.', 'V/m', low=0.0, high=1e12)
@@ -54,7 +54,7 @@ class PidGains:
 @documented
 @dataclass(frozen=True)
 class FuzzyScales:
-    """What is big to a fuzzy PID, and how far it moves the gains.
+    """Input and output scales of a fuzzy PID.
 
     Raises
     ------
@@ -122,7 +122,7 @@ class HInfinityWeights:
 
 
 def refuse(reason: str) -> None:
-    """Raise where there is a reason.
+    """Raise an error if there is a reason.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Fang 2019's fuzzy PID: the gains follow the error and its rate by 7 x 7 rules.
 
-The rule table of Fang 2019 (its table 2) is missing from the text. The one used here follows what
-the text says of it: a proportional gain that is too small is slow and inaccurate, an integral gain
-that is too large overshoots. Both tables are symmetric to a change of sign of error and rate.
+The rule table of Fang 2019 (its table 2) is missing from the text. The one used here follows its
+description in the text: a small proportional gain is slow and inaccurate, a large integral gain
+overshoots. Both tables are symmetric under a change of sign of error and rate.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from piezo_hysteresis.jit import jit, leaf
 LEVELS = ('NB', 'NM', 'NS', 'ZO', 'PS', 'PM', 'PB')
 
 # Rows: error NB..PB, columns: rate of the error NB..PB; levels -3..3.
-# A large error that still grows asks for more proportional gain; one that closes fast for less.
+# A large growing error increases the proportional gain; a fast decreasing one reduces it.
 PROPORTIONAL_RULES: FloatArray = np.array(
     [
         [3, 3, 3, 2, 1, 0, -1],
@@ -88,10 +88,10 @@ _INTEGRAL_RULES = _PROPORTIONAL_RULES + 49
 
 @jit
 def level(rules: FloatArray, error: float, rate: float) -> float:
-    """Return the level -1..1 that the rules give, for error and rate in -1..1 (clamped).
+    """Return the output -1..1 of the rules for error and rate in -1..1 (clamped).
 
     Seven triangular sets that add up to one everywhere, product inference and weighted mean of
-    the levels: this is bilinear interpolation of the table, whose 49 levels stand row by row.
+    the levels: this is bilinear interpolation of the table with 49 levels in row order.
     """
     x = (min(max(error, -1.0), 1.0) + 1.0) * 3.0
     y = (min(max(rate, -1.0), 1.0) + 1.0) * 3.0

@@ -33,7 +33,7 @@ XIAO_DENOMINATOR = (1.0, 3960.0, 5.046e6, 1.452e8)
 
 @dataclass(frozen=True)
 class HInfinityDesign:
-    """A controller, and what it is worth.
+    """A controller and its performance.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class HInfinityDesign:
     gamma : float
         Bound on the weighted gains of the loop; up to 1 the weights are met.
     weights : HInfinityWeights
-        What was asked for.
+        The specified weights.
     """
 
     controller: StateSpace
@@ -57,7 +57,7 @@ class HInfinityDesign:
 
     @property
     def met(self) -> bool:
-        """Whether the loop does what the weights ask for."""
+        """Whether the loop satisfies the weights."""
         return self.gamma <= 1.0
 
     @property
@@ -72,7 +72,7 @@ class HInfinityDesign:
         return f'H-infinity: gamma {self.gamma:.3g} ({met}), largest controller poles {largest}'
 
     def require_usable(self) -> HInfinityDesign:
-        """Return the design, or refuse one that does less than was asked for.
+        """Return the design, or refuse one that violates the weights.
 
         Raises
         ------
@@ -111,18 +111,18 @@ def mixed_sensitivity(plant: StateSpace, weights: HInfinityWeights, dt: float) -
     """Build the problem ``|| W S; control K S || < gamma`` on a plant scaled to unit DC gain.
 
     ``W = (s / peak + omega) / (s + steady_error omega) / (1 + s dt / 2)`` with omega of the
-    bandwidth: below gamma = 1 what `weights` ask for is reached. A direct path of the plant
-    counts in the error that is weighed, not in the one that is measured: there it can be closed
-    around the controller afterwards.
+    bandwidth: with gamma below 1 the `weights` are satisfied. A direct path of the plant is part
+    of the weighted error but not of the measured one: it can be closed around the controller
+    afterwards.
 
     Parameters
     ----------
     plant : StateSpace
         One input and one output, scaled to unit DC gain.
     weights : HInfinityWeights
-        What is wanted.
+        Specified weights.
     dt : float
-        Sampling interval [s]; beyond it nothing is weighed.
+        Sampling interval [s]; the weights end at the sampling rate.
     """
     omega = 2.0 * np.pi * weights.bandwidth
     pole = weights.steady_error * omega
@@ -150,14 +150,14 @@ def design(plant: StateSpace, weights: HInfinityWeights, dt: float) -> HInfinity
     plant : StateSpace
         Strictly proper and stable, from [V] to [m].
     weights : HInfinityWeights
-        What is wanted.
+        Specified weights.
     dt : float
         Sampling interval at which the controller will run [s].
 
     Returns
     -------
     HInfinityDesign
-        Discrete by the bilinear rule; whether it is of use says `HInfinityDesign.require_usable`.
+        Discrete by the bilinear rule; check it with `HInfinityDesign.require_usable`.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def hold(memory: FloatArray, p: FloatArray) -> float:
 
 @leaf
 def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
-    """Let the state follow what was cut off [V]."""
+    """Anti-windup: let the state follow the limited voltage [V]."""
     n = int(p[_STATES])
     gain = _A + n * n + 2 * n
     if excess != 0.0:
@@ -248,9 +248,9 @@ class HInfinity(FeedbackLink):
     dt : float
         Sampling interval [s].
     limits : Limits, optional
-        As in `FeedbackLink`; while the voltage is cut off the state follows the limit.
+        As in `FeedbackLink`; while the voltage is limited the state follows the limit.
     words : str
-        What is logged of it when it comes into force.
+        Log text on activation.
     """
 
     kernel = staticmethod(stepping(LAW))
@@ -298,10 +298,10 @@ def _sampled(plant: StateSpace, dt: float, weights: HInfinityWeights) -> StateSp
 
 
 def _to_w_plane(system: StateSpace, dt: float) -> StateSpace:
-    """Return the continuous system that the bilinear rule makes into `system`.
+    """Return the continuous system of which `system` is the bilinear transform.
 
-    Stability and the largest gain are the same in both, so a controller that is designed there
-    and taken back by the same rule keeps what it promises at any sampling rate.
+    Stability and the largest gain are the same in both, so a controller designed there and
+    transformed back keeps its guarantees at any sampling rate.
     """
     inverse = np.linalg.inv(system.a + np.eye(len(system.a)))
     scale = 2.0 / np.sqrt(dt)

@@ -50,12 +50,12 @@ class GeneralizedPlant:
 
 
 def ill_conditioned() -> CompensationError:
-    """Return what is raised where the numbers of a design differ too much in size."""
+    """Return the error for a badly scaled design."""
     return CompensationError('the H-infinity problem is too ill-conditioned; scale its weights')
 
 
 def _riccati(a: FloatArray, r: FloatArray, q: FloatArray) -> FloatArray | None:
-    """Return the stabilising X of ``A'X + XA + XRX + Q = 0``, or None where there is none."""
+    """Return the stabilising X of ``A'X + XA + XRX + Q = 0``, or None if there is none."""
     n = len(a)
     hamiltonian = np.block([[a, r], [-q, -a.T]])
     scale = max(float(np.linalg.norm(hamiltonian)), 1.0)

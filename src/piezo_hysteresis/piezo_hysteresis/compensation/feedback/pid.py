@@ -60,13 +60,13 @@ def hold(memory: FloatArray, p: FloatArray) -> float:
 
 @leaf
 def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
-    """Let the integral follow what was cut off [V]."""
+    """Anti-windup: let the integral follow the limited voltage [V]."""
     memory[_INTEGRAL] += excess * min(1.0, dt / p[_TRACKING])
 
 
 @jit
 def take_gains(memory: FloatArray, before: float, proportional: float) -> None:
-    """Let the integral take up a change of the proportional gain, so that nothing jumps."""
+    """Bumpless change of the proportional gain: the integral compensates it."""
     if memory[_STARTED] > 0.0:
         memory[_INTEGRAL] += (before - proportional) * memory[_LAST]
 
@@ -110,7 +110,7 @@ class Pid(FeedbackLink):
         return self._gains
 
     def set_gains(self, gains: PidGains) -> None:
-        """Change the gains; the integral takes up the difference, so that nothing jumps."""
+        """Change the gains without a jump; the integral compensates the difference."""
         take_gains(self.memory[OWN:], float(self._gains.proportional), float(gains.proportional))
         self._gains = gains
         self.packed[:] = self._pack()

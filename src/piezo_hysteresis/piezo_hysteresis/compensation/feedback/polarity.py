@@ -1,7 +1,7 @@
-"""Tells a plant that answers with the opposite sign from one that is merely driven too hard.
+"""Distinguishes a plant with the opposite sign from one that is driven into its limits.
 
-Slow changes of voltage and displacement are correlated. The sign alone proves nothing: feedback
-that fights a disturbance moves against it. Ask only when the loop has run into a limit.
+Slow changes of voltage and displacement are correlated. The sign alone is no proof, because
+feedback opposes disturbances. Use the result only if the loop has reached a limit.
 """
 
 from __future__ import annotations
@@ -34,5 +34,5 @@ def see(voltage: float, displacement: float, memory: FloatArray, dt: float) -> N
 
 @leaf
 def inverted(memory: FloatArray) -> bool:
-    """Tell whether displacement has gone against voltage, both counted from the start."""
+    """Return whether displacement and voltage, relative to the start, are anticorrelated."""
     return bool(memory[_PRODUCT] < 0.0)

@@ -1,11 +1,11 @@
 """Adaptive feedforward cancellation of harmonics by complex gain.
 
-In windows locked to the reference's phase, the error of each order, ``Re(E exp(j n phi))``, is
-found by least squares; the correction moves by ``step_size E / G``, and the change that follows
-refines G. A wrong sign, a resonance that has moved or a frequency that steps is thereby followed.
-A step after which the error of a whole period is 2.5 times that of the window before is taken back
-at once, and until an observation has confirmed the gain further steps are a small share of it.
-An error that keeps growing makes the order start anew from 0, with the gain that was learned.
+In windows locked to the phase of the reference, the error of each order, ``Re(E exp(j n phi))``,
+is estimated by least squares; the correction moves by ``step_size E / G``, and the resulting
+change refines G. This tracks a wrong sign, a shifted resonance and steps of the frequency. A step
+after which the error of a whole period is 2.5 times that of the previous window is reverted
+immediately, and further steps are reduced until an observation confirms the gain. If the error
+keeps growing, the order restarts from 0 with the estimated gain.
 """
 
 from __future__ import annotations
@@ -93,21 +93,21 @@ def room(p: FloatArray) -> int:
 
 @leaf
 def fitted_at(p: FloatArray) -> int:
-    """Return where the fitted orders stand in the memory."""
+    """Return the position of the fitted orders in the memory."""
     return _LINES + LINE_SIZE * room(p)
 
 
 class Fit(NamedTuple):
-    """Where in the memory the fit of a window stands.
+    """Layout of the fit of a window in the memory.
 
     Attributes
     ----------
     orders, found : int
-        The fitted orders, and how many were found to be separable.
+        The fitted orders, and the number of separable ones.
     basis, size : int
-        The basis of one tick, and how many functions it has.
+        The basis of one tick, and its number of functions.
     normal, end : int
-        The normal equations, and what is behind them.
+        The normal equations, and their end.
     """
 
     orders: int
@@ -135,7 +135,7 @@ def afc_size(p: FloatArray) -> int:
 
 @jit
 def clear(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Forget every correction."""
+    """Reset every correction."""
     for k in range(memory.size):
         memory[k] = 0.0
     memory[_SHARE] = p[FIRST_STEP]
@@ -175,7 +175,7 @@ def update(
 
 @leaf
 def harmful(error: float, phase: float, memory: FloatArray) -> bool:
-    """Take one error; tell whether a period ended that is far worse than the window before."""
+    """Add one error; return whether a period ended with a much larger error than before."""
     turn = math.floor(phase / (2.0 * math.pi))
     if memory[_SQUARED] == 0.0:
         memory[_TURN] = turn
@@ -230,14 +230,14 @@ def voltage(
 
 @leaf
 def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Begin the window anew and learn nothing from what the last step seemed to do."""
+    """Restart the window and discard the effect of the last step."""
     if memory[_FREQUENCY] > 0.0:
         drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
 @jit
 def regain(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Take a new model of the plant gain; what was found about its error is kept."""
+    """Set a new model of the plant gain; the estimated correction of it is kept."""
     if memory[_FREQUENCY] > 0.0:
         reschedule(memory[_FREQUENCY], False, memory, p, g, dt)
 
@@ -248,11 +248,11 @@ def drop_window(
 ) -> None:
     """Begin a window; choose its length and orders for `frequency`.
 
-    Where the lines are `kept` what they remember of the last window is valid in the next.
+    If the lines are `kept`, their state from the last window remains valid.
     """
     periods = max(1, round(p[SPAN] * frequency))
     memory[_LENGTH] = round(periods / (frequency * dt))
-    # Nothing has been changed before the first window, so nothing has to settle.
+    # There is no change before the first window, so no settling time is needed.
     fresh = memory[WINDOWS] == 0.0 and memory[_FREQUENCY] == 0.0
     settle = max(round(p[SETTLE] / dt), int(memory[_LENGTH]) // 2)
     memory[_SKIP] = 0.0 if fresh else settle
@@ -268,7 +268,7 @@ def drop_window(
 
 @leaf
 def choose_orders(frequency: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
-    """Choose the orders that are cancelled and those that are fitted beside them."""
+    """Choose the orders that are cancelled and the additional fitted ones."""
     most, own = room(p), p.size - ORDERS
     count, span = own, memory[_LENGTH] * dt
     every, kept = scratch(most + _EXTRA + 1), scratch(most + _EXTRA + 1)
@@ -335,7 +335,7 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
     fit = fit_of(int(memory[_FITTED]), p)
     solution, normal = scratch(fit.size), memory[fit.normal : fit.end]
     deviation = solve_normal(normal, memory[_TICKS] - memory[_SKIP], solution)
-    if not math.isfinite(deviation):  # a window that tells nothing moves nothing
+    if not math.isfinite(deviation):  # no step without information
         drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
         return
     memory[WINDOWS] += 1.0
@@ -358,7 +358,7 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
         changes[i] = moved if memory[at + SEEN] > 0.0 else 0.0
         total += changes[i]
         moves += math.hypot(memory[at + MOVED], memory[at + MOVED + 1])
-    # The hysteresis couples the orders: what one line does may come from the others' moves.
+    # The hysteresis couples the orders: a change of one line may result from steps of others.
     for i in range(count + (1 if with_mean else 0)):
         at = _LINES + LINE_SIZE * i if i < count else _MEAN
         foreign = math.hypot(deviation, _COUPLING * (total - changes[i]))
@@ -398,7 +398,7 @@ def harmonics(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> li
 
 
 def gains(memory: FloatArray) -> dict[int, complex]:
-    """Return the plant gain [m/V] as it is believed now, by order."""
+    """Return the present estimate of the plant gain [m/V] by order."""
     rows = (_LINES + LINE_SIZE * i for i in range(int(memory[_COUNT])))
     lines = (memory[row : row + LINE_SIZE] for row in rows)
     return {int(line[ORDER]): complex(gain_estimate(line)) for line in lines}

@@ -123,7 +123,7 @@ class AttenuationSettings:
             raise CompensationError(f'attenuation: {reason}')
 
     def _ignored(self) -> str:
-        """Return '' where the method uses what it is given, else what to write instead."""
+        """Return '' if the method uses all given settings, else the remedy."""
         if self.method == 'afc':
             return ''
         if 0 in self.orders:

@@ -1,9 +1,9 @@
 """Harmonic cancellation by recursive least squares on the filtered reference (FxRLS).
 
-Sines whose complex amplitude follows the error through the modelled plant gain. The fastest and
-deepest of the methods where the model is right; it has no way to find out that the phase of the
-gain is wrong by more than 90 degrees and then diverges up to its bound. A forgetting factor near
-0.998 at 1 kHz suits it.
+Sines whose complex amplitude follows the error through the modelled plant gain. The fastest
+method, with the largest attenuation, if the model is accurate. It cannot detect a phase error of
+the gain above 90 degrees, and then diverges to its bound. A suitable forgetting factor is 0.998 at
+1 kHz.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def filtered_size(p: FloatArray) -> int:
 
 @jit
 def clear(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Forget every correction; the covariance begins where it settles for unit sines."""
+    """Reset every correction; the covariance starts at its steady state for unit sines."""
     m = 2 * (p.size - ORDERS)
     level = 2.0 * (1.0 - p[FORGETTING])
     if level == 0.0:
@@ -121,7 +121,7 @@ def voltage(
 
 @leaf
 def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Go on: the recursion forgets a transient by itself."""
+    """Continue: the forgetting factor discards a transient."""
 
 
 # --- what people ask -----------------------------------------------------------------------------

@@ -62,30 +62,30 @@ DT, FROZEN = range(2)
 
 
 class HarmonicLaw(NamedTuple):
-    """A way to attenuate harmonics as kernels.
+    """A method of harmonic attenuation as kernels.
 
-    All take its `memory`, packed settings `p` and packed gain `g`, and dt [s].
+    All have the arguments `memory`, packed settings `p`, packed gain `g` and dt [s].
 
     Attributes
     ----------
     size : callable
-        ``size(p)``: numbers that it remembers.
+        ``size(p)``: length of its memory.
     clear : callable
-        Puts every correction to 0.
+        Sets every correction to 0.
     update : callable
-        ``update(error, frequency, phase, ...)``: takes the error y - d [m] of one tick.
+        ``update(error, frequency, phase, ...)``: processes the error y - d [m] of one tick.
     voltage : callable
-        ``voltage(frequency, phase, ...)``: what to subtract from the voltage [V].
+        ``voltage(frequency, phase, ...)``: the correction to subtract from the voltage [V].
     disturb : callable
-        Takes what was seen of this window for a transient: nothing is to be learned from it.
+        Marks the present window as a transient, which is excluded from learning.
     regain : callable
-        Takes a new model of the plant gain.
+        Sets a new model of the plant gain.
     retreat : callable
-        Puts every correction to 0, and keeps what was learned of the plant.
+        Sets every correction to 0 and keeps the estimated plant.
     fading : bool
-        Whether it learns while it fades in: one that learns from what its own steps do cannot.
+        Whether it learns while it fades in; a method that learns from its own steps cannot.
     harmonics, counters : callable
-        What people ask; no kernels.
+        Values for users; no kernels.
     """
 
     size: Callable[[FloatArray], int]
@@ -117,11 +117,11 @@ LAWS: dict[str, HarmonicLaw] = {
 
 @leaf
 def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
-    """Take the reference of one tick; tell whether a period ended whose amplitude differs.
+    """Process the reference of one tick; return whether a period with another amplitude ended.
 
-    While the reference is eased in, the error changes with it, and a law that learns from changes
-    of the error would learn nonsense. The amplitude is that of velocity and acceleration, so that
-    the mean of the reference has no part in it; its largest value per period is compared with the
+    While the reference fades in, the error changes with it, and a law that learns from changes of
+    the error would learn a wrong gain. The amplitude is that of velocity and acceleration, so that
+    the mean of the reference has no influence; its largest value per period is compared with the
     period before, so that a reference of several tones is no ramp.
     """
     if point[FREQUENCY] <= 0.0:
@@ -140,14 +140,14 @@ def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
 
 @jit
 def reset_ramp(memory: FloatArray) -> None:
-    """Forget the periods before."""
+    """Discard the previous periods."""
     memory[_TURN], memory[_LARGEST], memory[_BEFORE] = -1.0, 0.0, 0.0
 
 
 def stepping(law: HarmonicLaw) -> Callable[..., float]:
     """Return the kernel of a link: ``step(point, read, received, memory, settings, p, g)``.
 
-    It answers `received` minus the correction [V]; see `supervision` for its weight.
+    It returns `received` minus the correction [V]; see `supervision` for its weight.
     """
     update, voltage, disturb, retreat = law.update, law.voltage, law.disturb, law.retreat
     fading = law.fading
@@ -187,11 +187,11 @@ STEPS = {method: stepping(law) for method, law in LAWS.items()}
 
 
 class HarmonicAttenuation:
-    """A link that subtracts from the voltage what cancels chosen harmonics of the error.
+    """A link that cancels selected harmonics of the error.
 
     The measurement is compared with the reference of its own tick, whatever the latency, and the
-    phase is the reference's accumulated one, so that changes of frequency are followed. While the
-    sensor is lost or frozen the correction goes on as it was learned, and nothing is learned.
+    phase is the accumulated one of the reference, so that it tracks changes of frequency. While
+    the sensor is lost or frozen the learned correction continues without learning.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ class HarmonicAttenuation:
         return {**own, **guard_counters(self.memory[GUARD:OWN]), **self._watch.counters()}
 
     def reset(self) -> None:
-        """Forget everything but the settings."""
+        """Reset everything but the settings."""
         self._watch.reset()
         reset_ramp(self.memory)
         reset_guard(self.memory[GUARD:OWN])

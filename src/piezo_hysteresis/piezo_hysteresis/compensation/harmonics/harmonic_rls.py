@@ -46,9 +46,9 @@ def rls_update(
     error: float,
     forgetting: float,
 ) -> None:
-    """Take one equation by RLS; `error` is what the regressor does not explain so far.
+    """Update RLS by one equation; `error` is the present residual.
 
-    The covariance is a square, its rows one after another.
+    The covariance is a square matrix in row order.
     """
     m = theta.size
     power = forgetting
@@ -81,7 +81,7 @@ def unknowns(p: FloatArray) -> int:
 
 @leaf
 def unknowns_at(p: FloatArray) -> int:
-    """Return where the unknowns stand in the memory."""
+    """Return the position of the unknowns in the memory."""
     return _GAINS + 2 * (p.size - ORDERS)
 
 
@@ -94,7 +94,7 @@ def rls_size(p: FloatArray) -> int:
 
 @jit
 def clear(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Forget every correction; the covariance is the identity, as in Fujii 2018."""
+    """Reset every correction; the covariance is the identity, as in Fujii 2018."""
     m, place = unknowns(p), unknowns_at(p)
     for k in range(memory.size):
         memory[k] = 0.0
@@ -169,9 +169,9 @@ def alpha(i: int, memory: FloatArray, p: FloatArray) -> complex:
 
 @jit
 def correction(i: int, frequency: float, memory: FloatArray, p: FloatArray, dt: float) -> complex:
-    """Return the correction of order i as a phasor [V], counted where it is held at its bound.
+    """Return the correction of order i as a phasor [V]; saturation at its bound is counted.
 
-    Its sign by the printed rule is Fujii 2018 (22), (23).
+    The sign by the printed rule is Fujii 2018 (22), (23).
     """
     line, theta = p[ORDERS + i] * frequency, alpha(i, memory, p)
     if p[SIGN_RULE] == PRINTED and line <= p[SWITCH]:
@@ -191,7 +191,7 @@ def correction(i: int, frequency: float, memory: FloatArray, p: FloatArray, dt: 
 
 @leaf
 def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Go on: the recursion forgets a transient by itself."""
+    """Continue: the forgetting factor discards a transient."""
 
 
 @jit

@@ -13,7 +13,7 @@ from piezo_hysteresis.jit import jit, leaf, scratch
 
 
 class Harmonic(NamedTuple):
-    """What is known of one order.
+    """Estimate of one order.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class Harmonic(NamedTuple):
     error_phase : float
         Its phase: the error is ``amplitude cos(order phi + phase)`` [rad].
     correction_amplitude : float
-        Amplitude of what is subtracted from the voltage [V].
+        Amplitude of the correction [V].
     correction_phase : float
         Its phase [rad].
     """
@@ -51,7 +51,7 @@ def folded(frequency: float, dt: float) -> float:
 def fill_resonant(
     frequency: float, natural_frequency: float, dt: float, highest: int, orders: FloatArray
 ) -> int:
-    """Fill the orders that a resonance amplifies, most amplified first; answer how many."""
+    """Fill the orders that a resonance amplifies, most amplified first; return their number."""
     count, most = 0, orders.size
     if frequency <= 0.0 or natural_frequency <= 0.0:
         return 0
@@ -77,7 +77,7 @@ def fill_resonant(
 def fill_separable(
     orders: FloatArray, frequency: float, dt: float, span: float, kept: FloatArray
 ) -> int:
-    """Fill those of `orders` that a fit over `span` seconds can tell apart; answer how many."""
+    """Fill those of `orders` that a fit over `span` seconds can separate; return their number."""
     resolution, nyquist = 0.6 / span, 0.5 / dt
     count = 0
     lines = scratch(orders.size + 1)
@@ -100,16 +100,15 @@ def resonant_orders(
 ) -> tuple[int, ...]:
     """Return the orders of `frequency` that a resonance amplifies, most amplified first.
 
-    ``round(fn / f)`` and its neighbours, odd ones first, which is what a symmetric hysteresis
-    makes. Orders whose sampled image folds back onto the resonance count too: 19 x 49 Hz at 1 kHz
-    is heard at 69 Hz.
+    ``round(fn / f)`` and its neighbours, odd ones first, as a symmetric hysteresis generates them.
+    Orders with an alias at the resonance are included: 19 x 49 Hz at 1 kHz appears at 69 Hz.
 
     Parameters
     ----------
     frequency : float
         Fundamental [Hz].
     natural_frequency : float
-        Of the mode [Hz].
+        Natural frequency of the mode [Hz].
     dt : float
         Sampling interval [s].
     highest : int
@@ -125,7 +124,7 @@ def resonant_orders(
 def separable_orders(
     orders: Sequence[int], frequency: float, dt: float, span: float
 ) -> tuple[int, ...]:
-    """Return those of `orders` that a fit over `span` seconds can tell apart, first ones first.
+    """Return those of `orders` that a fit over `span` seconds can separate, in order.
 
     Two orders whose sampled images fall closer together than one line of the span, or an order on
     0 or the Nyquist frequency, would make the fit singular.
@@ -167,13 +166,13 @@ def accumulate(
 
 @jit
 def solve_normal(normal: FloatArray, count: float, solution: FloatArray) -> float:
-    """Fill the unknowns of normal equations as `accumulate` leaves them.
+    """Solve the normal equations of `accumulate`.
 
     Returns
     -------
     float
         Standard deviation of each, from the residual of the fit; infinite, and the unknowns 0,
-        where there is no solution.
+        without a solution.
     """
     m = solution.size
     last = m * (m + 1)
@@ -199,7 +198,7 @@ def solve_normal(normal: FloatArray, count: float, solution: FloatArray) -> floa
 
 @leaf
 def eliminate(a: FloatArray, solution: FloatArray) -> bool:
-    """Solve the square system whose last column is the right side, in place; tell if it can be."""
+    """Solve the augmented square system in place; return whether it is regular."""
     m = solution.size
     for k in range(m):
         best = k
@@ -241,8 +240,8 @@ def solve_lines(normal: FloatArray, count: int) -> tuple[float, ComplexArray, fl
     phasors : ndarray of complex, shape (orders,)
         E such that the signal is ``mean + sum Re(E exp(j n phi))``.
     deviation : float
-        Standard deviation of each real part, from the residual of the fit; infinite where there
-        is none.
+        Standard deviation of each real part, from the residual of the fit; infinite if there is
+        none.
     """
     solution = np.empty(normal.shape[0] - 1)
     deviation = solve_normal(np.ravel(normal), float(count), solution)

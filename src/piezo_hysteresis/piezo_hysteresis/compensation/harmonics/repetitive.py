@@ -40,9 +40,9 @@ class RepetitiveSettings:
     learning : float
         Share of the error that one half period removes, 0..1.
     lead_ticks : float
-        Samples by which the learning looks ahead, against the delay of plant and hold.
+        Lead of the learning in samples, for the delay of plant and hold.
     lowest_frequency : float
-        Fundamental below which nothing is learned [Hz]; sets the length of the memory.
+        Lowest fundamental for learning [Hz]; sets the length of the memory.
     """
 
     gain: float
@@ -71,7 +71,7 @@ _PAST, _RINGS = WATCH_SIZE, WATCH_SIZE + 4
 # Zero-phase low-pass that is flat up to a fifth of the Nyquist frequency and 0 at it: what the
 # learning filter does not invert must not be repeated for ever.
 _TAPS = (-0.0625, 0.25, 0.625, 0.25, -0.0625)
-_REACH = 3  # newest sample that filter and interpolation need, ahead of the one asked for
+_REACH = 3  # newest sample that filter and interpolation need, ahead of the requested one
 
 
 @leaf
@@ -99,14 +99,14 @@ def _recall(memory: FloatArray, newest: int, back: float) -> float:
 
 @jit
 def reset_repetitive(memory: FloatArray) -> None:
-    """Forget what was learned; the watch over the sensor is forgotten apart."""
+    """Reset the learned correction; the sensor guard has its own reset."""
     for k in range(_PAST, memory.size):
         memory[k] = 0.0
 
 
 @leaf
 def _filtered(error: float, past: FloatArray, b: FloatArray) -> float:
-    """Pass an error [m] through the learning filter; answers [V]."""
+    """Pass an error [m] through the learning filter; returns [V]."""
     value: float = b[0] * error + b[1] * past[0] + b[2] * past[1] - b[3] * past[2] - b[4] * past[3]
     past[1], past[3] = past[0], past[2]
     past[0], past[2] = error, value
@@ -117,7 +117,7 @@ def _filtered(error: float, past: FloatArray, b: FloatArray) -> float:
 def repeat(
     point: FloatArray, read: FloatArray, received: float, memory: FloatArray, settings: FloatArray
 ) -> float:
-    """Return `received` plus what was learned [V]."""
+    """Return `received` plus the learned correction [V]."""
     size = (memory.size - _RINGS) // 2
     learned, errors = memory[_RINGS : _RINGS + size], memory[_RINGS + size :]
     tick, frequency = int(point[SAMPLE]), point[FREQUENCY]
@@ -168,7 +168,7 @@ class OddRepetitive:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Return `received` plus what was learned [V]."""
+        """Return `received` plus the learned correction [V]."""
         write_point(self._point, point)
         write_read(self._read, measured)
         return repeat(self._point, self._read, float(received), self.memory, self.numbers)
@@ -178,7 +178,7 @@ class OddRepetitive:
         return self._sensor.counters()
 
     def reset(self) -> None:
-        """Forget what was learned."""
+        """Reset the learned correction."""
         self._sensor.reset()
         reset_repetitive(self.memory)
 
@@ -186,7 +186,7 @@ class OddRepetitive:
 def mode_cancelling(
     settings: RepetitiveSettings, dt: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the biquad that divides by gain and mode and damps what is left, bilinear rule."""
+    """Return the biquad that inverts gain and mode with damping, by the bilinear rule."""
     if settings.natural_frequency <= 0.0:
         return 1.0 / settings.gain, 0.0, 0.0, 0.0, 0.0
     omega = 2.0 * math.pi * settings.natural_frequency

@@ -1,4 +1,4 @@
-"""One order that is cancelled: its correction, its last error, and the gain as it is believed."""
+"""State of one cancelled order: correction, last error and estimated gain."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def begin_line(line: FloatArray, order: float) -> None:
 
 @jit
 def gain_estimate(line: FloatArray) -> complex:
-    """Return the gain [m/V] as it is believed now."""
+    """Return the present estimate of the gain [m/V]."""
     modelled = complex(line[MODELLED], line[MODELLED + 1])
     return modelled * complex(line[RATIO], line[RATIO + 1])
 
@@ -90,7 +90,7 @@ def clearness_of(size: float, deviation: float) -> float:
 
 @leaf
 def withdraw(line: FloatArray) -> None:
-    """Take the last step back; the gain is kept, but is to be confirmed again."""
+    """Revert the last step; the gain is kept but must be confirmed again."""
     for k in range(2):
         line[THETA + k] -= line[MOVED + k]
         line[MOVED + k] = 0.0
@@ -102,15 +102,15 @@ def move(
     line: FloatArray, error: complex, deviation: float, foreign: float, others: float,
     share: float, p: FloatArray,
 ) -> int:  # fmt: skip
-    """Refine the gain from what the last step did, then take the next step.
+    """Update the gain from the effect of the last step, then take the next step.
 
-    A line whose gain has not been confirmed takes only `share` of that step. `foreign` is what may
-    have changed its error [m] besides, `others` by how much all other orders have moved [V].
+    A line whose gain has not been confirmed takes only `share` of that step. `foreign` is a bound
+    of other changes of its error [m], `others` the size of the steps of all other orders [V].
 
     Returns
     -------
     int
-        1 where the order begins anew, 2 where its correction is held at the bound, else 0.
+        1 if the order restarts, 2 if its correction is held at the bound, else 0.
     """
     before_error = complex(line[ERROR], line[ERROR + 1])
     moved = complex(line[MOVED], line[MOVED + 1])
@@ -148,7 +148,7 @@ def move(
 
 
 def harmonic_of(line: FloatArray) -> Harmonic:
-    """Return what is known of an order."""
+    """Return the estimate of an order."""
     error, theta = complex(*line[ERROR : ERROR + 2]), complex(*line[THETA : THETA + 2])
     return Harmonic(
         int(line[ORDER]), abs(error), cmath.phase(error), abs(theta), cmath.phase(theta)

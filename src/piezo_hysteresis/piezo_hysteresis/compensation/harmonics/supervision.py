@@ -1,11 +1,11 @@
-"""Supervision of a correction: one that makes the error larger fades out and tries again later.
+"""Supervision of a correction: it fades out if it increases the error, and restarts later.
 
 The mean square of the error over whole periods is compared with that of a window without a
-correction. Where it stays above, the correction fades out and the error is measured without it.
-If it is smaller then, the correction did harm: it begins anew from 0 after a wait that doubles
-from failure to failure, and fades in more slowly each time where it learns meanwhile. If it is
-not, something else has made the error larger and the correction fades in again. The comparison is
-an experiment, so it needs no model of the plant and holds for every law.
+correction. If it is persistently larger, the correction fades out and the error is measured
+without it. If the error is then smaller, the correction was harmful: it restarts from 0 after a
+wait that doubles with each failure, and fades in more slowly each time if it learns during the
+fade. Otherwise the error has another cause and the correction fades in again. The comparison is an
+experiment, so it needs no model of the plant and applies to every law.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ _PAUSE = 2.0
 # windows in a row; that is suspicious at once; and that is so after the frequency has changed, for
 # which there is no measurement without a correction yet.
 _LARGER, _WINDOWS, _FAR, _STALE = 1.21, 10.0, 25.0, 4.0
-# The correction has done harm where it multiplied the mean square error by this.
+# The correction is harmful if it increases the mean square error by this factor.
 _HARM = 1.1
-# Below this share of the error without it a correction is a success: failures are forgotten.
+# Below this share of the error without it a correction is successful: failures are reset.
 _SUCCESS = 0.25
 # Relative change of the frequency after which the measurement without a correction is stale.
 _CHANGE = 0.05
 
 RUNNING, MEASURING, WAITING = range(3)
-# What `supervise` asks of the law.
+# Requests of `supervise` to the law.
 NOTHING, RETREAT, RESUME = range(3)
 
 # Places in the memory: state; weight of the correction; mean square error without it [m^2], the
@@ -51,7 +51,7 @@ GUARD_SIZE = 17
 
 @jit
 def reset_guard(memory: FloatArray) -> None:
-    """Forget everything: the correction has its full weight."""
+    """Reset: the correction has its full weight."""
     for k in range(GUARD_SIZE):
         memory[k] = 0.0
     memory[WEIGHT] = 1.0
@@ -88,7 +88,7 @@ def supervise(
     error: float, frequency: float, phase: float, size: float, disturbed: bool, with_mean: bool,
     settle: float, memory: FloatArray, dt: float,
 ) -> int:  # fmt: skip
-    """Take the error of one tick.
+    """Process the error of one tick.
 
     Parameters
     ----------
@@ -99,19 +99,19 @@ def supervise(
     disturbed : bool
         Whether the reference is changing its amplitude.
     with_mean : bool
-        Whether the mean of the error is what the law takes off, too.
+        Whether the law also cancels the mean of the error.
     settle : float
         Wait until the error has settled without the correction [s].
     memory : ndarray, shape (GUARD_SIZE,)
-        What is remembered.
+        State of the supervision.
     dt : float
         Sampling interval [s].
 
     Returns
     -------
     int
-        `RETREAT` where the law is to begin anew from 0 with what it has learned, `RESUME` where it
-        goes on after a pause, else `NOTHING`.
+        `RETREAT` if the law must restart from 0 with its learned gain, `RESUME` if it continues
+        after a pause, else `NOTHING`.
     """
     if memory[STATE] == RUNNING:
         memory[LEFT] = max(memory[LEFT] - dt, 0.0)
@@ -146,7 +146,7 @@ def supervise(
 
 @leaf
 def doubled(time: float, times: float) -> float:
-    """Return a time [s] that was doubled so often, at most the longest."""
+    """Return a time [s] doubled `times` times, at most the longest."""
     for _ in range(int(times)):
         time = min(2.0 * time, _LONGEST)
     return time
@@ -154,7 +154,7 @@ def doubled(time: float, times: float) -> float:
 
 @leaf
 def judge(power: float, frequency: float, size: float, memory: FloatArray) -> int:
-    """Take the mean square error [m^2] of a window and decide."""
+    """Evaluate the mean square error [m^2] of a window."""
     if memory[STATE] != RUNNING or memory[BASE] == 0.0:
         memory[BASE], memory[SIZE], memory[FREQUENCY] = power, size, frequency
         memory[VALID], memory[RISES] = 1.0, 0.0
@@ -185,7 +185,7 @@ def is_larger(power: float, frequency: float, size: float, memory: FloatArray) -
     if power < _SUCCESS * base:
         memory[FAILURES] = memory[CHECKS] = 0.0
     bound = (_LARGER if memory[VALID] > 0.0 else _STALE) * base
-    # More error than there is reference is suspicious, whatever the measurement without it was.
+    # An error larger than the reference is suspicious, regardless of the measurement without it.
     suspicious = power > min(bound, max(0.5 * size * size, base))
     memory[RISES] = memory[RISES] + 1.0 if suspicious else 0.0
     far = memory[RISES] >= _WINDOWS or power > _FAR * base

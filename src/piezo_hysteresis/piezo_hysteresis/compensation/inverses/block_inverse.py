@@ -32,15 +32,16 @@ Answer = Callable[[float, FloatArray, FloatArray, float], float]
 
 
 class BlockInverse(NamedTuple):
-    """Kernels that solve one block for its input; memory and parameters are handed to them.
+    """Kernels that solve one block for its input, with memory and parameters as arguments.
 
     Attributes
     ----------
     solve : callable
-        Answers the input nearest to the last one whose output is the target. Where the output does
-        not reach it within what the least slope allows, that bound is answered and counted.
+        Returns the input nearest to the last one whose output is the target. If the output does
+        not reach the target within the bound of the least slope, that bound is returned and
+        counted.
     commit : callable
-        Answers the output for an input and remembers it.
+        Returns the output for an input and updates the memory.
     shape : callable
         ``shape(x, memory, p, dt)``: first and second derivative of output over input.
     start : ndarray
@@ -63,8 +64,7 @@ def block_inverse(block: Block, dt: float, joined: bool) -> BlockInverse:
     dt : float
         Sampling interval [s].
     joined : bool
-        Whether it is a linear block behind a moving structure, whose input goes from sample to
-        sample by lines.
+        Whether it is a linear block after a dynamic structure, with a linearly interpolated input.
     """
     start = np.concatenate([np.zeros(_STATE), block.initial_state(dt)])
     if joined:

@@ -36,18 +36,18 @@ class _Solver(NamedTuple):
 
 @dataclass
 class _Stages:
-    """A chain taken apart for its inverse, from the voltage to the reading.
+    """Decomposition of a chain for its inverse, from the voltage to the reading.
 
     Attributes
     ----------
     front, back : list
-        Blocks before and behind the dynamic structure.
+        Blocks before and after the dynamic structure.
     k1, k2, lead : float
         Structure [s], [s^2] and lead [s].
     rest : float
         Reading at rest [m].
     restoring : Restoring or None
-        What acts back on a mode beside its linear spring.
+        Force on a mode in addition to its linear spring.
     values : ndarray
         Parameters of that block.
     """
@@ -106,10 +106,10 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
 def _take_structure(
     stages: _Stages, block: Block, own: FloatArray, values: Mapping[str, float], held: float
 ) -> None:
-    """Count a block that moves the structure; it is inverted on the reference's derivatives.
+    """Add a block of the dynamic structure; it is inverted by derivatives of the reference.
 
-    Several count by the sum of their coefficients: exact for one, right to second order in
-    frequency over natural frequency for more. `held` is the lead that the hold asks for [s].
+    The coefficients of several blocks are added: exact for one, accurate to second order in
+    frequency over natural frequency for more. `held` is the lead that compensates the hold [s].
     """
     if block.restoring is not None:
         stages.restoring, stages.values = block.restoring, own
@@ -147,12 +147,11 @@ def _inverse_of(block: Block, own: FloatArray, values: Mapping[str, float]) -> t
 
 
 class ChainInverse(InverseLink):
-    """Feedforward for any model that answers a rising voltage with a rising displacement.
+    """Feedforward for any model whose displacement increases with the voltage.
 
     From the reading back to the voltage: sensor and slow blocks and the hysteresis are solved
     numerically, sample by sample; modes are inverted on the reference's derivatives; a delay is
-    a lead. Added tones are left alone: no model of the voltage takes them away, but
-    `HarmonicAttenuation` does.
+    a lead. Added tones are not compensated by the inverse, but by `HarmonicAttenuation`.
 
     Parameters
     ----------
@@ -170,7 +169,7 @@ class ChainInverse(InverseLink):
     Raises
     ------
     CompensationError
-        If a block falls or stands still where its input rises.
+        If the output of a block does not increase with its input.
     """
 
     def __init__(
@@ -212,5 +211,5 @@ class ChainInverse(InverseLink):
         return self._kernel.start.copy()
 
     def counters(self) -> dict[str, int]:
-        """Return what went wrong so far; ``corners`` tell of a reference that is not smooth."""
+        """Return the error counters; ``corners`` counts steps of the slope of the reference."""
         return {**super().counters(), 'corners': int(self.own[STRUCTURE + CORNERS])}

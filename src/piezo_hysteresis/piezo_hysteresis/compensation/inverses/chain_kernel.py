@@ -142,7 +142,7 @@ def _acting_back(restoring: Any, count: int) -> Any:
 
 
 def _passing() -> _Through:
-    """Return what stands for no blocks at all."""
+    """Return the kernel of an empty chain."""
 
     @leaf
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
@@ -165,7 +165,7 @@ def _counting(before: Any, place: int) -> Callable[[FloatArray], float]:
 
 
 def _before(one: _Through | None, other: _Through | None) -> _Through | None:
-    """Return `one` and then `other`; None where there is neither."""
+    """Return `one` followed by `other`; None if both are missing."""
     if one is None or other is None:
         return other if one is None else one
 

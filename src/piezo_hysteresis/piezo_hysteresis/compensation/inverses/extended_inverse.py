@@ -29,7 +29,7 @@ def _invert_extended(
     low: float,
     high: float,
 ) -> None:
-    """Solve Fujii 2018 (3) for u[k] with y = d, by the branch that agrees with its own sign."""
+    """Solve Fujii 2018 (3) for u[k] with y = d, on the branch with a consistent sign."""
     a1, a, a0, beta, gamma, c1, c2, minimum = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]
     u, h = memory[_U], memory[_H]
     d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
@@ -65,7 +65,7 @@ def _invert_printed(
     low: float,
     high: float,
 ) -> None:
-    """Divide by A1 what is left of (7), y = d, h of the sample before: Tatebatake 2017 (12)."""
+    """Divide the rest of (7) by A1, y = d, h of the previous sample: Tatebatake 2017 (12)."""
     a1, a, a0, beta, gamma, c1, c2 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
     u, h = memory[_U], memory[_H]
     d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
@@ -91,8 +91,8 @@ class ExtendedInverse(InverseLink):
     """Feedforward by the direct inverse of the extended model.
 
     The law ``solved``, Fujii 2018 (16), (17), solves the model for the voltage of this sample, h
-    of this sample included. ``printed``, Tatebatake 2017 (12), takes h of the sample before and
-    divides by A1: one sample of hysteresis late, and without a branch that could be wrong.
+    of this sample included. ``printed``, Tatebatake 2017 (12), uses h of the previous sample and
+    divides by A1: the hysteresis is one sample late, and no branch is selected.
 
     Fujii 2018 (15), (16), (17) are one law: with ``r = d[k] - d[k-1] - c1 d[k-2] - c2 d[k-3]
     + h[k-1] - A1 u[k-1]`` the increment of the voltage is ``r / D``, where D is the slope of the

@@ -28,7 +28,7 @@ DT, BORDER, DURATION, SLEW = range(4)
 
 @jit
 def reset_switch(memory: FloatArray) -> None:
-    """Forget which one is in charge, and every change."""
+    """Reset the active inverse and every transition."""
     memory[_FAST], memory[SWITCHES] = -1.0, 0.0
     reset_fade(memory[_FADING:])
 

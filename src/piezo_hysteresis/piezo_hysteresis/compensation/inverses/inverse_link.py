@@ -75,7 +75,7 @@ def condition(
 def conditioned_point(
     point: FloatArray, shaped: FloatArray, memory: FloatArray, settings: FloatArray
 ) -> None:
-    """Condition the reference of one tick, see `condition`."""
+    """Return the conditioned reference of one tick, see `condition`."""
     row = scratch((3, 1))
     row[0, 0], row[1, 0], row[2, 0] = point[1], point[2], point[3]
     condition(row, shaped, memory[:FADING], settings[OFFSET], settings[EASING], settings[DT])
