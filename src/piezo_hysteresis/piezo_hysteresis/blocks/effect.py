@@ -61,7 +61,7 @@ class Coverage(Enum):
 
 @dataclass(frozen=True)
 class Effect:
-    """One way in which an effect can enter a model.
+    """One variant of an effect: how it can enter a model.
 
     Several effects may share a name (variants): ``hysteresis`` of the input or of the restoring
     force, ``creep`` of one element or logarithmic.
@@ -69,45 +69,45 @@ class Effect:
     Attributes
     ----------
     name : str
-        The word that the verdict uses, ``creep``.
+        Name in verdicts, such as ``creep``.
     variant : str
-        Tells the ways of one effect apart; the name of the block, as a rule.
+        Distinguishes the variants of one effect; usually the name of the block.
     block : Block or None
-        What is added to the chain; None where parameters are freed only.
+        Block added to the chain; None if only parameters are freed.
     neutral : mapping of str to float
-        Values with which the effect changes nothing.
+        Values without an effect.
     physics : str
         What happens in the actuator, one or two sentences.
     experiment : str
-        What settles it.
+        The experiment that distinguishes it.
     mistaken_for : tuple of str
         Names of the effects that leave a similar residual.
     shown_by : tuple of Coverage
-        What records must hold for it to be distinguished from others that need the same.
+        Coverage of the records that its identification requires.
     where : str
-        Of what it is, where variants are of different things: ``of the input``.
+        Location, if variants have different ones: ``of the input``.
     replaces : tuple of str
-        Names of the blocks one of which `block` takes the place of; empty where it is added.
+        Names of blocks of which `block` replaces one; empty if it is added.
     absorbs : tuple of str
-        Blocks that the model must have and that leave the chain with the replaced one.
+        Required blocks that are removed together with the replaced one.
     requires : tuple of str
-        Blocks one of which the model must have; empty where any model will do.
+        Blocks of which the model must have one; empty for any model.
     first : bool
-        Added before the other blocks of its slot instead of behind them.
+        Whether it is added before the other blocks of its slot instead of after them.
     frees : tuple of str
-        Parameters that the model must hold and that become free.
+        Held parameters of the model that become free.
     holds : mapping of str to float
         Parameters of the block that are not fitted.
     zeros : tuple of str
-        Parameters of the block that only say where its zero lies: nuisances, no evidence.
+        Parameters of the block that only shift its zero: nuisance parameters.
     held : bool
-        Whether it is for baselines whose values stay: where they are fitted besides, offset and
-        gain take up where it has its zero, and another way of the effect does the same with less.
+        Whether it is only offered for fixed baselines: if the baseline is fitted, its offset and
+        gain absorb the zero of the effect, and another variant has fewer parameters.
     refines : mapping of str to str
-        Parameters of the block to those of the variant that it has as a special case, where there
-        is one: a model that has it does not take up that one besides.
+        Maps parameters of the block to those of the variant that is its special case, if there is
+        one: a model with the block is not extended by that variant.
     refits : bool
-        Whether it has no parameters of its own, but changes those that the model has.
+        Whether it has no own parameters but refits those of the model.
     inexactness : float
         Share of the effect that its law is known not to describe [1]. What is left of an actuator
         after it is that large at least, so nothing smaller is given a name.

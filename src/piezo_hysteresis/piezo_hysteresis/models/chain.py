@@ -24,18 +24,18 @@ _ORDER = {slot: place for place, slot in enumerate(Slot)}
 class Model:
     """An immutable chain of blocks; free run is feed-forward.
 
-    Parameter names are unique over all registered blocks; a block that stands in the chain a
-    second time has ``_2`` behind its names.
+    Parameter names are unique over all registered blocks; a second instance of a block in the
+    chain has the suffix ``_2``.
 
     Attributes
     ----------
     name : str
-        What commands and files call it.
+        Name in commands and files.
     blocks : tuple of Block
         From the voltage to the displacement, ordered by slot.
     held : mapping of str to float
         Parameters that are not free: their bounds coincide at this value (``A0`` of the classical
-        model, the range that the thresholds of a play bank refer to). Fits leave them alone.
+        model, the range that the thresholds of a play bank refer to). They are not fitted.
     """
 
     name: str
@@ -95,17 +95,17 @@ class Model:
 
     @property
     def answers_at_once(self) -> bool:
-        """Whether the answer at a tick includes the voltage of that tick.
+        """Whether the output at a tick includes the voltage of that tick.
 
-        A chain with inertia answers at the tick, before its voltage acts, as a measurement does.
-        Every other chain answers at the end of the tick, just before the next voltage acts: it is
-        to be compared with the measurement of the next tick. That is a matter of the blocks alone,
-        so that no value of a parameter moves the clock.
+        The output of a chain with inertia is that at the tick, before its voltage acts, like a
+        measurement. The output of any other chain is that at the end of the tick, just before the
+        next voltage acts: it corresponds to the measurement of the next tick. This depends only on
+        the blocks, so that no parameter value shifts the clock.
         """
         return not any(block.inertia for block in self.blocks)
 
     def defaults(self) -> dict[str, float]:
-        """Return every parameter at its default, held ones at what they are held at."""
+        """Return every parameter at its default, held ones at their held values."""
         return {parameter.name: parameter.default for parameter in self.parameters}
 
     def pack(self, values: Mapping[str, float], *, checked: bool = True) -> FloatArray:
@@ -116,8 +116,7 @@ class Model:
         values : mapping of str to float
             Parameters by name; missing ones take their default.
         checked : bool
-            False leaves out bounds and combinations, for estimates that are to be looked at
-            before they are judged.
+            False skips bounds and combinations, for intermediate estimates.
 
         Raises
         ------
@@ -200,10 +199,10 @@ class Model:
         frequency: float = 0.0,
         first: int = 0,
     ) -> FloatArray:
-        """Free run: answer the displacement [m] to `voltage` [V], held from tick to tick.
+        """Free run: return the displacement [m] for `voltage` [V] with zero-order hold.
 
-        A chain with inertia is answered at the tick, before its voltage acts; one without at the
-        end of the tick, just before the next voltage acts (see `answers_at_once`).
+        The output of a chain with inertia is that at the tick, before its voltage acts; without
+        inertia at the end of the tick, just before the next voltage acts (see `answers_at_once`).
 
         Parameters
         ----------
@@ -214,11 +213,11 @@ class Model:
         dt : float
             Sampling interval [s].
         state : list of ndarray, optional
-            Memory to go on from, updated in place; at rest where it is not given.
+            Initial state, updated in place; default at rest.
         frequency : float
             Fundamental frequency of the excitation [Hz], for blocks that depend on it.
         first : int
-            Stage at which to begin, `voltage` being what goes into it.
+            First stage to run; `voltage` is then its input.
         """
         state = self.initial_state(dt) if state is None else state
         signal = np.ascontiguousarray(voltage, dtype=np.float64)
@@ -242,14 +241,14 @@ class Model:
         return tuple(part.name for block in self.blocks for part in parts_of(block))
 
     def with_block(self, block: Block, name: str = '', *, first: bool = False) -> Model:
-        """Return the chain with `block` added behind (or before) the others of its slot.
+        """Return the chain with `block` added after (or before) the others of its slot.
 
-        A block that belongs beside the hysteresis joins the last block of its slot.
+        A block in parallel with the hysteresis is joined to the last block of its slot.
 
         Raises
         ------
         ModelError
-            If the model has nothing that the block could stand beside.
+            If the model has no block for a parallel connection.
         """
         name = name or f'{self.name}+{block.name}'
         if block.in_parallel:

@@ -1,4 +1,4 @@
-"""The model that is meant: by its name, by its file, as an object, or as what a method found."""
+"""Resolves a model given by name, file, object or result."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ModelLike: TypeAlias = str | Path | Model | ModelFile | Modelled
 
 
 def chosen(given: ModelLike) -> Model | ModelFile:
-    """Return the model, or the model with its values, that is meant.
+    """Return the model, or the model with its values, for an argument.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def chosen(given: ModelLike) -> Model | ModelFile:
 
 
 def with_values(given: ModelLike) -> ModelFile:
-    """Return the model with its values that is meant.
+    """Return the model with its values for an argument.
 
     Raises
     ------
     ModelError
-        As `chosen` does, or if the values of the model are not known.
+        As `chosen` does, or if the values of the model are unknown.
     """
     found = chosen(given)
     if isinstance(found, Model):
@@ -80,7 +80,7 @@ def with_values(given: ModelLike) -> ModelFile:
 
 
 def chain_of(given: ModelLike) -> tuple[Model, dict[str, float]]:
-    """Return the chain that is meant, and where a fit of it starts; of a name nothing is known.
+    """Return the chain for an argument, and the starting values of a fit; none for a name.
 
     Raises
     ------

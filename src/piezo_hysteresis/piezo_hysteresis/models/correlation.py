@@ -52,7 +52,7 @@ class Correlation:
     def among(
         cls, names: Sequence[str], matrix: FloatArray, kept: Sequence[str]
     ) -> Correlation | None:
-        """Return the correlation of the `kept` ones of `names`, None where it is not known."""
+        """Return the correlation of the `kept` ones of `names`, None if unknown."""
         at = [k for k, name in enumerate(names) if name in set(kept)]
         part = np.asarray(matrix, dtype=np.float64)[np.ix_(at, at)]
         if not at or not np.all(np.isfinite(part)):

@@ -1,7 +1,7 @@
-"""What a model is known to miss: how much, at which frequency, harmonic and amplitude.
+"""Model discrepancy: the known error of a model by frequency, harmonic and amplitude.
 
-No model of a real actuator ends at the noise. What it left on the records on which it was judged
-belongs to the model as its values do: an error of that size on other records is no news.
+No model of a real actuator is exact to the noise. The residual on the evaluated records is part of
+the model like its values: an error of that size on other records is expected.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _NEAR = 0.02
 
 @dataclass(frozen=True)
 class Condition:
-    """What a model misses at one frequency and amplitude of the drive.
+    """Discrepancy of a model at one frequency and amplitude of the drive.
 
     Attributes
     ----------
     frequency : float
-        Of the drive [Hz]; 0 where it is not periodic.
+        Frequency of the drive [Hz]; 0 if it is not periodic.
     amplitude : float
         Half the range of the input [V or N].
     stroke : float
@@ -42,17 +42,17 @@ class Condition:
     rms : float
         Of the free-run error [m], noise included.
     noise : float or None
-        Rms of the noise in it [m], where it is known.
+        Rms of the noise in it [m], if known.
     harmonics : mapping of int to float
-        Rms of the error at the mean (0) and at each harmonic that holds a part of it [m].
+        Rms of the error at the mean (0) and at each significant harmonic [m].
     bands : mapping of float to float
         Rms of the error in the octave from each frequency [Hz] on [m]; 0 is the mean. For a
-        periodic drive what is beside its harmonics, and beyond the noise.
+        periodic drive without its harmonics, and beyond the noise.
     phases : mapping of int to float
-        Phase of each harmonic [rad], less its order times that of the drive; where they are known.
+        Phase of each harmonic [rad] minus its order times that of the drive; if known.
     scatter : mapping of int to float
-        Rms by which each harmonic differs from one part of the record to another, at the largest
-        amplitude of the drive [m]; where the record is long enough to say.
+        Rms variation of each harmonic between parts of the record, at the largest amplitude of the
+        drive [m]; if the record is long enough.
     """
 
     frequency: float
@@ -81,7 +81,7 @@ class Condition:
 
     @property
     def share(self) -> float:
-        """What is missed as a part of the stroke."""
+        """Discrepancy relative to the stroke."""
         return self.missed / self.stroke
 
     @property
@@ -93,7 +93,7 @@ class Condition:
         return {n: rect(self.harmonics[n] / self.stroke, self.phases[n]) for n in orders}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return a row of plain numbers; what is empty is left out."""
+        """Return a row of plain numbers without empty entries."""
         row: dict[str, Any] = {
             'frequency': _short(self.frequency),
             'amplitude': _short(self.amplitude),
@@ -115,7 +115,7 @@ class Condition:
 
     @classmethod
     def parse(cls, content: object) -> Condition:
-        """Read a row that `to_dict` gave.
+        """Read a row from `to_dict`.
 
         Raises
         ------
@@ -171,9 +171,9 @@ class Missed:
     octaves: tuple[tuple[float, float, float], ...]
 
     def density(self, frequency: FloatArray) -> FloatArray:
-        """Return the density beside the harmonics at frequencies [Hz], shape (n,) [1/Hz].
+        """Return the density between the harmonics at frequencies [Hz], shape (n,) [1/Hz].
 
-        Below the lowest octave that is known it is that of the lowest.
+        Below the lowest known octave it has the value of the lowest.
         """
         found = np.zeros(frequency.size)
         lowest = min((low for low, _, _ in self.octaves), default=0.0)
@@ -185,17 +185,17 @@ class Missed:
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """What a model is known to miss.
+    """Known discrepancy of a model.
 
     Attributes
     ----------
     held_out : bool
-        Whether it was judged on records that had no part in the fit; else on the fitted ones,
-        where it is smaller than elsewhere.
+        Whether it was evaluated on records that were not fitted; on the fitted ones it is smaller
+        than elsewhere.
     conditions : tuple of Condition
         By frequency and amplitude; not empty.
     traces : tuple of Trace
-        What was left of records that are at hand; a file holds none.
+        Residuals of available records; a file contains none.
 
     Raises
     ------
@@ -223,7 +223,7 @@ class Discrepancy:
 
     @property
     def share(self) -> float:
-        """What is missed as a part of the stroke of each condition."""
+        """Discrepancy relative to the stroke of each condition."""
         return _rms(c.share for c in self.conditions)
 
     def by_frequency(self) -> dict[float, float]:
@@ -247,22 +247,21 @@ class Discrepancy:
     def expected(
         self, frequency: float, amplitude: float, stroke: float, noise: float | None = None
     ) -> float:
-        """Return the error that is no news under other conditions [m].
+        """Return the expected error under other conditions [m].
 
-        What is missed of the stroke under all conditions, weighed by how near they are in
-        frequency and amplitude (a drive that is not periodic is near to none more than to
-        another), and the noise.
+        The relative discrepancies of all conditions, weighted by their distance in frequency and
+        amplitude (equal for an aperiodic drive), and the noise.
 
         Parameters
         ----------
         frequency : float
-            Of the drive [Hz]; 0 where it is not periodic.
+            Frequency of the drive [Hz]; 0 if it is not periodic.
         amplitude : float
             Half the range of the input [V or N].
         stroke : float
             Range of the displacement [m].
         noise : float, optional
-            Rms of the noise [m]; that under the known conditions where not given.
+            Rms of the noise [m]; default that under the known conditions.
         """
         if noise is None:
             noise = self.noise
@@ -270,11 +269,11 @@ class Discrepancy:
 
     @property
     def noise(self) -> float:
-        """Rms of the noise under all conditions alike [m]; 0 where it is not known."""
+        """Rms of the noise over all conditions [m]; 0 if unknown."""
         return _rms(c.noise or 0.0 for c in self.conditions)
 
     def near(self, frequency: float, amplitude: float) -> Missed:
-        """Return what is missed near a condition, as in `expected`, by line and by octave."""
+        """Return the discrepancy near a condition, as in `expected`, by line and octave."""
         weights = [
             (_NEAR**2 + _apart(c.frequency, frequency) ** 2 + _apart(c.amplitude, amplitude) ** 2)
             ** -2
@@ -335,7 +334,7 @@ class Discrepancy:
         return of_orders(orders, *repeating(places, phasors, drives))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what is written, of plain types only."""
+        """Return the content of a file, in plain types only."""
         return {
             'judged_on': 'held-out' if self.held_out else 'fitted',
             'rms': _short(self.rms),
@@ -345,7 +344,7 @@ class Discrepancy:
 
     @classmethod
     def parse(cls, content: object) -> Discrepancy:
-        """Read what `to_dict` gave; what follows from the conditions is computed anew.
+        """Read the output of `to_dict`; derived values are recomputed.
 
         Raises
         ------

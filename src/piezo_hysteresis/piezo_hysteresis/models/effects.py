@@ -26,7 +26,7 @@ _NEVER = 1e3
 
 
 def is_never_reached(neutral: float) -> bool:
-    """Return whether a neutral value is that of a threshold: larger ones change nothing."""
+    """Return whether a neutral value is a threshold: larger values have no effect."""
     return abs(neutral) >= _NEVER
 
 
@@ -37,17 +37,17 @@ class Candidate:
     Attributes
     ----------
     effect : Effect
-        What was added.
+        The added effect.
     model : Model
         The chain with it.
     added : tuple of str
-        Names of the parameters that are free in `model` and were not there, or held, before.
+        Names of the free parameters of `model` that are new, or were held.
     neutral : mapping of str to float
-        Values, under the names of `model`, with which it answers as before.
+        Values, under the names of `model`, without a change of the output.
     starts : tuple of mapping
-        Start values of `added`, the likeliest first.
+        Starting values of `added`, the most likely first.
     renamed : mapping of str to str
-        Names in `model` of the block's own parameters.
+        Names in `model` of the parameters of the block.
     """
 
     effect: Effect
@@ -60,14 +60,14 @@ class Candidate:
     def values(
         self, before: Mapping[str, float], start: Mapping[str, float] | None = None
     ) -> dict[str, float]:
-        """Return all values of `model` from those of the model before and a start.
+        """Return all values of `model` from those of the original model and a start.
 
         Parameters
         ----------
         before : mapping of str to float
             Values of the model without the effect.
         start : mapping of str to float, optional
-            One of `starts`, or `neutral`; `neutral` where it is not given.
+            One of `starts`, or `neutral` (default).
         """
         every = self.model.defaults()
         kept = dict(before)
@@ -78,7 +78,7 @@ class Candidate:
         return every | dict(self.neutral if start is None else start)
 
     def guessed(self, seen: Residual) -> list[dict[str, float]]:
-        """Return the first start with what the residual of a record says about it."""
+        """Return the first start, updated from the residual of a record."""
         if self.effect.guess is None:
             return []
         answer = self.effect.guess(seen)

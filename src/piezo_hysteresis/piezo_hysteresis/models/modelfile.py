@@ -32,10 +32,10 @@ from piezo_hysteresis.models.plain import (
 from piezo_hysteresis.records.fingerprint import Fingerprint
 
 SCHEMA = 'piezo_hysteresis/model/2'
-#: Earlier ones, which lack correlation and discrepancy and are read as they are.
-#: Note on when the fitted data had sampled the displacement, later than our convention [s].
+#: Earlier schemas, without correlation and discrepancy. Note on when the fitted data had sampled
+#: the displacement, later than our convention [s].
 OFFSET_NOTE = 'sampling_offset_s'
-#: Note on its standard deviation [s]; 0 where it was given and not fitted.
+#: Note on its standard deviation [s]; 0 if it was given and not fitted.
 OFFSET_STD_NOTE = 'sampling_offset_std_s'
 
 RosParameters = dict[str, float | str | list[str]]
@@ -43,7 +43,7 @@ RosParameters = dict[str, float | str | list[str]]
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where the numbers come from.
+    """Provenance of the values.
 
     Attributes
     ----------
@@ -52,18 +52,18 @@ class Provenance:
     date : str
         ISO 8601.
     fit : str
-        Method, and what else is needed to repeat it.
+        Method and settings, to repeat the fit.
     rate : float or None
         Sampling rate of the data [Hz]; recursions such as `autoregressive` hold at this rate only.
     noise_floor : float or None
-        rms of what cannot be modelled [m].
+        Rms of the noise [m].
     free_run_rms : float or None
         rms of the free-run error on the fitted data [m].
     notes : mapping of str to str, float, int or bool
-        Anything else.
+        Further notes.
     records : tuple of Fingerprint
-        By which the records are recognised from which the model was identified, or on which what
-        it misses was judged.
+        Fingerprints of the records from which the model was identified, or on which its
+        discrepancy was evaluated.
     """
 
     data: tuple[str, ...] = ()
@@ -87,18 +87,18 @@ class ModelFile(Tabular):
     values : mapping of str to float
         Every parameter of the chain, in SI units.
     deviations : mapping of str to float
-        Standard deviations of the parameters that were fitted, in the unit of the parameter.
+        Standard deviations of the fitted parameters, in the unit of the parameter.
     provenance : Provenance
-        Where the numbers come from.
+        Provenance of the values.
     correlation : Correlation or None
-        Of the values that were fitted together.
+        Correlation of the jointly fitted values.
     discrepancy : Discrepancy or None
-        What the model is known to miss.
+        Known discrepancy of the model.
 
     Raises
     ------
     ModelError
-        If a parameter is missing, unknown or impossible.
+        If a parameter is missing, unknown or out of range.
     """
 
     model: Model
@@ -193,14 +193,14 @@ class ModelFile(Tabular):
         return chain.respond(u, self.packed, dt, state=state, frequency=frequency)
 
     def covariance(self) -> tuple[tuple[str, ...], FloatArray]:
-        """Return names and covariance of the values that were fitted, in SI units.
+        """Return names and covariance of the fitted values, in SI units.
 
         Returns
         -------
         names : tuple of str
             Those with a standard deviation, in the order of the model.
         matrix : ndarray, shape (p, p)
-            Diagonal where the file does not tell the correlation.
+            Diagonal if the file has no correlation.
         """
         names = tuple(name for name in self.model.parameter_names if name in self.deviations)
         matrix = np.diag([float(self.deviations[name]) ** 2 for name in names])
@@ -261,12 +261,12 @@ class ModelFile(Tabular):
 
     @classmethod
     def load(cls, path: str | Path) -> ModelFile:
-        """Read a model that `save` wrote or a person edited.
+        """Read a model file, also an edited one.
 
         Raises
         ------
         ModelError
-            If the file cannot be read, or anything in it is unknown, missing or impossible.
+            If the file cannot be read, or an entry is unknown, missing or out of range.
         """
         content = read_yaml(path)
         try:
@@ -281,7 +281,7 @@ class ModelFile(Tabular):
         Raises
         ------
         ModelError
-            If anything in it is unknown, missing or impossible.
+            If an entry is unknown, missing or out of range.
         """
         try:
             return _from_dict(plain_yaml.load(text))
@@ -296,7 +296,7 @@ class ModelFile(Tabular):
 
     @property
     def sampling_offset_std(self) -> float:
-        """Standard deviation of it [s]; infinite where the file does not say."""
+        """Standard deviation of it [s]; infinite if the file has none."""
         return float(self.provenance.notes.get(OFFSET_STD_NOTE, inf))
 
     def to_ros_parameters(self, prefix: str = 'model') -> RosParameters:
@@ -327,12 +327,12 @@ class ModelFile(Tabular):
     def from_ros_parameters(
         cls, parameters: Mapping[str, object], prefix: str = 'model'
     ) -> ModelFile:
-        """Return the model that `to_ros_parameters` described.
+        """Return the model from the output of `to_ros_parameters`.
 
         Raises
         ------
         ModelError
-            If anything is unknown, missing or impossible.
+            If an entry is unknown, missing or out of range.
         """
         own = {
             key.removeprefix(f'{prefix}.'): value
@@ -403,7 +403,7 @@ def _from_dict(content: object) -> ModelFile:
     values, deviations, held = {}, {}, {}
     for parameter in model.parameters:
         if parameter.name not in rows:
-            continue  # ModelFile says which are missing
+            continue  # ModelFile reports the missing ones
         row = mapping(rows[parameter.name], f'parameter {parameter.name}')
         refuse_unknown(row, {'value', 'unit', 'std', 'held'}, f'parameter {parameter.name}')
         if row.get('unit', parameter.unit) != parameter.unit:

@@ -161,13 +161,13 @@ RECIPES: dict[str, Recipe] = {
 
 NAMES: tuple[str, ...] = tuple(RECIPES)
 
-# --- models by what they are used for; no other room names blocks --------------------------------
+# --- models by purpose; no other package names blocks --------------------------------
 
 #: The bank of plays that recursive methods identify.
 BANK = 'prandtl_ishlinskii'
 #: Memories that are tried where the model is to be chosen by the data, the plainest first.
 MEMORIES = ('modified', 'prandtl_ishlinskii_fine')
-#: What is tried on top, in the order in which it usually matters, and what a table calls it.
+#: Added blocks for a comparison, in the usual order of relevance, with their names in tables.
 LADDER = {
     'mode': 'one lightly damped mode',
     'sensor_nonlinearity': 'curve of the sensor',
@@ -180,7 +180,7 @@ ONLINE: dict[str, tuple[tuple[str, ...], ...]] = {
     'rls_ud': (RECIPES['classical'].blocks, RECIPES['bouc_wen_mode'].blocks),
     'pi_bank': (RECIPES[BANK].blocks, (BANK, 'mode', 'offset')),
 }
-#: Two blocks that answer the same voltage, for the kernels that do it.
+#: Two parallel blocks, for the rehearsal of their kernels.
 PARALLEL = ('bouc_wen_exact', 'electrostriction')
 #: Chains that are followed between the ticks, one of each way, for the kernels that do it.
 FOLLOWED = (
@@ -216,9 +216,9 @@ def named(name: str) -> Model:
 
 
 def name_of(model: Model) -> str:
-    """Return the name by which `named` gives this chain; empty where there is none.
+    """Return the name with which `named` returns this chain; empty if there is none.
 
-    Of names for the same chain that one comes first which holds the same parameters.
+    Of several names the one with the same held parameters has priority.
     """
     chain = [block.name for block in model.blocks]
     found: dict[str, bool] = {}

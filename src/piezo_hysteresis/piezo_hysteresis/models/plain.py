@@ -1,4 +1,4 @@
-"""Plain YAML in and out: whole files or none, and sentences for what is wrong in them."""
+"""Input and output of plain YAML: atomic writing, and errors in one sentence."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def write_yaml(content: Mapping[str, Any], path: str | Path) -> None:
 
 
 def number(value: object, what: str) -> float:
-    """Return `value` as a float, or say that `what` is none."""
+    """Return `value` as a float, or raise an error that names `what`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise ModelError(f'{what} must be a number, got {value!r}')
     try:
@@ -101,7 +101,7 @@ def number(value: object, what: str) -> float:
 
 
 def mapping(value: object, what: str) -> Mapping[str, Any]:
-    """Return `value` with names as keys, or say that `what` has none."""
+    """Return `value` with names as keys, or raise an error that names `what`."""
     if not isinstance(value, dict):
         raise ModelError(f'{what} must be a mapping, got {type(value).__name__}')
     return {str(key): each for key, each in value.items()}

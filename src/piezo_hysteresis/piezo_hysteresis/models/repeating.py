@@ -1,12 +1,11 @@
-"""What a model misses repeats itself with the drive, in size and in phase.
+"""Gaussian process for the repeatable part of a model discrepancy.
 
-The harmonics of an error, counted from the phase of the drive, change steadily with frequency and
-amplitude. So what was missed under known conditions tells what will be missed under others, and
-how far that may be off: a Gaussian process over octaves of frequency and amplitude, whose
-correlation falls exponentially. Over how many octaves, the conditions themselves tell, for each
-harmonic by itself: a third may meet a mode that the first is far from. Every length counts by its
-likelihood. One that was nowhere seen may still come elsewhere: to the mean square of each, that
-of all counts as one condition more.
+The harmonics of an error, relative to the phase of the drive, change smoothly with frequency and
+amplitude. A Gaussian process over octaves of frequency and amplitude with exponential correlation
+predicts them under other conditions, with their uncertainty. The correlation length is inferred
+from the conditions, separately for each harmonic, because a third harmonic may meet a mode that
+the first does not: every length is weighted by its likelihood. A harmonic without data may still
+appear elsewhere: the mean square of all harmonics counts as one additional condition of each.
 
 Source: Rasmussen, Williams: Gaussian Processes for Machine Learning, MIT Press 2006, eq. 2.23-2.25
 and 5.8, for circular complex numbers.
@@ -34,14 +33,14 @@ _FAR = 16.0  # octaves between a drive and none
 
 @dataclass(frozen=True)
 class Repeating:
-    """One harmonic of what is missed, at several amplitudes of a drive.
+    """One harmonic of the discrepancy at several amplitudes of a drive.
 
     Attributes
     ----------
     mean : ndarray of complex, shape (n,)
-        What is expected, in rms and phase of the drive.
+        Expectation, in rms and phase relative to the drive.
     square : ndarray, shape (n,)
-        Mean square by which it may be off.
+        Mean square uncertainty.
     """
 
     mean: ComplexArray
@@ -51,22 +50,22 @@ class Repeating:
 def repeating(
     places: FloatArray, phasors: ComplexArray, wanted: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
-    """Return what is expected of phasors at other places.
+    """Return the prediction of phasors under other conditions.
 
     Parameters
     ----------
     places : ndarray, shape (n, 2)
-        Frequencies and amplitudes that are known; 0 is none.
+        Known frequencies and amplitudes; 0 is none.
     phasors : ndarray of complex, shape (orders, n)
-        What is known there.
+        Known phasors.
     wanted : ndarray, shape (m, 2)
-        Where it is wanted.
+        Frequencies and amplitudes of the prediction.
 
     Returns
     -------
     mean : ndarray of complex, shape (orders, m)
     square : ndarray, shape (orders, m)
-        Mean square of what it may be off.
+        Mean square uncertainty.
     """
     count = len(places)
     known, new = _octaves(places, places), _octaves(wanted, places)

@@ -35,7 +35,7 @@ def powers(unit: str) -> tuple[int, int]:
 
 
 def factor(parameter: Parameter, ratios: tuple[float, float]) -> float:
-    """Return by how much `parameter` grows with the input and displacement `ratios`."""
+    """Return the factor of `parameter` for the input and displacement `ratios`."""
     volt, metre = parameter.powers or powers(parameter.unit)
     return float(ratios[0] ** volt * ratios[1] ** metre)
 
@@ -43,7 +43,7 @@ def factor(parameter: Parameter, ratios: tuple[float, float]) -> float:
 def suited(block: Block, ratios: tuple[float, float]) -> Block:
     """Return `block` with defaults and scales for amplitudes `ratios` times the reference.
 
-    The result is stated for these amplitudes once and for all: suiting it again changes nothing.
+    The result is fixed for these amplitudes: scaling it again has no effect.
     """
     parameters = []
     for q in block.parameters:
@@ -59,26 +59,26 @@ def for_range(
     displacement_amplitude: float,
     input_swing: float | None = None,
 ) -> Model:
-    """Return `model` with defaults, scales and held ranges that suit an actuator.
+    """Return `model` with defaults, scales and held ranges for an actuator.
 
     Parameters
     ----------
     model : Model
         Any model.
     input_amplitude : float
-        Largest absolute input [V or N] that the model is to cover.
+        Largest absolute input [V or N] of the model.
     displacement_amplitude : float
         Half the span of the displacement [m].
     input_swing : float, optional
-        Half the span of the input [V or N], where it is not symmetric: thresholds beyond it are
-        never passed. The largest input where not given.
+        Half the span of the input [V or N], if it is not symmetric: thresholds beyond it are never
+        reached. Default: the largest input.
 
     Returns
     -------
     Model
         Same blocks; ``defaults()`` are start values, ``parameters[i].scale`` typical sizes. Blocks
-        that were suited to an actuator before, and ranges held at other values than their
-        default, are left as they are.
+        that were scaled before, and ranges held at other values than their default, are not
+        changed.
 
     Raises
     ------
