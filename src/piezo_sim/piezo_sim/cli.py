@@ -64,9 +64,9 @@ def _configure_sweep(parser: argparse.ArgumentParser) -> None:
     add('--out', type=Path, required=True, help='a bag, or a file .npz or .csv (one record)')
     add('--waveform', default='sine', help=f'one of {", ".join(KINDS)}')
     add('--frequencies', type=_numbers, help='in Hz: 1,5,23 or 1:50 or 1:50:0.5')
-    add('--amplitudes', type=_numbers, help='in V; by default what the preset is driven with')
+    add('--amplitudes', type=_numbers, help='in V; default: the drive of the preset')
     add('--seconds', type=float, help='length of each record (default 10)')
-    add('--warm-up', type=float, help='seconds that errors leave out (default: a tenth)')
+    add('--warm-up', type=float, help='initial time excluded from errors [s] (default: a tenth)')
     add('--options', type=_mapping, default={}, help='settings of the waveform, as a=1,b=odd')
     add('--plan', type=Path, help='YAML file with a list of waveforms, instead of the above')
     add('--rate', type=float, help='sampling rate in Hz (default: of the preset)')
@@ -76,7 +76,11 @@ def _configure_sweep(parser: argparse.ArgumentParser) -> None:
         help='parameter, or effects.NAME=true|false')  # fmt: skip
     add('--actuator', help='name of the actuator in the records (default: the preset)')
     add('-q', '--quiet', action='store_true', help='no progress')
-    add('--reveal', type=Path, help='write what was simulated to this .json or .yaml')
+    add(
+        '--reveal',
+        type=Path,
+        help='write the true effects and parameters to this .json or .yaml file',
+    )
     parser.set_defaults(run=_sweep)
 
 

@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
     add('--seed', type=int, default=0, help='of every random choice; same seed, same verdict')
     add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
-    add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
     add(

@@ -43,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
     add('--method', default='output_error', metavar='NAME', help=_METHODS)
     add('--seed', type=int, default=0, help='seed of the searches')
-    add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
     add(
         '--frequency',
         type=float,

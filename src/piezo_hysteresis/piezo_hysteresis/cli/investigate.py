@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--out',
         metavar='DIR',
         default='investigation',
-        help="below the node's folder; with --on as it is",
+        help='folder below that of the node; with --on any path',
     )
     add('--low', type=float, metavar='V', help='lowest voltage, given with --high')
     add(

@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--clock', choices=('lock_step', 'real_time'), default='lock_step', help='lock_step')
     add('--port', type=int, default=5006, help='of the page, 5006')
     add('--folder', default='~/piezo_hysteresis', help='for sweeps and discoveries')
-    add('--seconds', type=float, metavar='S', help='end after so long; without it on Ctrl-C')
+    add('--seconds', type=float, metavar='S', help='end after this time [s]; default: on Ctrl-C')
 
 
 def run(arguments: argparse.Namespace) -> int:

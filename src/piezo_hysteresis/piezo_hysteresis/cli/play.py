@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
     parser.add_argument(
         '--lock-step', action='store_true',
-        help='send each message when the one before was taken, as fast as that goes',
+        help='send each message once the previous one was consumed, at full speed',
     )  # fmt: skip
     parser.add_argument('--clock', action='store_true', help='publish the time of the bag')
     parser.add_argument(

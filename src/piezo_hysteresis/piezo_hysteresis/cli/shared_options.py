@@ -11,12 +11,12 @@ __all__ = ['STARTS', 'START_HELP', 'ZEROS', 'ZERO_HELP', 'add_out']
 
 START_HELP = (
     'how records begin: at rest at 0 V with a step (step), at rest at their first voltage (rest), '
-    'in their own steady cycle (settled), in a state to be estimated (estimate), or as the data '
-    'say (auto)'
+    'in their own steady cycle (settled), in a state to be estimated (estimate), or estimated '
+    'from the data (auto)'
 )
 ZERO_HELP = (
-    'zero of the displacement: one for all records (common), one for each (record), or as the '
-    'data say (auto)'
+    'zero of the displacement: one for all records (common), one for each (record), or '
+    'estimated from the data (auto)'
 )
 
 

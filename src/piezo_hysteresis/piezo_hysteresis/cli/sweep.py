@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--frequencies', required=True, type=_numbers, metavar='HZ,...')
     add('--amplitudes', required=True, type=_numbers, metavar='V,...')
     add('--seconds', type=float, default=2.0, metavar='S', help='of each record (default 2)')
-    add('--warm-up', type=float, default=0.0, metavar='S', help='that errors leave out')
+    add('--warm-up', type=float, default=0.0, metavar='S', help='excluded from errors')
     add('--waveform', default='sine', help='see piezo_sim describe waveforms')
     add('--options', default='', metavar='YAML',
         help='settings of the waveform, as {offset: 30}')  # fmt: skip

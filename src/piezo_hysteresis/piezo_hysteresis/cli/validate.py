@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
     add('--model', required=True, metavar='YAML', help='model file of identify or discover')
     add_out(parser)
-    add('--warm-up', type=float, metavar='S', help='seconds that errors leave out')
+    add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
     add('--steady', action='store_true', help=_STEADY)
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
