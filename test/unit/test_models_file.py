@@ -57,7 +57,7 @@ def edited(written: ModelFile, tmp_path: Path, change: Callable[..., Any]) -> Pa
         (lambda c: c.pop('chain'), 'chain must be a list'),
         (lambda c: c['chain'].append('flux_capacitor'), 'there is no block flux_capacitor'),
         (lambda c: c['chain'].reverse(), 'out of order'),
-        (lambda c: c['chain'].insert(0, 'bouc_wen_exact|bouc_wen'), 'side by side'),
+        (lambda c: c['chain'].insert(0, 'bouc_wen_exact|bouc_wen'), 'parallel'),
         (lambda c: c['parameters'].pop('beta'), 'lacks a value for beta'),
         (lambda c: c['parameters'].update(zeta={'value': 1.0}), 'unknown zeta'),
         (lambda c: c['parameters']['beta'].update(value=-1.0), 'outside'),
