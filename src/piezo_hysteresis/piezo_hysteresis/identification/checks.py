@@ -1,4 +1,4 @@
-"""What is wrong with a record before it is fitted, and what to record instead."""
+"""Checks of records before a fit, with a recommendation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong with a record.
+    """A problem of a record.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Finding:
     fatal : bool
         Whether a fit would be meaningless.
     sentence : str
-        What is wrong and what to record instead.
+        The problem and the recommended record.
     """
 
     record: str
@@ -43,12 +43,12 @@ def check_records(records: Sequence[Record]) -> list[Finding]:
     Parameters
     ----------
     records : sequence of Record
-        What is to be fitted.
+        The records to fit.
 
     Returns
     -------
     list of Finding
-        Empty where nothing is wrong. A record of rest (voltage 0) is welcome beside others.
+        Empty without a problem. A record at rest (voltage 0) is useful with others.
     """
     found = []
     moving = [r for r in records if float(np.ptp(r.voltage)) > 0]
@@ -59,13 +59,13 @@ def check_records(records: Sequence[Record]) -> list[Finding]:
 
 
 def require_consistent(records: Sequence[Record]) -> None:
-    """Refuse records of which nothing can be learnt together, whatever is done with them.
+    """Refuse records that no method can use together.
 
     Raises
     ------
     IdentificationError
-        If there is none, they differ in rate, input or actuator, share a name, nothing drives or
-        moves them, or one moves while its input stands still.
+        If there is none, they differ in rate, input or actuator, share a name, have no drive or no
+        motion, or one moves while its input is constant.
     """
     if not records:
         raise IdentificationError('there is no record; give at least one bag or CSV file')
@@ -160,7 +160,7 @@ def _judge(record: Record, *, alone: bool) -> list[tuple[bool, str]]:
 
 
 def _clipping(x: FloatArray, what: str, cause: str) -> list[tuple[bool, str]]:
-    """Say so where the signal lies flat on its extreme for several samples again and again."""
+    """Warn if the signal is repeatedly constant at its extreme for several samples."""
     changing = np.diff(x) != 0
     if not np.any(changing):
         return []
@@ -202,7 +202,7 @@ def _coverage(record: Record) -> list[tuple[bool, str]]:
 
 
 def main_frequency(record: Record) -> float:
-    """Return the strongest frequency of the voltage [Hz] where it is a sine, else 0."""
+    """Return the strongest frequency of the voltage [Hz] if it is a sine, else 0."""
     u = record.voltage - record.voltage.mean()
     power = np.abs(np.fft.rfft(u * np.hanning(u.size))) ** 2
     peak = int(np.argmax(power))
@@ -252,7 +252,7 @@ def _phase(
 ) -> list[tuple[bool, str]]:
     wave = np.exp(-2j * np.pi * frequency * record.time) * np.hanning(u.size)
     lead = float(np.angle(np.sum(y * wave) / np.sum(u * wave)))
-    # an actuator of inverted polarity answers the other way round
+    # an actuator of inverted polarity has the opposite sign
     if abs(lead) > np.pi / 2:
         lead -= np.sign(lead) * np.pi
     seconds = lead / (2 * np.pi * frequency)

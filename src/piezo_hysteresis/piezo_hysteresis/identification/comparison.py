@@ -1,4 +1,4 @@
-"""Errors on new records beside what a model is known to miss under their conditions."""
+"""Comparison of errors on new records with the known discrepancy of a model."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ NEW_DEVIATION = 1.5
 
 @dataclass(frozen=True)
 class Comparison:
-    """An error beside what the model is known to miss under its conditions.
+    """An error compared with the known discrepancy under its conditions.
 
     Attributes
     ----------
     record : str
-        On which the model was run.
+        Name of the record.
     rms : float
-        Of its free-run error [m].
+        Rms of the free-run error [m].
     expected : float
-        What it is known to miss there [m].
+        Known discrepancy under its conditions [m].
     """
 
     record: str
@@ -39,7 +39,7 @@ class Comparison:
 
     @property
     def ratio(self) -> float:
-        """How many times more it misses than it is known to; infinite where that is nothing."""
+        """Ratio of the error to the known discrepancy; infinite if that is zero."""
         return self.rms / self.expected if self.expected > 0.0 else float('inf')
 
     @property
@@ -49,7 +49,7 @@ class Comparison:
 
 
 def compared(residuals: Iterable[RecordResidual], known: Discrepancy) -> list[Comparison]:
-    """Return the error on each record beside what the model is known to miss there."""
+    """Return the error on each record with the known discrepancy."""
     return [
         Comparison(
             r.name,
@@ -83,7 +83,7 @@ def comparison_text(found: Sequence[Comparison], known: Discrepancy | None) -> s
 def comparison_summary(
     found: Sequence[Comparison], known: Discrepancy | None
 ) -> dict[str, Any] | None:
-    """Return the part of ``summary.json`` that says the same; numbers not finite become null."""
+    """Return this comparison for ``summary.json``; values that are not finite become null."""
     if known is None:
         return None
     return {

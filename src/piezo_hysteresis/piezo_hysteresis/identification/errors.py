@@ -36,13 +36,13 @@ class RecordErrors:
     nrmse_percent : float
         100 times the free-run error over the standard deviation of the displacement.
     start : str
-        How the record is taken to begin.
+        Initial condition of the record.
     own_zero : bool
-        Whether its displacement is counted from a zero of its own.
+        Whether the record has its own zero of the displacement.
     noise_rms : float
-        Noise of one sample [m]; NaN where it cannot be estimated.
+        Noise of one sample [m]; NaN if it cannot be estimated.
     lost : int
-        Samples that do not count: spikes and drop-outs.
+        Number of excluded samples: spikes and drop-outs.
     """
 
     record: str
@@ -73,13 +73,13 @@ def free_run(
     values : mapping of str to float
         Its parameters.
     record : Record
-        Whose voltage drives it.
+        Record with the voltage.
     sampling_offset : float
-        By how much later than our convention the displacement was sampled [s].
+        Delay of the sampling of the displacement relative to the convention [s].
     begins : RecordStart, optional
-        How the record begins; as it shows itself where not given.
+        Initial condition of the record; estimated by default.
     checked : bool
-        False simulates also what the model refuses, such as unstable recursions.
+        False also simulates values that the model refuses, such as unstable recursions.
     """
     target = whole(record, begins=begins or first_guess(record))
     packed = model.pack(values, checked=checked)
@@ -103,11 +103,11 @@ def views_of(
     model, values, sampling_offset
         The model, its parameters, and the clock of the recordings [s].
     records : sequence of Record
-        What was measured.
+        Measured records.
     choices : Choices, optional
-        What is known of starts and zeros.
+        Given initial conditions and zeros.
     checked : bool
-        False takes models that cannot be simulated as they are.
+        False accepts models that cannot be simulated.
     """
     chosen = choices or Choices()
     targets = targets_of(records, folded=False, start=chosen.start, zero=chosen.zero)
@@ -120,8 +120,8 @@ def views_of(
 def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> FloatArray:
     """Return the one-step prediction error that belongs to a free-run error, shape (n,).
 
-    A chain with the papers' autoregression predicts from the measured past, as Fujii 2018 (3)
-    says. Every other chain predicts its own increment on top of the last measurement.
+    A chain with the autoregression of the papers predicts from past measurements by Fujii 2018
+    (3). Every other chain adds its increment to the last measurement.
     """
     names = next((block.predictor for block in model.blocks if block.predictor), ())
     factors = [values[name] if name else 1.0 for name in names] or [1.0]

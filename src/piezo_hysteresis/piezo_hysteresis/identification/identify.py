@@ -43,7 +43,7 @@ _MEAN_APART = 'rls does not see the mean: the offset is what its free runs miss 
 
 @dataclass(frozen=True, repr=False)
 class Identification(Reportable, Modelled):
-    """What a method found, and what it is worth.
+    """Result of an identification with its uncertainty.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Identification(Reportable, Modelled):
     values : dict of str to float
         Every parameter of the chain, in SI units.
     std : dict of str to float
-        Standard deviation of every fitted parameter; inf where the data do not determine it.
+        Standard deviation of every fitted parameter; inf if the data do not determine it.
     names : tuple of str
         Order of `correlation`.
     correlation : ndarray, shape (p, p)
@@ -62,35 +62,35 @@ class Identification(Reportable, Modelled):
     condition : float
         Scaled condition number.
     converged : bool
-        Whether the method came to rest.
+        Whether the method converged.
     message : str
-        How it ended.
+        Reason of the termination.
     warnings : tuple of str
-        What a user must know, in words.
+        Warnings in sentences.
     records : tuple of RecordErrors
         One-step and free-run errors of every record.
     noise_floor : float
-        Rms noise of one sample from period to period [m]; NaN where no record repeats itself.
+        Rms noise of one sample from period to period [m]; NaN if no record is periodic.
     sampling_offset : float
-        By how much later than our convention the displacement was sampled [s].
+        Delay of the sampling of the displacement relative to the convention [s].
     sampling_offset_std : float
-        Standard deviation of it [s], 0 where it was not fitted; infinite where it is not known.
+        Standard deviation of it [s], 0 if it was not fitted; infinite if unknown.
     history : tuple of float
-        How the error fell [m].
+        Error by iteration [m].
     seconds : float
-        Time it took.
+        Run time [s].
     fit : FitResult or None
-        More of it, for methods that simulate.
+        Details of the fit, for methods that simulate.
     discrepancy : Discrepancy or None
-        What the model misses; on the fitted records, as long as no others were given.
+        Model discrepancy; on the fitted records, unless others are given.
     views : tuple of Target
-        The whole records, with starts and zeros as they are taken.
+        The whole records with their initial conditions and zeros.
     seen : tuple of Fingerprint
-        Of the records that were fitted, and of those on which the discrepancy was judged.
+        Fingerprints of the fitted records, and of those on which the discrepancy was evaluated.
     left_out : tuple of str
-        What of the chain the records do not show, in sentences: blocks left out, values held.
+        Undetermined parts of the chain, in sentences: omitted blocks, held values.
     data : tuple of Record
-        The records that were fitted.
+        The fitted records.
     """
 
     model: Model
@@ -136,19 +136,19 @@ class Identification(Reportable, Modelled):
         return parameter_columns(self.model, self.values, self.std)
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
-        """Return the model as it is saved.
+        """Return the model as a model file.
 
         Parameters
         ----------
         data : sequence of str
-            Names of the files that were fitted.
+            Names of the fitted files.
         rate : float, optional
             Sampling rate [Hz]; that of the first record by default.
 
         Raises
         ------
         IdentificationError
-            If the parameters do not make a model that can be simulated.
+            If the model cannot be simulated with the parameters.
         """
         known = set(self.model.parameter_names)
         finite = {k: v for k, v in self.std.items() if np.isfinite(v) and k in known}
@@ -246,7 +246,7 @@ def identify(
     Parameters
     ----------
     records : Record or sequence of Record
-        Fitted jointly (run through one after another by recursive methods).
+        Fitted jointly (recursive methods process them in sequence).
     model : str, Path, Model, ModelFile or Identification
         Any chain for `output_error` and the searches; see `run_online` for the others. A name,
         ``NAME[+BLOCK...]``; or a model with values (or its path), from which the fit starts.
@@ -255,7 +255,7 @@ def identify(
     hold : mapping of str to float, optional
         Parameters that are not fitted, with their values in SI units.
     seed : int
-        Of the searches.
+        Seed of the searches.
     progress : callable, optional
         Called with ``(fraction, words)``.
     workers : int
@@ -266,13 +266,12 @@ def identify(
     Returns
     -------
     Identification
-        Also where it did not converge: look at `converged` and `warnings`.
+        Also without convergence: check `converged` and `warnings`.
 
     Raises
     ------
     IdentificationError
-        If the records cannot identify anything, or a setting is impossible; the sentence says
-        what to record or to set instead.
+        If the records are unusable, or a setting is invalid; the message states the remedy.
     ModelError
         If there is no such model.
     """
@@ -290,7 +289,7 @@ def identify(
     )
     if known and base not in (*ONLINE_METHODS, 'output_error'):
         raise IdentificationError(f'{method} starts from no file; give the name of its model')
-    if known:  # what a file says of a held parameter gives way
+    if known:  # arguments override held parameters of a file
         known = {name: value for name, value in known.items() if name not in (hold or {})}
         options['start'] = {**known, **(options.get('start') or {})}
     given = dict(options.get('start') or {})
@@ -329,13 +328,13 @@ def from_fit(
     method : str
         Name for the summary.
     records : sequence of Record
-        Judged one by one.
+        Evaluated separately.
     warnings : sequence of str
-        Said before those of the fit.
+        Listed before those of the fit.
     started : float, optional
         ``time.perf_counter()`` at the start.
     choices : Choices, optional
-        What the user says of starts and zeros.
+        Given initial conditions and zeros.
     """
     started = time.perf_counter() if started is None else started
     views = views_of(fit.model, fit.values, records, fit.sampling_offset, choices)
@@ -387,12 +386,12 @@ def _errors_and_discrepancy(
 
 
 def evaluated_on(found: Identification, records: Sequence[Record]) -> Identification:
-    """Return an identification whose discrepancy is that on records that it has not seen.
+    """Return an identification with the discrepancy on records that were not fitted.
 
     Raises
     ------
     IdentificationError
-        If the records can tell nothing.
+        If the records are unusable.
     """
     require_usable(records)
     late = found.sampling_offset
@@ -404,7 +403,7 @@ def evaluated_on(found: Identification, records: Sequence[Record]) -> Identifica
 
 
 def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
-    """Say what records lost, and so where the model leaves much more than their noise."""
+    """Return warnings on excluded samples, and on residuals far above the noise."""
     remarks = [
         f'record {row.record}: {counted(row.lost, "sample")} excluded as spikes or drop-outs.'
         for row in rows

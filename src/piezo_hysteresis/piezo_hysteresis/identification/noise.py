@@ -1,9 +1,9 @@
 """The noise of each record, measured without a model: its rms and its colour.
 
-Periods of a record are compared with the period before, so that everything that repeats drops
-out; what is left is judged by its running median spectrum, so that a tone, a drift or a few
-bursts, which a better model may well explain, do not count as noise. A record that does not
-repeat shows its noise in differences of high order, which hardly see anything that moves smoothly.
+Each period is subtracted from the previous one, which removes the periodic part. The noise is the
+running median of the spectrum of the rest, so that a tone, a drift or a few bursts, which a better
+model may explain, do not count as noise. The noise of an aperiodic record is estimated from
+differences of high order, which suppress smooth motion.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ WIDTH = 101
 RUNNING_MEDIAN = 0.704
 # How often a median runs over a spectrum, levelled by the colour so far: it rests then.
 _PASSES = 3
-# Records whose noise differs by less than this from most are the same.
+# Records whose noise differs by less than this from the majority are treated as equal.
 AGREE = 0.02
 # Standard deviation of an rms from one line of a spectrum by its median: 1 / (2 ln 2).
 SPREAD = 0.72
@@ -64,22 +64,22 @@ class Noise:
     Attributes
     ----------
     rms : float
-        Of the noise [m]; NaN where it cannot be estimated.
+        Rms of the noise [m]; NaN if it cannot be estimated.
     lines : int
         Independent lines of the spectrum that it was taken from, half of those of a windowed one
         where noise is white, less where few lines hold most of it: it is known to about
         ``0.72 / sqrt(lines)``.
     colour : float
         Correlation of one sample with the next: 0 for white noise, towards 1 for slow noise; NaN
-        where it cannot be estimated.
+        if it cannot be estimated.
     order : int
-        Of the differences from which `rms` was taken as if it were white; 0 for a spectrum.
+        Order of the differences from which `rms` was estimated for white noise; 0 for a spectrum.
     rounding : float
-        Share by which its mean square may be larger or smaller, as nobody can tell how much of the
-        rounding of a converter repeats with the drive and was not seen.
+        Relative uncertainty of its mean square, because an unknown part of the rounding of a
+        converter repeats with the drive.
     hidden : bool
-        Whether differences showed less than a step of the converter: the windows that they take
-        for quiet are then those in which rounding hides the noise.
+        Whether the differences are below a step of the converter: in the quiet windows the
+        rounding then hides the noise.
     """
 
     rms: float
@@ -157,7 +157,7 @@ def _with_repeated_rounding(seen: float, step: float) -> float:
     share = step**2 / (2.0 * np.pi**2)
 
     def missed(std: float) -> float:
-        # differences first: a step may be lost beside the noise, or the noise beside the step
+        # differences first: either step or noise may dominate the other
         return (std**2 - seen**2) + (step**2 / 12.0 - unseen(std))
 
     if missed(0.0) >= 0.0:
@@ -167,7 +167,7 @@ def _with_repeated_rounding(seen: float, step: float) -> float:
 
 
 def converter_step(measured: FloatArray) -> float:
-    """Return the smallest distance between two values [m]; 0 where there are too few of them."""
+    """Return the smallest distance between two values [m]; 0 if there are too few of them."""
     levels = np.unique(measured)
     return float(np.diff(levels).min()) if levels.size >= _LEVELS else 0.0
 
@@ -228,7 +228,7 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
 
 
 def _of_one_colour(records: Sequence[Record]) -> list[Noise]:
-    """Return the noise of every record, where its colour is unknown by that of the others.
+    """Return the noise of every record; an unknown colour is taken from the others.
 
     All are assumed to come from one sensor. Differences pass high frequencies only and
     underestimate slow noise; noise below the quantisation step is better estimated by others.
@@ -327,7 +327,7 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
     signal : ndarray, shape (n,)
         Non-periodic part [m].
     period : float
-        Samples after which it was subtracted from itself; 0 where it was not.
+        Lag of the periodic difference in samples; 0 without one.
     """
     if signal.size < 4 * WIDTH:
         if signal.size <= 8:
@@ -339,7 +339,7 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
     window = np.hanning(signal.size)
     power = np.abs(np.fft.rfft(window * (signal - signal.mean()))) ** 2 / np.sum(window**2)
     gain = gain_of_difference(window, period) if period else np.ones(power.size)
-    # where the difference cancels everything there is nothing to see
+    # no estimate at frequencies that the difference cancels
     kept = np.flatnonzero(gain > 0.3)[2:]
     seen, angle = power[kept] / gain[kept], 2.0 * np.pi * kept / signal.size
     turn, colour = np.cos(angle), 0.0

@@ -71,14 +71,14 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
 
 @dataclass(frozen=True)
 class Zero:
-    """An offset found after a recursion, from its free runs.
+    """Offset estimated from the free runs after a recursion.
 
     Attributes
     ----------
     offset : float
-        Mean over the records of what their free runs miss on average [m].
+        Mean over the records of their mean free-run errors [m].
     spread : float
-        Its standard deviation from record to record; inf for one record, which cannot tell [m].
+        Its standard deviation between records; inf for one record [m].
     """
 
     offset: float
@@ -87,22 +87,22 @@ class Zero:
 
 @dataclass(frozen=True)
 class OnlineRun:
-    """What a recursive method found in records.
+    """Result of a recursive method.
 
     Attributes
     ----------
     method : OnlineMethod
-        As it is after the last sample.
+        State after the last sample.
     warnings : tuple of str
-        What a user must know.
+        Warnings for the user.
     settled : bool
-        Whether the estimate stood still over the last tenth of the data.
+        Whether the estimate was stationary over the last tenth of the data.
     history : tuple of float
         Rms of the prediction error over each tenth of the data [m].
     sampling_offset : float
-        By how much later than our convention the displacement was sampled [s].
+        Delay of the sampling of the displacement relative to the convention [s].
     zero : Zero or None
-        What the free runs miss on average, for a recursion that sees no mean itself.
+        Mean error of the free runs, for a recursion without a mean in its regressor.
     """
 
     method: OnlineMethod
@@ -122,30 +122,30 @@ def run_online(
     progress: Progress | None = None,
     **options: Any,
 ) -> OnlineRun:
-    """Run a recursive method over records, one after another, each from rest.
+    """Run a recursive method over a sequence of records, each from rest.
 
-    A recursion takes the clock of its data as given, so it runs again and again over displacements
-    read a little earlier or later, and the clock with the smallest prediction error holds.
+    A recursion assumes a given sampling offset, so it is repeated with shifted displacements, and
+    the offset with the smallest prediction error is selected.
 
     Parameters
     ----------
     model : Model
-        A chain that the method knows.
+        A chain that the method supports.
     records : sequence of Record
         At one rate.
     method : str
         One of `ONLINE_METHODS`.
     sampling_offset : bool
-        Whether to find when the displacement was sampled; False trusts our convention.
+        Whether to estimate the sampling offset; False assumes the convention.
     progress : callable, optional
         Called with ``(fraction, words)``.
     **options
-        Of the method: start, forgetting, variant, offset, unit, p0.
+        Options of the method: start, forgetting, variant, offset, unit, p0.
 
     Raises
     ------
     IdentificationError
-        If the method does not know the model, or the records differ in rate.
+        If the method does not support the model, or the records differ in rate.
     """
     if 'natural_frequency' in model.parameter_names:
         options = {**options, 'start': _with_mode(records, options.get('start') or {})}
@@ -196,7 +196,7 @@ def run_on_clock(
     p0: float = 1.0,
     progress: Progress | None = None,
 ) -> OnlineRun:
-    """Run a recursive method over records whose clock is known, see `run_online`."""
+    """Run a recursive method over records with a known sampling offset, see `run_online`."""
     if len({record.dt for record in records}) > 1:
         raise IdentificationError(
             f'{method} needs records of one sampling rate; resample them, or use output_error'
@@ -241,10 +241,10 @@ def run_on_clock(
 
 
 def _zero(recursion: OnlineMethod, records: Sequence[Record]) -> Zero:
-    """Return the offset that the free runs of the papers' RLS miss.
+    """Return the offset from the free runs of the RLS of the papers.
 
-    Their mean is whatever the rounding of A0 over beta makes of it; a constant column beside A0
-    does not mend that, because the two do the same in steady state.
+    Their mean is A0 over beta with the rounding of both; a constant regressor in addition to A0
+    does not correct this, because the two are equivalent in steady state.
     """
     missed = []
     for record in records:
@@ -263,7 +263,7 @@ def _zero(recursion: OnlineMethod, records: Sequence[Record]) -> Zero:
 
 
 def _with_mode(records: Sequence[Record], start: Mapping[str, float]) -> dict[str, float]:
-    """Return `start` with a mode, that of an output-error fit where it names none."""
+    """Return `start` with a mode, by default that of an output-error fit."""
     if 'natural_frequency' in start:
         return dict(start)
     found = output_error(named('bouc_wen_mode'), records).values
@@ -271,7 +271,7 @@ def _with_mode(records: Sequence[Record], start: Mapping[str, float]) -> dict[st
 
 
 def settled(before: Estimate, after: Estimate) -> bool:
-    """Return whether an estimate stood still, within its scatter or a hundredth of its values."""
+    """Return whether an estimate was stationary, within its scatter or 1 % of its values."""
     moved = np.abs(after.values - before.values)
     return bool(
         np.all(moved <= np.maximum(3 * after.standard_deviations, 0.01 * np.abs(after.values)))

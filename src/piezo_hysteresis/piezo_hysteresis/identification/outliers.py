@@ -7,16 +7,16 @@ import numpy as np
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.jit import jit, leaf
 
-# Robust standard deviations from which a sample is none of the others'.
+# Robust standard deviations from which a sample is an outlier.
 _FAR = 8.0
 _MAD = 1.4826  # of a normal distribution: standard deviation over the median absolute deviation
-# A short excursion stands out when it is so many times larger than any other nearby.
+# A short excursion is an outlier if it is this factor larger than all others nearby.
 _STANDS_OUT = 5.0
 _NEARBY = 15
 _WIDEST = 3  # samples of an excursion that is reported without a second period
-_FROZEN = 4  # samples for which a sensor may say the same by chance
+_FROZEN = 4  # samples for which a reading may be constant by chance
 _SETTLING = 3.0  # typical differences of a period, over those of most, from which it settles
-_SMALLEST = 1e-5  # share of the stroke below which nothing is an outlier
+_SMALLEST = 1e-5  # share of the stroke below which no sample is an outlier
 _SAME = 1e-9  # share of the stroke within which two readings are the same
 _FEWEST_PERIODS = 3  # of which the median is not moved by one bad one
 
@@ -24,9 +24,9 @@ _FEWEST_PERIODS = 3  # of which the median is not moved by one bad one
 def outliers(displacement: FloatArray, period: int, first: int = 0) -> BoolArray:
     """Return which samples are spikes or drop-outs, shape (n,).
 
-    Periods are compared with their median, phase by phase; what does not repeat is looked at for
-    excursions of a few samples that come back to where they left, and for a reading that jumps
-    away, stands still and jumps back. Neither asks what the actuator is.
+    Periods are compared with their median, phase by phase; aperiodic records are checked for
+    excursions of a few samples that return to their origin, and for a reading that jumps, is
+    constant and jumps back. Neither test depends on the actuator.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def _unlike(periods: FloatArray) -> BoolArray:
     left -= np.median(left, axis=1, keepdims=True)  # a drift from period to period is no outlier
     size = np.abs(left)
     typical = np.median(size, axis=1, keepdims=True)
-    # where most samples of a coarse sensor repeat exactly, its own steps are what is usual
+    # if most samples of a coarse sensor repeat exactly, its steps are the usual deviation
     usual = max(
         float(np.median(typical)),
         _SMALLEST * float(np.ptp(periods)),
@@ -102,7 +102,7 @@ def _mark_excursions(y: FloatArray, width: int, found: BoolArray) -> None:
     reach = half + width + 1  # those that share samples are left out
     for k in range(last + 1):
         least, _, one_side = _away(y, k, width)
-        # the mean slope of the samples beside it
+        # the mean slope of the neighbouring samples
         before = y[k] - y[max(k - 1, 0)]
         after = y[min(k + width + 2, y.size - 1)] - y[k + width + 1]
         back = y[k + width + 1] - y[k] - 0.5 * (width + 1) * (before + after)
@@ -118,10 +118,10 @@ def _mark_excursions(y: FloatArray, width: int, found: BoolArray) -> None:
 
 
 def frozen(y: FloatArray) -> BoolArray:
-    """Return which samples belong to a reading that jumps away, stands still and jumps back."""
+    """Return which samples belong to a reading that jumps, is constant and jumps back."""
     found = np.zeros(y.size, dtype=bool)
     same = np.diff(y) == 0.0
-    if same.mean() > 0.2:  # coarse sensors and records of rest stand still by themselves
+    if same.mean() > 0.2:  # coarse sensors and records at rest are constant anyway
         return found
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     usual = _MAD * float(np.median(np.abs(np.diff(y)))) + 1e-300
@@ -135,10 +135,10 @@ def frozen(y: FloatArray) -> BoolArray:
 
 
 def interpolated(displacement: FloatArray, bad: BoolArray, period: int = 0) -> FloatArray:
-    """Return the displacement with what is `bad` filled in.
+    """Return the displacement with `bad` samples interpolated.
 
-    Where the drive repeats, by what the same phase of the period before or behind reads; else by a
-    line.
+    With a periodic drive by the reading at the same phase of the previous or next period, else
+    linearly.
 
     Parameters
     ----------

@@ -32,9 +32,9 @@ def cached_per_record(function: Callable[[Record], Result]) -> Callable[[Record]
 
 @cached_per_record
 def period_of(record: Record) -> int:
-    """Return the smallest period of the voltage in samples, 0 where it is not periodic.
+    """Return the smallest period of the voltage in samples, 0 if it is not periodic.
 
-    Looks at the second half of the record, so that a start-up does not hide the period.
+    Uses the second half of the record, so that a start-up does not hide the period.
     """
     u = record.voltage[len(record) // 2 :]
     n = u.size

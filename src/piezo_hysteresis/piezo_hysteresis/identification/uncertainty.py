@@ -1,4 +1,4 @@
-"""What the data can tell: covariance, what is confounded, and which record would help."""
+"""Identifiability: covariance, confounded parameters, and the record that separates them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 
-#: Scaled condition number beyond which digits of single parameters mean nothing.
+#: Scaled condition number beyond which single parameters are not determined.
 CONDITION_LIMIT = 1e6
-# Share of the largest singular value that differences of a free run cannot tell from none.
+# Share of the largest singular value that is below the accuracy of finite differences.
 _ROUNDING = 1e-9
 #: Correlation beyond which two parameters count as not distinguished.
 CORRELATION_LIMIT = 0.995
@@ -25,13 +25,13 @@ class Covariance:
     Attributes
     ----------
     std : ndarray, shape (p,)
-        Standard deviations; inf where the data say nothing.
+        Standard deviations; inf if the data do not determine a parameter.
     correlation : ndarray, shape (p, p)
         Correlation matrix.
     condition : float
         Condition number of the column-scaled Jacobian.
     directions : tuple
-        For each direction the data do not determine: names and shares of its parameters.
+        For each undetermined direction: names and shares of its parameters.
     """
 
     std: FloatArray
@@ -81,7 +81,7 @@ def covariance(factor: FloatArray, variance: float, names: Sequence[str]) -> Cov
 
 
 def inflation(residuals: Sequence[FloatArray]) -> float:
-    """Return by how much serial correlation of residuals inflates the variance of a mean.
+    """Return the factor by which serial correlation of residuals inflates the variance of a mean.
 
     One for white noise; the integrated autocorrelation time in samples where a model error is
     left, which repeats itself and therefore holds less information than it has samples.
@@ -159,7 +159,7 @@ _DEFAULT_HELP = 'add records at other frequencies and amplitudes, or fix one of 
 
 
 def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) -> tuple[str, ...]:
-    """Say in words which parameters these records do not determine, and what to record."""
+    """Return sentences on undetermined parameters, and the recommended records."""
     remarks: list[str] = []
     lost: set[str] = set()
     for direction in result.directions:

@@ -30,7 +30,7 @@ _ALL = (
         'excitation',
         'Publishes the reference (or open-loop voltage) of tick k + 1 after the state of tick '
         'k, and runs sweeps, one record per frequency and amplitude. It records a sweep that '
-        'names a bag; a record of which a state was lost is run again. Voltages beyond the range '
+        'names a bag; a record with a lost state is repeated. Voltages beyond the range '
         'in `loop/status` are refused before the first sample.',
         node_tables.EXCITATION,
         subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),

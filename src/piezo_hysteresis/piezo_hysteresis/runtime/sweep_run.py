@@ -10,7 +10,7 @@ from typing import Protocol
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REPEATED
 from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord
 
-# How often one record is run again of which a state was lost.
+# Largest number of repetitions of a record with a lost state.
 MOST_REPEATS = 3
 
 
