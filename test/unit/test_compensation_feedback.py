@@ -320,7 +320,7 @@ def test_impossible_problems_are_refused() -> None:
     [
         (HInfinityWeights(500.0), 'beyond half the sampling rate, 500 Hz'),
         (HInfinityWeights(200.0), 'gamma is 2.08 and should be 1 or less; lower the bandwidth'),
-        (HInfinityWeights(20.0, control=0.1), 'unstable by itself .a pole at 1.08'),
+        (HInfinityWeights(20.0, control=0.1), 'would be unstable .a pole at 1.08'),
     ],
 )
 def test_a_controller_that_does_less_than_was_asked_is_refused(weights: Any, says: str) -> None:

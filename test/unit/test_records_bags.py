@@ -296,8 +296,8 @@ def test_nothing_is_overwritten_and_nothing_half_written(
     ('records', 'storage', 'message'),
     [
         ([], 'mcap', 'no records'),
-        ([make('a'), make('a')], 'mcap', "name of its own, not 'a'"),
-        ([make('')], 'mcap', 'name of its own'),
+        ([make('a'), make('a')], 'mcap', "unique name, not 'a'"),
+        ([make('')], 'mcap', 'unique name'),
         ([make()], 'sqlite3', 'ros2 bag convert'),
     ],
 )
