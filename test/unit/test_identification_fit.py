@@ -372,3 +372,17 @@ def test_runs_between_the_ticks_are_differentiated(names: tuple[str, ...]) -> No
         difference /= 2.0 * step
         size = np.abs(difference).max()
         np.testing.assert_allclose(row, difference, atol=2e-3 * size + 1e-16, err_msg=name)
+
+
+def test_a_delay_is_found_across_a_step_that_moves_by_whole_ticks() -> None:
+    """Each tick of delay error moves one large residual, on one side of the step only."""
+    model, dt = chain('transport_delay', 'bouc_wen', 'offset', A0=0.0), 2e-4
+    t = dt * np.arange(6000)
+    voltage = np.where(t < 0.3, 0.0, -np.cos(2 * np.pi * 2.0 * (t - 0.3)))
+    truth = {**model.defaults(), 'delay': 4e-3}
+    displacement = model.respond(voltage, model.pack(truth), dt)
+    # read before the voltage of the tick acts
+    seen = np.concatenate([[displacement[0]], displacement[:-1]])
+    record = Record('step', dt, voltage, seen)
+    found = fit(model, [record], {**truth, 'delay': 5e-3}, free=('delay',))
+    assert found.values['delay'] == pytest.approx(4e-3, abs=dt)

@@ -16,7 +16,7 @@ from piezo_hysteresis.identification.initial_conditions.nuisances import (
 )
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.qr import triangle
-from piezo_hysteresis.identification.sensitivities import moves_by_ticks
+from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
@@ -96,12 +96,7 @@ class Objective:
     def _grains(self) -> FloatArray:
         """Return the tick for delays of what is held, which move by whole ticks, else 0."""
         tick = min((target.dt for target in self.targets), default=0.0)
-        held = {
-            parameter.name
-            for stage in self.model.stages
-            if moves_by_ticks(stage)
-            for parameter in self.model.parameters[stage.columns]
-        }
+        held = delays_by_ticks(self.model)
         return np.array([tick if name in held else 0.0 for name in self.free])
 
     def values(self, x: FloatArray) -> dict[str, float]:

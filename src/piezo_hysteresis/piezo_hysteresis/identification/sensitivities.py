@@ -57,8 +57,10 @@ def sensitivities(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the free run from rest and its derivatives.
 
-    Blocks are differentiated by the generated derivative of their kernel. Delays, and linear runs
-    by their own parameters, are differenced.
+    Blocks are differentiated by the generated derivative of their kernel. Linear runs are
+    differenced by their own parameters. A delay of a held voltage moves it by whole ticks; the
+    whole response is differenced from a tick less to a tick more, since a step of the voltage
+    leaves a residual on one side only.
 
     Parameters
     ----------
@@ -85,6 +87,22 @@ def sensitivities(
     rows : ndarray, shape (len(free), n)
         Row j is the derivative by ``free[j]`` [m per unit of the parameter].
     """
+    given: dict[str, Any] = {'origin': origin, 'offsets': offsets}
+    held = delays_by_ticks(model)
+    if any(name in held for name in free):
+        others = [name for name in free if name not in held]
+        signal, tangent = sensitivities(
+            model, packed, others, voltage, dt, frequency, start, **given
+        )
+        rows = dict(zip(others, tangent, strict=True))
+        for name in set(free) - rows.keys():
+            two = _a_tick_apart(model, packed, name, dt)
+            before, after = (
+                sensitivities(model, each, (), voltage, dt, frequency, start, **given)[0]
+                for each in two
+            )
+            rows[name] = (after - before) / np.sum(two[1] - two[0])
+        return signal, np.array([rows[name] for name in free])
     signal = np.ascontiguousarray(voltage, dtype=np.float64)
     tangent = np.empty((0, signal.size))
     columns: list[str] = []
@@ -188,7 +206,7 @@ def _by_quadrature(
     for j in columns:
         if j >= run.behind[0].span.start:
             moving.append((j, p.copy()))
-            moving[-1][1][j] += parameter_step(stage, own[j], p[j], dt)
+            moving[-1][1][j] += parameter_step(own[j], p[j])
     lasting = [
         (np.zeros((count, state[behind].size)), np.zeros(count))
         for count in (1 + len(places), *[1] * len(moving))
@@ -236,7 +254,7 @@ def _by_path(
         return _differenced(stage, own, p, columns, signal, tangent, clock)
     if stage.run.steps(p, clock.dt) == 0 or stage.run.order(p) > 0.0:
         return _differenced(stage, own, p, columns, signal, tangent, clock)
-    around = {j: _around(stage, own[j], float(p[j]), clock.dt) for j in columns}
+    around = {j: _around(own[j], float(p[j])) for j in columns}
     late = [j for j in columns if j < stage.run.delays]
     for j in late:
         del around[j]
@@ -252,9 +270,9 @@ def _by_path(
     return output, np.vstack([rows[: len(tangent)], others, rows[len(tangent) :]])
 
 
-def _around(stage: Stage, parameter: Parameter, value: float, dt: float) -> tuple[float, float]:
+def _around(parameter: Parameter, value: float) -> tuple[float, float]:
     """Return a parameter a little less and a little more, itself where a bound is in the way."""
-    step = abs(parameter_step(stage, parameter, value, dt))
+    step = abs(parameter_step(parameter, value))
     below, above = value - step, value + step
     return (
         below if below >= parameter.low else value,
@@ -319,7 +337,7 @@ def _differenced(
         result[j] = (run(signal + step * column, p) - output) / step
     for place, j in enumerate(columns, start=incoming):
         moved = p.copy()
-        moved[j] += parameter_step(stage, own[j], p[j], clock.dt)
+        moved[j] += parameter_step(own[j], p[j])
         result[place] = (run(signal, moved) - output) / (moved[j] - p[j])
     return output, result
 
@@ -329,9 +347,25 @@ def moves_by_ticks(stage: Stage) -> TypeGuard[TickStage]:
     return isinstance(stage, TickStage) and stage.block.between is Between.DELAY
 
 
-def parameter_step(stage: Stage, parameter: Parameter, value: float, dt: float) -> float:
-    """Return by how much a parameter of a stage is moved for a difference, within its bounds."""
-    if moves_by_ticks(stage):
-        return dt if value + dt <= parameter.high else -dt
+def delays_by_ticks(model: Model) -> set[str]:
+    """Return the names of the delays that move a held signal by whole ticks."""
+    stages = (stage for stage in model.stages if moves_by_ticks(stage))
+    return {each.name for stage in stages for each in model.parameters[stage.columns]}
+
+
+def _a_tick_apart(
+    model: Model, packed: FloatArray, name: str, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the parameters with a delay a tick less and a tick more, within its bounds."""
+    place = model.parameter_names.index(name)
+    bounds = model.parameters[place]
+    before, after = packed.copy(), packed.copy()
+    before[place] = max(packed[place] - dt, bounds.low)
+    after[place] = min(packed[place] + dt, bounds.high)
+    return before, after
+
+
+def parameter_step(parameter: Parameter, value: float) -> float:
+    """Return by how much a parameter is moved for a difference, within its bounds."""
     step = _STEP * max(abs(value), 0.1 * parameter.scale)
     return -step if value + step > parameter.high else step
