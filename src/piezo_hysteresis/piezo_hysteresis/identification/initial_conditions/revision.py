@@ -6,7 +6,7 @@ and their weights be estimated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,10 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
-from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
+from piezo_hysteresis.identification.initial_conditions.start_hypotheses import (
+    StartSearch,
+    square_of,
+)
 from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.identification.thread_pool import of_each
@@ -104,9 +107,9 @@ def revised(
     search = StartSearch(model, values, sampling_offset, records, choices.start, lasting=alone)
     seen = of_each(lambda each: search.best_start(each, choices.zero), targets, workers)
     seen = (
-        [search.settled(_zeroed([each], choices, search.left)[0]) for each in seen]
+        [search.settled(_zeroed([each], choices, search)[0]) for each in seen]
         if alone
-        else _zeroed(seen, choices, search.left, fewest=2)
+        else _zeroed(seen, choices, search, fewest=2)
     )
     errors = [search.left(each) for each in seen]
     return [
@@ -118,7 +121,7 @@ def revised(
 def _zeroed(
     targets: Sequence[Target],
     choices: Choices,
-    left: Callable[[Target], FloatArray],
+    search: StartSearch,
     fewest: int = 1,
 ) -> list[Target]:
     """Return the targets, with a zero per record where they need one.
@@ -127,8 +130,8 @@ def _zeroed(
     ----------
     targets, choices
         As in `revised`.
-    left : callable
-        Residual of a target [m].
+    search : StartSearch
+        Residuals of the model.
     fewest : int
         Of records that can have zeros of their own. Where that is more than one, they are fitted
         together: the zero that they share is at its best, not where a fit with others left it.
@@ -137,18 +140,13 @@ def _zeroed(
         return [replace(each, own_zero=choices.zero == 'record') for each in targets]
     own = [replace(each, own_zero=True) for each in targets]
     common = [replace(each, own_zero=False) for each in targets]
-    errors = [left(each) for each in common]
+    errors = [search.left(each) for each in common]
     if fewest > 1:
         samples = sum(each.size for each in errors)
         shared = sum(float(each.sum()) for each in errors) / samples
         errors = [each - shared for each in errors]
-    apart = sum(map(_square, map(left, own))) < (1.0 - ZERO_SHARE) * sum(map(_square, errors))
-    return own if apart else common
-
-
-def _square(error: FloatArray) -> float:
-    total = inner(error, error)
-    return total if np.isfinite(total) else float('inf')
+    squares = sum(map(search.square, own)), sum(map(square_of, errors))
+    return own if zeros_lie_apart(*squares) else common
 
 
 def precisions(targets: Sequence[Target], errors: Sequence[FloatArray]) -> list[float]:

@@ -290,6 +290,10 @@ def _cost(evaluated: Hypothesis) -> float:
 
 
 def _square(found: Prediction) -> float:
+    return square_of(found.residual)
+
+
+def square_of(error: FloatArray) -> float:
     """Return the sum of squares of a residual [m^2], infinite where it is not finite."""
-    total = inner(found.residual, found.residual)
+    total = inner(error, error)
     return total if isfinite(total) else float('inf')
