@@ -81,14 +81,16 @@ class Stage:
         self.listener.until(lambda: abs(self.controller.voltage) > 0.1)
 
     def rests(self) -> None:
-        """Assert that the output is at 0 V, and was within the sweep until then."""
-        self.controller.advance()
-        assert not self.controller.is_running
-        assert self.controller.voltage == 0.0
+        """Wait until the output is at 0 V; assert that it was within the sweep until then."""
+        self.listener.until(self._at_rest)
         recorder = self.controller.recorder
         tables = [table for table, option in recorder.options.items() if option == OUTPUT]
         parts = [part for table in tables for part in recorder.samples.get(table, [])]
         assert max(np.abs(part).max(initial=0.0) for part in parts) <= 1.0 + 1e-8
+
+    def _at_rest(self) -> bool:
+        self.controller.advance()
+        return not self.controller.is_running and self.controller.voltage == 0.0
 
     def close(self) -> None:
         self.server.shutdown()
@@ -157,7 +159,7 @@ def test_one_thing_at_a_time_and_within_the_limits(stage: Stage) -> None:
 
 def test_a_lost_connection_is_said_and_followed_by_rest(stage: Stage) -> None:
     stage.start()
-    handle = stage.send(seconds=2.0)
+    handle = stage.send(seconds=200.0)  # longer than anything waits for its end
     stage.moving()
     stage.server.fault.after, stage.server.fault.kind = 0, 'drop'
     result = stage.result(handle)
