@@ -160,6 +160,11 @@ class Evaluator(ABC):
 
     # --- shared by both evaluators -----------------------------------------------------------
 
+    def reduces_gap(self, before: CandidateFit, after: CandidateFit) -> bool:
+        """Return whether the effects of `after` reduce the gap on held-out records by enough."""
+        old, new = map(self.held_out_excess, (before, after))
+        return rules.reduces_gap_enough(old, new, self.policy)
+
     @property
     def measured(self) -> Dataset:
         """The measured data, without subtraction of a known discrepancy."""

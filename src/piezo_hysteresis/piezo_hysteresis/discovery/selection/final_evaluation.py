@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.selection.evaluator import Remainder
 from piezo_hysteresis.discovery.selection.search import Found
@@ -40,14 +39,13 @@ class Outcome:
 
 
 def with_headlines_only(found: Found) -> Found:
-    """Return the result of a search without effects that reduce the held-out gap too little.
+    """Return the result of a search without effects that reduce the gap too little.
 
     The known discrepancy of a fixed baseline is not part of the gap: no effect can remove it.
     """
     if not found.steps:
         return found
-    before, after = map(found.evaluator.held_out_excess, (found.start, found.final))
-    if rules.reduces_gap_enough(before, after, found.evaluator.policy):
+    if found.evaluator.reduces_gap(found.start, found.final):
         return found
     last = found.last or found.steps[-1].round
     return replace(found, steps=(), final=found.start, last=last)
