@@ -190,6 +190,7 @@ def test_effects_that_records_cannot_distinguish_come_with_their_models(
     (effect,) = found.verdict.effects
     alike = [each.name for each in effect.look_alikes]
     assert 'creep' in alike
+    assert not {'transport_delay', 'sensor_nonlinearity'} & set(alike)  # nothing of a drift
     assert [each.effect for each in found.alike['drift']] == alike
     advice = ' '.join(found.verdict.next_experiments)
     assert all(name in advice for name in alike)

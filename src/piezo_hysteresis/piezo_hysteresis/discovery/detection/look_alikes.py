@@ -5,9 +5,10 @@ fit, approximates this change up to
 
     d_l = min over b |(I - P_J)(x - b x_l)|
 
-standard deviations of the random residual. Below 7 (`limits.APART`) the two effects form one
-class, because the records contain too little information that distinguishes them. The distance
-requires no fit of the candidate.
+standard deviations of the random residual. Below 7 (`limits.APART`), and below half of the change
+itself, the two effects form one class, because the records contain too little information that
+distinguishes them. A small change is near every effect of size b = 0; this is no similarity. The
+distance requires no fit of the candidate.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ from piezo_hysteresis.discovery.detection.limits import (
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.identification.qr import inner
+
+# Largest distance of a similar effect, relative to the change: it explains 75 % of its power.
+SIMILAR = 0.5
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,7 @@ def look_alikes(
         if candidate.effect.name != step.fit.effect
         for values in candidate.starts
     ]
+    size = records.all_samples * float(np.sqrt(inner(found, found)))
     nearest: dict[str, tuple[LookAlike, ModelSpec]] = {}
     for (candidate, _), other in zip(pairs, records.signatures(pairs), strict=True):
         if other is None:
@@ -78,7 +84,8 @@ def look_alikes(
         name = candidate.effect.name
         share, away = nearest_multiple(found, other.whitened, one_sided(candidate))
         away *= records.all_samples
-        if away < min(APART, nearest[name][0].distance if name in nearest else np.inf):
+        closest = nearest[name][0].distance if name in nearest else np.inf
+        if away < min(APART, SIMILAR * size, closest):
             values = scaled(candidate, other.values, share)
             spec = step.round.before.with_candidate(candidate, values)
             nearest[name] = LookAlike(name, away), spec
