@@ -1,9 +1,9 @@
-"""A linear model from records, as Xiao 2014 gets its (4): ARX by least squares, written in s.
+"""Transfer function in s from records by ARX least squares, as in Xiao 2014.
 
-``A(s) y = B(s) u + c`` is regressed on signals behind the filters ``s^i / D(s)``, which is as
-well conditioned at 10 kHz as at 100 Hz; in z the poles of a slow actuator crowd at 1. The equation
-error depends on D and noise moves the poles, so D is A of the round before (Steiglitz and
-McBride): its errors are those of the free run.
+``A(s) y = B(s) u + c`` is regressed on signals filtered by ``s^i / D(s)``. This is as well
+conditioned at 10 kHz as at 100 Hz; in z the poles of a slow actuator cluster at 1. The equation
+error depends on D, and noise biases the poles. D is therefore A of the previous iteration
+(Steiglitz and McBride), which minimises the free-run error.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class TransferFunction:
     numerator, denominator : tuple of float
         Coefficients, the highest power first; the denominator begins with 1.
     rate : float
-        Sampling rate of the records it is from [Hz].
+        Sampling rate of the fitted records [Hz].
     nrmse_percent : float
-        Error of its free run over them, as a share of what moves.
+        Free-run error relative to the standard deviation of the displacement.
     """
 
     numerator: tuple[float, ...]
@@ -54,16 +54,16 @@ class TransferFunction:
 
     @property
     def gain(self) -> float:
-        """Gain at rest [m/V]."""
+        """Static gain [m/V]."""
         return self.numerator[-1] / self.denominator[-1]
 
     def save(self, path: str | Path) -> None:
-        """Write it as YAML.
+        """Write the transfer function as YAML.
 
         Raises
         ------
         IdentificationError
-            If it cannot be written.
+            If the file cannot be written.
         """
         content = {
             'numerator': list(self.numerator),
@@ -82,7 +82,7 @@ class TransferFunction:
 
     @classmethod
     def load(cls, path: str | Path) -> TransferFunction:
-        """Read one that `save` wrote.
+        """Read a transfer function from a file written by `save`.
 
         Raises
         ------
@@ -111,24 +111,24 @@ class TransferFunction:
 def fit_transfer_function(
     records: Sequence[Record], order: int = 3, zeros: int = 1, *, rounds: int = _ROUNDS
 ) -> TransferFunction:
-    """Fit a transfer function to records of one rate, as Xiao 2014 (4).
+    """Fit a transfer function to records of one sampling rate, as Xiao 2014 (4).
 
     Parameters
     ----------
     records : sequence of Record
-        Of small steps, chirps or noise: hysteresis counts as misfit here. Fitted jointly, each
-        with a zero and states at its start of its own.
+        Small steps, chirps or noise, because hysteresis is not modelled. They are fitted jointly;
+        each has its own offset and initial state.
     order : int
-        Poles.
+        Number of poles.
     zeros : int
-        Zeros, fewer than `order`.
+        Number of zeros, less than `order`.
     rounds : int
-        Of Steiglitz and McBride; 0 is plain ARX, as Xiao 2014 used it.
+        Iterations of Steiglitz and McBride; 0 is plain ARX, as in Xiao 2014.
 
     Raises
     ------
     IdentificationError
-        If the records differ in rate or are too short, or no stable model comes out.
+        If the records differ in rate or are too short, or no stable model results.
     """
     if not 1 <= order <= 8 or not 0 <= zeros < order:
         raise IdentificationError(
@@ -151,7 +151,7 @@ def fit_transfer_function(
 def _fitted(
     data: Sequence[Pair], dt: float, order: int, zeros: int, corner: float, rounds: int
 ) -> tuple[float, list[float], list[float]]:
-    """Return misfit, numerator and denominator of the best round from one first filter."""
+    """Return misfit, numerator and denominator of the best iteration for one initial filter."""
     filters: FloatArray = np.asarray(np.poly(np.full(order, -corner)), dtype=np.float64)
     best: tuple[float, list[float], list[float]] = (float('inf'), [], [])
     for _ in range(rounds + 1):
@@ -169,7 +169,7 @@ def _fitted(
 
 
 def _moved(record: Record, order: int) -> Pair:
-    """Return voltage and displacement from rest, scaled so that both count alike."""
+    """Return voltage and displacement relative to rest, scaled to equal size."""
     if len(record) - record.warm_up_samples < 20 * order:
         raise IdentificationError(
             f'record {record.name} has {len(record)} samples, too few for {order} poles'
@@ -186,7 +186,7 @@ def _moved(record: Record, order: int) -> Pair:
 def _equation(
     data: Sequence[Pair], dt: float, filters: FloatArray, zeros: int
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return B and A of least squares on the equation behind ``1 / filters``."""
+    """Return B and A by least squares on the equation filtered by ``1 / filters``."""
     order = filters.size - 1
     rows, right = [], []
     for k, (u, y) in enumerate(data):
@@ -214,7 +214,7 @@ def _equation(
 
 
 def _unknown(bottom: FloatArray, count: int, dt: float) -> FloatArray:
-    """Return what a record brings along: its zero, and what its states at the start fade by."""
+    """Return the regressors of one record: its offset and its decaying initial states."""
     order = bottom.size - 1
     pulse = np.zeros(count)
     pulse[0] = 1.0
@@ -226,10 +226,10 @@ def _unknown(bottom: FloatArray, count: int, dt: float) -> FloatArray:
 def _through(
     top: FloatArray, bottom: FloatArray, signal: FloatArray, dt: float, method: str
 ) -> FloatArray:
-    """Return a signal behind ``top / bottom`` in s, held or joined by lines from tick to tick."""
+    """Return a signal filtered by ``top / bottom`` in s, with a hold of zero or first order."""
     from scipy.signal import cont2discrete, tf2ss
 
-    # in time of the filter, so that the powers of s are of one size
+    # in time of the filter, so that the powers of s have similar magnitude
     pace = float(abs(bottom[-1])) ** (1.0 / (bottom.size - 1))
     powers = pace ** np.arange(bottom.size)
     scaled = bottom / powers
@@ -270,7 +270,7 @@ def _run(
 
 
 def _misfit(data: Sequence[Pair], dt: float, top: FloatArray, bottom: FloatArray) -> float:
-    """Return the rms error of the free run, starts and zeros apart, as a share of what moves."""
+    """Return the relative rms free-run error, without initial states and offsets."""
     missed = moved = 0.0
     for u, y in data:
         share = np.zeros_like(y)

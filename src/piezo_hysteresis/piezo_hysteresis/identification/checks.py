@@ -14,7 +14,7 @@ from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.records import Record
 
 _SAMPLES_PER_PERIOD = 10
-_OPPOSED = -0.5  # correlation below which the displacement runs against the input
+_OPPOSED = -0.5  # correlation below which the displacement moves against the input
 _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
 
 
@@ -121,7 +121,7 @@ def require_usable(records: Sequence[Record]) -> list[str]:
     Raises
     ------
     IdentificationError
-        If they do not go together, or one is of no use; the first such one is named.
+        If they are inconsistent or one is unusable; the message names the first such record.
     """
     require_consistent(records)
     findings = check_records(records)
@@ -215,7 +215,7 @@ def main_frequency(record: Record) -> float:
 def _between_lines(u: FloatArray, dt: float, peak: int) -> float:
     """Return where the windowed spectrum of a signal is largest near one of its lines [Hz].
 
-    Harmonics of a frequency that is half a line off drift through a radian over the record.
+    With a frequency that is half a line off, the phase of its harmonics drifts over the record.
     """
     windowed = u * np.hanning(u.size)
     turn = -2j * np.pi * np.arange(u.size) / u.size

@@ -1,8 +1,8 @@
-"""The clock of records beside that of a model file: one rule for all who judge such a model.
+"""Sampling offset of new records relative to that of a model file.
 
-A delay of a whole sample is no clock: records count their samples. What may differ from one
-recording to the next is how long after the voltage of a sample the displacement is read,
-by a little, and what the identified records left undetermined of it.
+A delay of whole samples is no sampling offset, because records number their samples. Between
+recordings the time between voltage and displacement of a sample may differ by a small amount, and
+by the uncertainty of the identified offset.
 """
 
 from __future__ import annotations
@@ -16,31 +16,30 @@ from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import ModelFile
 
-#: Share of a sample by which two recordings of one set-up may differ in when they read the
-#: displacement: a driver that reads and writes in every tick does both within a tenth of it.
+#: Difference of the sampling offset between two recordings of one set-up, as a share of a sample:
+#: a driver that reads and writes in every tick does both within a tenth of it.
 JITTER = 0.1
-# Standard deviations of the identified offset that count beside it, and the share of a sample that
-# both together never exceed: beyond half a sample the next one is nearer.
+# Standard deviations of the identified offset that are added to it, and the upper limit of the sum
+# as a share of a sample: beyond half a sample the next sample is nearer.
 _DEVIATIONS = 2.0
 _MOST = 0.5
 
 
 def clock_about(given: ModelFile, dt: float, jitter: float = JITTER) -> tuple[float, float]:
-    """Return between what the sampling offset of new records may lie [s].
+    """Return the range of the sampling offset of new records [s].
 
-    Half a sample at most, as sample numbers count whole ones. As much as that where a chain that
-    answers at once has an offset that was fitted: it stands for what takes less than a sample, and
-    more of it cannot be distinguished from a clock.
+    At most half a sample, because sample numbers count whole samples. The full half sample is
+    allowed where a chain without inertia has a fitted offset: it then represents dynamics faster
+    than a sample, which are not distinguishable from a sampling offset.
 
     Parameters
     ----------
     given : ModelFile
-        Whose offset it is about; one that does not say how well it is known is taken to know the
-        sample only.
+        Model with the identified offset; without a standard deviation, only the sample is known.
     dt : float
         Sampling interval of the new records [s].
     jitter : float
-        Share of a sample by which recordings may differ [1].
+        Difference between recordings as a share of a sample [1].
     """
     known = _DEVIATIONS * given.sampling_offset_std / dt
     part = given.sampling_offset_std > 0.0 and given.model.answers_at_once
@@ -49,9 +48,10 @@ def clock_about(given: ModelFile, dt: float, jitter: float = JITTER) -> tuple[fl
 
 
 def clock_of(given: ModelFile, views: Sequence[Target]) -> float:
-    """Return the sampling offset with which the model of a file fits views best [s].
+    """Return the sampling offset at which the model of a file fits the records best [s].
 
-    Within `clock_about`; that of the file where the model cannot be run on them.
+    It is within `clock_about`. The offset of the file is returned if the model cannot be
+    simulated.
     """
     bounds = clock_about(given, min(view.dt for view in views))
     start = {**given.values, SAMPLING_OFFSET: given.sampling_offset}

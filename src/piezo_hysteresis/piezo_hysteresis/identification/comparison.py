@@ -12,7 +12,7 @@ import numpy as np
 from piezo_hysteresis.identification.discrepancy import RecordResidual
 from piezo_hysteresis.models import Discrepancy
 
-# Error, in multiples of the expected one, from which a record shows something that the model is
+# Error, in multiples of the expected one, from which a record shows more than the model is
 # not known to miss. Repeats of the fitted sweeps of two simulated actuators with two models each
 # gave 1.00 to 1.02, frequencies and amplitudes between the fitted ones up to 1.31, a chirp 0.7 to
 # 1.4 where it stayed in the swept band; creep that the model lacked 15.8.
@@ -44,7 +44,7 @@ class Comparison:
 
     @property
     def new_deviation(self) -> bool:
-        """Whether the record shows more than the model is known to miss."""
+        """Whether the error exceeds the known discrepancy."""
         return not self.ratio <= NEW_DEVIATION
 
 
@@ -64,7 +64,7 @@ def compared(residuals: Iterable[RecordResidual], known: Discrepancy) -> list[Co
 
 
 def comparison_text(found: Sequence[Comparison], known: Discrepancy | None) -> str:
-    """Return in a sentence whether records show more than a model is known to miss."""
+    """Return a sentence on whether the errors exceed the known discrepancy of the model."""
     if known is None or not found:
         return 'the model has no discrepancy; the model.yaml written here has one'
     worst = max(found, key=lambda each: each.ratio)

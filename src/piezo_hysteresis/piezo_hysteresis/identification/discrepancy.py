@@ -1,4 +1,4 @@
-"""What a model misses on records: its discrepancy, from the residuals of its free run."""
+"""Discrepancy of a model, from the residuals of its free run."""
 
 from __future__ import annotations
 
@@ -39,28 +39,28 @@ _WITHIN = np.linspace(1.0, 2.0, 9)
 
 @dataclass(frozen=True)
 class RecordResidual:
-    """What is left of one record after its warm-up.
+    """Residual of a free run on one record after its warm-up.
 
     Attributes
     ----------
     name : str
-        Of the record.
+        Name of the record.
     error : ndarray, shape (n,)
         Measured minus simulated [m].
     dt : float
         Sampling interval [s].
     frequency : float
-        Of the drive [Hz]; 0 where it is not periodic.
+        Frequency of the drive [Hz]; 0 if it is not periodic.
     amplitude : float
         Half the range of the input [V or N].
     stroke : float
         Range of the measured displacement [m].
     noise : float
-        Rms of the noise in it [m]; NaN where it is not known.
+        Rms of the measurement noise [m]; NaN if unknown.
     noise_colour : float
         Correlation of the noise from one sample to the next.
     voltage : ndarray, shape (n,), or None
-        What drove it [V or N], from which phases are counted.
+        Input [V or N], the reference of the phases.
     """
 
     name: str
@@ -75,7 +75,7 @@ class RecordResidual:
 
 
 def residual_of(record: Record, found: Prediction) -> RecordResidual:
-    """Return what the prediction of a whole record leaves of it after its warm-up."""
+    """Return the residual of the prediction of a whole record after its warm-up."""
     view = found.target
     return RecordResidual(
         name=record.name,
@@ -91,19 +91,19 @@ def residual_of(record: Record, found: Prediction) -> RecordResidual:
 
 
 def discrepancy_of(residuals: Iterable[RecordResidual], *, held_out: bool) -> Discrepancy | None:
-    """Return what a model misses by frequency, harmonic and amplitude.
+    """Return the discrepancy of a model by frequency, harmonic and amplitude.
 
     Parameters
     ----------
     residuals : iterable of Residual
-        What it left; records at rest, and those on which it diverges, tell nothing.
+        Residuals of its free runs; records at rest or with a divergent run are ignored.
     held_out : bool
-        Whether the records had no part in the fit.
+        Whether the records were not used in the fit.
 
     Returns
     -------
     Discrepancy or None
-        None where no record tells anything.
+        None if no record is informative.
     """
     groups: dict[tuple[str, str], list[Condition]] = {}
     for residual in residuals:
@@ -116,7 +116,7 @@ def discrepancy_of(residuals: Iterable[RecordResidual], *, held_out: bool) -> Di
 
 
 def condition_of(residual: RecordResidual) -> Condition:
-    """Return what one record shows."""
+    """Return the discrepancy under the condition of one record."""
     error = residual.error
     rms = float(np.sqrt(np.mean(error**2)))
     periodic = residual.frequency > 0.0 and error.size * residual.dt * residual.frequency >= 1.0
@@ -139,7 +139,7 @@ def condition_of(residual: RecordResidual) -> Condition:
 
 
 def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
-    """Return the rms of each harmonic, 0 being the mean, and what is beside them.
+    """Return the rms of each harmonic, 0 being the mean, and the remainder.
 
     Where the drive changes its amplitude, harmonics follow it: `drive_lines`.
     """
@@ -162,9 +162,9 @@ def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
 
 
 def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]:
-    """Return the phases of harmonics, less their order times that of the drive [rad].
+    """Return the phases of harmonics minus their order times the phase of the drive [rad].
 
-    They are those at the largest amplitude, and none where that is not held long enough.
+    The phases apply at the largest amplitude; there are none if it is not held long enough.
     """
     above = [order for order in orders if order > 0]
     if residual.voltage is None or not above:
@@ -181,8 +181,8 @@ def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]
 def _scatter(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]:
     """Return the rms by which harmonics differ between parts of a record [m].
 
-    A fit makes their mean over the record small, and no part of it needs to be so near. They are
-    taken to grow with the drive; a part in which it hardly moves says nothing.
+    A fit minimises their mean over the record, so that single parts may differ more. They are
+    assumed proportional to the drive; parts with a small drive are not used.
     """
     above = [order for order in orders if order > 0]
     dt, drive = residual.dt, residual.frequency
@@ -208,7 +208,7 @@ def _scatter(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float
 
 
 def _beyond_noise(residual: RecordResidual, left: FloatArray, least: float) -> dict[float, float]:
-    """Return the rms in octaves of what is on no harmonic, beyond the noise."""
+    """Return the rms by octave between the harmonics, in excess of the noise."""
     white = residual.noise**2 * 2.0 * residual.dt if isfinite(residual.noise) else 0.0
 
     def noise(low: float) -> float:
@@ -221,7 +221,7 @@ def _beyond_noise(residual: RecordResidual, left: FloatArray, least: float) -> d
 
 
 def _octaves(error: FloatArray, dt: float, least: float) -> dict[float, float]:
-    """Return the rms in octaves from the lowest frequency that the record shows."""
+    """Return the rms by octave, from the lowest frequency that the record resolves."""
     mean = float(np.mean(error))
     power = 2.0 * np.abs(np.fft.rfft(error - mean)) ** 2 / error.size**2
     lowest = 1.0 / (error.size * dt)
@@ -236,7 +236,7 @@ def _octaves(error: FloatArray, dt: float, least: float) -> dict[float, float]:
 
 
 def _together(conditions: Sequence[Condition]) -> Condition:
-    """Return repeats of one condition as one."""
+    """Return repetitions of one condition, merged."""
     if len(conditions) == 1:
         return conditions[0]
     noises = [c.noise for c in conditions if c.noise is not None]
@@ -259,7 +259,7 @@ def _together(conditions: Sequence[Condition]) -> Condition:
 
 
 def _phases_together(conditions: Sequence[Condition]) -> dict[int, float]:
-    """Return the phases of what repeats have in common; none where one does not know them."""
+    """Return the common phases of repetitions; none if one of them has no phases."""
     rows = [row for row in (c.phasors for c in conditions) if row is not None]
     if len(rows) < len(conditions):
         return {}
@@ -272,7 +272,7 @@ def _mean(sizes: Iterable[float]) -> float:
 
 
 def discrepancy_text(known: Discrepancy) -> str:
-    """Return in a sentence how much a model misses, and on what that was judged."""
+    """Return a sentence on the discrepancy of a model and the records it is from."""
     where = 'records that were not fitted' if known.held_out else 'fitted records'
     return (
         f'misses {1e6 * known.missed:.3g} µm rms beyond the noise, {100 * known.share:.2g} % '

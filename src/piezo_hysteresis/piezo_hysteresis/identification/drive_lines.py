@@ -1,8 +1,7 @@
-"""Harmonics of a drive as they follow its amplitude: the basis in which residuals are split.
+"""Harmonics of a drive with varying amplitude: the basis in which residuals are decomposed.
 
-Of a drive that grows or begins late every harmonic grows with it, and so does the mean about which
-an actuator moves. What a file says a model misses and what new records show are only comparable
-where both are split alike.
+If the amplitude of the drive grows, each harmonic and the mean displacement grow with it. The
+discrepancy in a model file and the residuals on new records are comparable only in the same basis.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.identification.qr import orthonormal
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, lines_and_rest, phase_of
 
-#: Length of a record [periods] from which harmonics are distinguished: lines are three bins apart.
+#: Length of a record [periods] from which harmonics are resolved: lines are three bins apart.
 PERIODS = 3.0
 #: Scatter of the amplitude, over its mean, from which harmonics follow it: below it a parabola has
 #: nothing to hold on to.
@@ -26,12 +25,12 @@ _DEPENDENT = 1e-6  # share of a row that others leave of it, below which it is t
 def drive_lines(
     voltage: FloatArray, dt: float, drive: float, periods: float = PERIODS, steady: float = STEADY
 ) -> tuple[FloatArray, IntArray]:
-    """Return orthonormal rows that span the harmonics of a drive, and the order of each.
+    """Return orthonormal rows that span the harmonics of a drive, with the order of each row.
 
     Parameters
     ----------
     voltage : ndarray, shape (n,)
-        Of the compared samples [V].
+        Voltage of the compared samples [V].
     dt, drive : float
         Sampling interval [s]; frequency of the drive [Hz].
     periods, steady : float
@@ -42,7 +41,7 @@ def drive_lines(
     rows : ndarray, shape (q, n)
         None where there are too few periods.
     orders : ndarray of int, shape (q,)
-        0 is the mean as it follows the amplitude; the mean itself is left out.
+        0 is the part of the mean that follows the amplitude; the constant is omitted.
     """
     count = voltage.size
     if drive <= 0.0 or drive * dt * count < periods:
@@ -70,7 +69,7 @@ def amplitudes(voltage: FloatArray, dt: float, drive: float) -> FloatArray:
 
 
 def at_its_largest(voltage: FloatArray, dt: float, drive: float) -> NDArray[np.bool_]:
-    """Return where a drive is within `STEADY` of its largest amplitude, shape (n,)."""
+    """Return a mask of the samples within `STEADY` of the largest amplitude, shape (n,)."""
     reach = amplitudes(voltage, dt, drive)
     return np.asarray(reach >= (1.0 - STEADY) * float(reach.max()))
 

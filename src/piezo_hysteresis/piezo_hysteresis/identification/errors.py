@@ -1,4 +1,4 @@
-"""Errors of a model over whole records, as users quote them."""
+"""Errors of a model over whole records: one-step, free-run and normalised."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def free_run(
     begins : RecordStart, optional
         Initial condition of the record; estimated by default.
     checked : bool
-        False also simulates values that the model refuses, such as unstable recursions.
+        False also simulates values outside the valid range, such as unstable recursions.
     """
     target = whole(record, begins=begins or first_guess(record))
     packed = model.pack(values, checked=checked)

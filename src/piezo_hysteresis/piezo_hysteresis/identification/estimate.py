@@ -1,4 +1,4 @@
-"""What an online method answers at any moment."""
+"""Current estimate of a recursive method."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WORKING_UNITS = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
 
 @dataclass(frozen=True)
 class Estimate:
-    """Parameters of a model as a recursive method sees them now, in SI units.
+    """Current parameter estimate of a recursive method, in SI units.
 
     Attributes
     ----------
@@ -26,19 +26,19 @@ class Estimate:
     values : ndarray, shape (p,)
         Estimates.
     standard_deviations : ndarray, shape (p,)
-        From the covariance and the one-step scatter; they hold only if the model is right, and
-        say nothing about bias.
+        From the covariance and the one-step scatter; they hold only if the model is correct, and
+        do not include bias.
     one_step_rms : float
-        Root mean square of the one-step prediction error [m], forgetting as the method does.
+        Rms of the one-step prediction error [m], with the forgetting factor of the method.
     samples : int
-        Samples taken in so far.
+        Number of processed samples.
     condition_number : float
-        Of the covariance scaled to unit diagonal: near 1 where the data tell the parameters
-        apart, above 1e8 where they do not.
+        Condition number of the covariance scaled to unit diagonal: near 1 if the data determine
+        the parameters, above 1e8 if they do not.
     notes : tuple of str
-        What a user must know about these numbers, in words.
+        Remarks on the estimate, in sentences.
     model : str
-        Named model whose parameters these are; empty where there is none.
+        Named model of the parameters; empty if there is none.
     correlation : ndarray, shape (p, p)
         Correlation matrix.
     """

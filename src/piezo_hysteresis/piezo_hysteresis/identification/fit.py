@@ -1,4 +1,4 @@
-"""Output error: the parameters whose free run comes closest to all records at once."""
+"""Output-error fit: the parameters with the smallest free-run error over all records."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
-#: Samples by which the clock of a recording may differ from our convention.
+#: Largest sampling offset from the convention, in samples.
 FARTHEST = 2.0
 
 
@@ -54,34 +54,34 @@ def fit(
     start : mapping of str to float, optional
         Start values; parameters left out start at the default of the model.
     free : sequence of str, optional
-        What to fit; all free parameters of the model where not given.
+        Parameters to fit; by default all free parameters of the model.
     bounds : mapping of str to (low, high), optional
         Narrower bounds than those of the model.
     priors : mapping of str to Prior, optional
-        Knowledge besides the data; needs folded records, whose noise says how much it counts.
+        Prior knowledge; needs folded records, whose noise sets its weight.
     weights : str or mapping of str to float
-        ``equal``: every metre counts the same. ``relative``: errors relative to the motion of
-        the record. Or a factor by record name.
+        ``equal``: absolute errors. ``relative``: errors relative to the motion of the record. Or
+        a factor by record name.
     folded : bool
-        Compare mean periods where records repeat themselves; a model with a slow block (creep,
-        drift) has no steady period and always sees whole records.
+        Compare mean periods of periodic records; a model with a slow block (creep, drift) has no
+        steady period and is always fitted to whole records.
     stride : int
         Compare every `stride`-th sample of whole records.
     sampling_offset : bool or float
-        True to fit when the displacement was sampled, within two samples; or that time [s].
+        True fits the delay of the displacement samples, within two samples; or its value [s].
     max_evaluations, tolerance, enough, derivatives, stopped
         See `solver.solve`.
     workers : int
         Threads; the result is the same for any number.
     targets : sequence of Target, optional
-        Prepared by `targets_of`, to spare the folding where many models see the same records.
+        Prepared by `targets_of`, so that the records are folded once for many models.
     progress : callable, optional
         Called with ``(fraction, words)``.
 
     Returns
     -------
     FitResult
-        Also where the fit did not converge; look at `converged` and `warnings`.
+        Also without convergence; check `converged` and `warnings`.
 
     Raises
     ------

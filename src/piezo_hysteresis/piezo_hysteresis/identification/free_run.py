@@ -1,8 +1,8 @@
-"""What a model says a record should read: the one free run behind every comparison with data.
+"""Free run of a model at the sampling times of a record, for every comparison with data.
 
-One clock for all models: ``displacement[k]`` is measured before ``voltage[k]`` acts. A chain whose
-structure has inertia answers so by itself; one that answers at once is read a tick later. By how
-much the clock of a recording is off besides is its sampling offset, a nuisance of the data.
+All models use one convention: ``displacement[k]`` is measured before ``voltage[k]`` acts. A chain
+with inertia responds accordingly; a chain without inertia is read a tick later. Any further delay
+of a recording is its sampling offset, a nuisance parameter of the data.
 """
 
 from __future__ import annotations
@@ -77,21 +77,21 @@ def _interpolated(rows: FloatArray, first: int, weights: FloatArray) -> FloatArr
 
 
 def samples_late(model: Model, dt: float, sampling_offset: float = 0.0) -> float:
-    """Return how many samples later than the chain answers a recording reads it.
+    """Return the delay of the measured samples relative to the response of the chain, in samples.
 
     Parameters
     ----------
     model : Model
         The chain.
     dt, sampling_offset : float
-        Sampling interval, and how much later than our convention the displacement was read [s].
+        Sampling interval, and delay of the displacement samples relative to the convention [s].
     """
     ahead = model.answers_at_once
     return sampling_offset / dt - (1.0 if ahead else 0.0)
 
 
 class StageCache:
-    """What a model makes of its targets stage by stage, for models that begin as it does.
+    """Cache of the simulated stages of a model, reused by models with the same first stages.
 
     Parameters
     ----------
@@ -100,13 +100,13 @@ class StageCache:
     packed : ndarray, shape (p,)
         Its parameters.
     targets : sequence of Target
-        Whose drives are known.
+        Data with the inputs.
     """
 
     def __init__(self, model: Model, packed: FloatArray, targets: Sequence[Target]) -> None:
         self._stages, self._packed = model.stages, packed
         self._signals: dict[int, list[FloatArray]] = {}
-        self._targets = tuple(targets)  # or one that is gone could leave its id to another
+        self._targets = tuple(targets)  # a collected object could leave its id to another
         for target in targets:
             states, signal = model.initial_state(target.dt, target.start), target.drive
             known = self._signals[id(target)] = [signal]
@@ -120,7 +120,7 @@ class StageCache:
                 known.append(signal)
 
     def of(self, model: Model, packed: FloatArray, target: Target) -> tuple[int, FloatArray]:
-        """Return the first stage of a model that is not known, and what goes into it."""
+        """Return the first stage of a model that is not cached, and its input."""
         known, first = self._signals.get(id(target), [target.drive]), 0
         for mine, other in zip(self._stages[: len(known) - 1], model.stages, strict=False):
             if not (isinstance(mine, TickStage) and isinstance(other, TickStage)):
@@ -140,7 +140,7 @@ def simulated(
     sampling_offset: float = 0.0,
     cache: StageCache | None = None,
 ) -> FloatArray:
-    """Return what the model says at every tick of the drive of `target` [m], shape (n,)."""
+    """Return the simulated displacement at each tick of the drive of `target` [m], shape (n,)."""
     first, drive = (0, target.drive) if cache is None else cache.of(model, packed, target)
     y = model.respond(
         drive,
@@ -161,7 +161,7 @@ def differentiated(
     sampling_offset: float = 0.0,
     motion: InitialStateRun | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what the model says, and its derivatives.
+    """Return the simulated displacement and its derivatives.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def differentiated(
     free : tuple of str
         Parameters to differentiate by.
     motion : InitialStateRun, optional
-        The run from states other than those that were led in, see `nuisances_of`.
+        Run from initial states other than those of the lead-in, see `nuisances_of`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""One call for every method: records and a model in, parameters and their worth out."""
+"""Identification of a model from records by any method, with uncertainty and errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Xiao 2014's inverse as a model: fitted from displacement to voltage, judged from voltage on."""
+"""Inverse model of Xiao 2014: fitted from displacement to voltage, evaluated in free run."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from piezo_hysteresis.identification.targets import targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
-# Each costs a derivative by forty unknowns.
+# Each evaluation includes derivatives by forty unknowns.
 _SELECTOR_EVALUATIONS = 40
-#: Standard deviation of a row of the table about the one row for all slopes before the data,
-#: relatively: a slope that no record shows leaves its row where it is.
+#: Relative standard deviation of the prior of each row about the common row: a row without data
+#: at its slope stays at the common row.
 _LOOSE = 0.1
 
 
 def law_of(model: Model) -> Block | None:
-    """Return the block of a chain that leads from displacement to voltage, as Xiao 2014 has it."""
+    """Return the inverse block of a chain, from displacement to voltage, as in Xiao 2014."""
     return next((block for block in model.blocks if block.part is Part.SELECTOR), None)
 
 
@@ -47,14 +47,14 @@ def start_of(
     records: Sequence[Record],
     solver: Solver = by_least_squares,
 ) -> tuple[Model, dict[str, float]]:
-    """Return a chain with Xiao 2014's inverse suited to records, and values for its law.
+    """Return a chain with the inverse of Xiao 2014 scaled to the records, and start values.
 
-    The last knot of a selector is put at the steepest record, unless somebody held it elsewhere.
+    The last knot of a selector is placed at the steepest record, unless its value is held.
     """
     selector = _selects(model)
     found = inverse_parameters(records, selector, solver)
     span = found.pop('selector_slope', 0.0)
-    # of the blocks: what is held is the default of the parameters of the model itself
+    # defaults of the blocks; a held value is the default of the model's own parameters
     default = {q.name: q.default for block in model.blocks for q in block.parameters}
     if selector and model.held.get('selector_slope') == default['selector_slope']:
         model = model.hold(selector_slope=span)
@@ -84,14 +84,14 @@ def fit_direct(
     weights: str | Mapping[str, float] = 'equal',
     folded: bool = True,
 ) -> FitResult:
-    """Return Xiao 2014's identification of an inverse as it is, with its worth as a model.
+    """Return the direct identification of an inverse by Xiao 2014, with its free-run errors.
 
     Parameters
     ----------
     model : Model
-        A chain with one of Xiao 2014's laws.
+        A chain with an inverse law of Xiao 2014.
     records : sequence of Record
-        For the selector of two or more slopes.
+        The selector needs two or more slopes.
     solver : callable
         See `inverse_rows.Solver`.
     weights, folded
@@ -114,7 +114,7 @@ def fit_direct(
 
 
 def zero_of(model: Model, values: Mapping[str, float], records: Sequence[Record]) -> float:
-    """Return the offset that a chain misses on average over records, led in slowly [m]."""
+    """Return the mean free-run error of a chain over records with a slow lead-in [m]."""
     packed = model.pack({**values, 'offset': 0.0}, checked=False)
     missed = [
         float(np.mean(t.measured - t.pick(simulated(model, packed, t))))
@@ -130,10 +130,10 @@ def output_error_of_inverse(
     start: Mapping[str, float] | None = None,
     **options: Any,
 ) -> FitResult:
-    """Fit one of Xiao 2014's laws by output error, from where its direct identification leads.
+    """Fit an inverse law of Xiao 2014 by output error, starting from its direct identification.
 
-    A selector adds voltages up and has no zero of its own, so every record has its own; the offset
-    is what the free runs miss on average.
+    A selector integrates voltage increments and has no zero of its own, so every record has its
+    own zero; the offset is the mean error of the free runs.
     """
     if _selects(model):
         return _selector(model, records, start or {}, options)
@@ -148,7 +148,7 @@ def _one_row(
     start: Mapping[str, float],
     options: Mapping[str, Any],
 ) -> FitResult:
-    """Fit from the direct identification, and from elsewhere: a record in motion misleads it."""
+    """Fit from several starts: records that begin in motion bias the direct identification."""
     return output_error(chain, records, start=start, guesses=(found,), **options)
 
 
@@ -158,9 +158,9 @@ def _selector(
     start: Mapping[str, float],
     options: Mapping[str, Any],
 ) -> FitResult:
-    """Fit a selector from the data, and where that misses from one row for all slopes.
+    """Fit a selector, starting from the data or from one row for all slopes.
 
-    It is never worse than that row.
+    The result is never worse than the single row.
     """
     chain, found = start_of(model, records)
     plain = output_error(chain, records, start=start, **options)
@@ -187,7 +187,7 @@ def _selector(
 
 
 def _single(model: Model) -> Model:
-    """Return the chain with one row in the place of those of a selector."""
+    """Return the chain with one row instead of the rows of a selector."""
     blocks = tuple(SINGLE if block.name == SELECTOR.name else block for block in model.blocks)
     names = {q.name for block in blocks for q in block.parameters}
     return Model(model.name, blocks, {n: v for n, v in model.held.items() if n in names})

@@ -1,7 +1,7 @@
-"""Xiao 2014's direct identification: the voltage as a Bouc-Wen function of the displacement.
+"""Direct identification of Xiao 2014: the voltage as a Bouc-Wen function of the displacement.
 
-One row of parameters is fitted to a record in the plane in which the law is used, displacement in
-and voltage out, and the rows of records of several slopes make the table of the selector.
+One row of parameters is fitted to each record, with the displacement as input and the voltage as
+output. The rows of records with several slopes form the table of the selector.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from piezo_hysteresis.records import Record
 
 NAMES = ('inverse_gain', 'inverse_A', 'inverse_beta', 'inverse_gamma')
 
-# Periods at the end of a record that does not begin at rest; the first of them leads in.
+# Periods used at the end of a record that does not begin at rest; the first is the lead-in.
 _PERIODS = 4
 
 #: ``solver(residual)`` returns c, a, b and g / b in units of stroke and swing, shape (4,).
@@ -34,7 +34,7 @@ _LOW, _HIGH = np.array([1e-2, -50.0, 1e-2, -0.99]), np.array([10.0, 0.0, 100.0, 
 # Where b and g / b are scanned; c and a are solved for at each point.
 _SCAN = [(b, ratio) for b in np.geomspace(0.1, 30.0, 8) for ratio in (-0.9, -0.5, 0.0, 0.5, 0.9)]
 _FOLLOWED = 3
-# Samples that the speed is taken from where no frequency is known: more of them add up noise.
+# Samples from which the speed is estimated if no frequency is known: more add noise.
 _SEEN = 2000
 
 
@@ -45,7 +45,7 @@ class InverseBoucWen:
     Attributes
     ----------
     slope : float
-        Slope of the reference at which it was fitted [m/s].
+        Slope of the reference of the fitted record [m/s].
     c, a : float
         [V/m].
     b, g : float
@@ -60,7 +60,7 @@ class InverseBoucWen:
 
 
 def by_least_squares(residual: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Return the best of several fits by Levenberg and Marquardt."""
+    """Return the best of several Levenberg-Marquardt fits."""
     from scipy.optimize import least_squares
 
     starts = sorted((_scanned(residual, b, ratio) for b, ratio in _SCAN), key=lambda each: each[0])
@@ -80,7 +80,7 @@ def by_least_squares(residual: Callable[[FloatArray], FloatArray]) -> FloatArray
 def _scanned(
     residual: Callable[[FloatArray], FloatArray], b: float, ratio: float
 ) -> tuple[float, FloatArray]:
-    """Return cost and point with c and a at their best, in which the residual is affine."""
+    """Return cost and point with c and a at their optimum; the residual is affine in both."""
     none = residual(np.array([0.0, 0.0, b, ratio]))
     columns = np.column_stack(
         [
@@ -97,8 +97,8 @@ def _scanned(
 def by_swarm(seed: int, max_evaluations: int, swarm: Swarm | None = None) -> Solver:
     """Return a solver that minimises Xiao 2014 (2) by particle swarm, as Xiao 2014 does.
 
-    The particles are b (by its logarithm) and g / b; c and a, in which the law is linear, are
-    solved for at each of them.
+    The particles search log(b) and g / b; c and a, in which the law is linear, are solved for at
+    each particle.
     """
     low, high = np.array([np.log(_LOW[2]), _LOW[3]]), np.array([np.log(_HIGH[2]), _HIGH[3]])
 
@@ -128,16 +128,16 @@ def fit_inverse(
     Parameters
     ----------
     displacement, voltage : ndarray, shape (n,)
-        Measured displacement [m] and the voltage of the same instants [V].
+        Measured displacement [m] and voltage [V] at the same instants.
     slope : float
         Slope of the displacement between the tips [m/s].
     warm_up : int
-        Samples at the start that do not count.
+        Samples at the start that are not evaluated.
     solver : callable
-        Finds the four numbers, see `Solver`.
+        Finds the four parameters, see `Solver`.
     from_rest : bool
-        Whether the record begins at rest at 0 V, as the law does: then the voltage counts as it
-        is, and the law has no mean error either. Else what it is apart from its mean.
+        Whether the record begins at rest at 0 V, like the law: the absolute voltage is then
+        fitted, otherwise the voltage without its mean.
 
     Raises
     ------
@@ -165,14 +165,14 @@ def fit_inverse(
 
 
 def row_of(record: Record, solver: Solver = by_least_squares) -> InverseBoucWen:
-    """Return the row of a record: of the whole where it begins at rest, else of its last periods.
+    """Return the row of a record: of the whole if it begins at rest, else of its last periods.
 
-    Its slope is the mean one of a period, which is that between the tips of a triangle.
+    Its slope is the mean over a period; for triangles that is the slope between the tips.
 
     Parameters
     ----------
     record : Record
-        Best triangles from rest.
+        Preferably triangles from rest.
     solver : callable
         See `Solver`.
 
@@ -204,9 +204,9 @@ def _slope(displacement: FloatArray, record: Record) -> float:
 
 
 def selector_table(rows: Sequence[InverseBoucWen]) -> dict[str, float]:
-    """Return the parameters of the block ``inverse_selector`` that rows of any slopes describe.
+    """Return the parameters of the block ``inverse_selector`` for rows of any slopes.
 
-    Its knots are equally spaced up to the steepest row; between rows they are interpolated.
+    Its knots are equally spaced up to the steepest row; values between rows are interpolated.
 
     Parameters
     ----------
@@ -239,21 +239,21 @@ def inverse_parameters(
     selector: bool,
     solver: Solver = by_least_squares,
 ) -> dict[str, float]:
-    """Return the parameters of Xiao 2014's law from records, without its offset.
+    """Return the parameters of the law of Xiao 2014 from records, without its offset.
 
     Parameters
     ----------
     records : sequence of Record
-        Each gives a row; those of one slope share one, the last.
+        Each gives a row; of records with equal slope the last is used.
     selector : bool
-        Whether the law has a row for every slope, or one: that of the slowest record.
+        True for a row per slope; False for one row, from the slowest record.
     solver : callable
         See `row_of`.
 
     Raises
     ------
     IdentificationError
-        If the records are of one slope and the law needs more.
+        If the law needs several slopes and the records have one.
     """
     if selector:
         rows = {f'{row.slope:.2g}': row for row in (row_of(each, solver) for each in records)}

@@ -1,4 +1,4 @@
-"""The unknowns in which a chain is linear: found by test, solved exactly."""
+"""Parameters in which a chain is affine: detection by superposition and exact solution."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 
 def linear_parameters(model: Model, free: Sequence[str], amplitude: float) -> tuple[str, ...]:
-    """Return the largest leading set of unknowns in which the response is jointly affine.
+    """Return the longest leading sequence of unknowns in which the response is jointly affine.
 
-    Found by superposition on a short test signal, so that it holds for any chain: ``A1, A,
-    offset`` of a Bouc-Wen chain (h is homogeneous in A > 0), every weight of a play bank.
+    It is found by superposition on a short test signal and holds for any chain: ``A1, A,
+    offset`` of a Bouc-Wen chain (h is homogeneous in A > 0), each weight of a play bank.
 
     Parameters
     ----------
     model : Model
-        Any chain, its defaults and scales fit for the data.
+        Any chain, with defaults and scales that suit the data.
     free : sequence of str
         Unknowns to choose from.
     amplitude : float
@@ -43,10 +43,10 @@ def linear_parameters(model: Model, free: Sequence[str], amplitude: float) -> tu
 
 
 def _affine(model: Model, names: Sequence[str], voltage: FloatArray) -> bool:
-    """Return whether the response is affine in `names`, and the last of them does something.
+    """Return whether the response is affine in `names` and depends on the last of them.
 
-    What does nothing at the defaults (the recursion of a harmonic that has no input yet, a knot
-    that the signal does not come to) is affine by accident only.
+    A parameter without effect at the defaults (the recursion of a harmonic without input, a knot
+    outside the signal) only appears to be affine.
     """
     scales = {q.name: q.scale for q in model.parameters}
     base = {**model.defaults(), **dict.fromkeys(names, 0.0)}

@@ -1,4 +1,4 @@
-"""The methods by name: the general ones, and those of the papers as these have them."""
+"""Identification methods by name: general methods, and methods as published in the papers."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class PaperMethod:
     Attributes
     ----------
     base : str
-        The general method that does it.
+        The general method that implements it.
     description : str
         One sentence.
     options : mapping
-        What the paper settles; a user may settle it otherwise.
+        Options set by the paper; a user may override them.
     """
 
     base: str
@@ -85,5 +85,5 @@ def base_of(method: str) -> str:
 
 
 def options_implied_by(method: str) -> Mapping[str, Any]:
-    """Return the options that the name of a method settles."""
+    """Return the options that a method name implies."""
     return PAPERS[method].options if method in PAPERS else {}

@@ -31,28 +31,28 @@ from piezo_hysteresis.records import Record
 # its lines are independent.
 WIDTH = 101
 RUNNING_MEDIAN = 0.704
-# How often a median runs over a spectrum, levelled by the colour so far: it rests then.
+# Iterations of the median over a spectrum levelled by the current colour; it has converged then.
 _PASSES = 3
 # Records whose noise differs by less than this from the majority are treated as equal.
 AGREE = 0.02
 # Standard deviation of an rms from one line of a spectrum by its median: 1 / (2 ln 2).
 SPREAD = 0.72
-# Of the differences that a record without periods is judged by, and the windows they fill.
+# Orders of the differences for an aperiodic record, and the length and number of their windows.
 _ORDERS = (4, 6, 8)
 _WINDOWS = 40
 _SHORTEST_WINDOW = 64
-# Noise that follows itself more closely than this is a motion.
+# Noise with a larger correlation between samples is treated as motion.
 _SLOWEST = 0.99
-# Of a series that falls as the square of its index.
+# Sum of a series that falls with the square of its index.
 _TERMS = 400
-# Standard deviations within which what may be is taken to lie.
+# Standard deviations of the confidence interval.
 SURE = 3.0
-# Samples of differences that tell as much as a line of a spectrum: 300 draws of white noise of
+# Samples of differences with the information of one spectral line: 300 draws of white noise of
 # 500 to 40 000 samples scatter by 11 to 1.1 %, as 0.72 / sqrt(lines) does with a tenth of them.
 _SAMPLES_A_LINE = 10
-_LOWER_HALF = 1.24  # by how much the lower half of windows of n samples is low, times sqrt(n)
+_LOWER_HALF = 1.24  # bias of the lower half of windows of n samples, times sqrt(n)
 # Levels from which the smallest distance between two is the step of a converter, and none of a
-# drive that knows few levels.
+# drive with few levels.
 _LEVELS = 8
 _MAD = 1.4826  # of a normal distribution: standard deviation over the median absolute deviation
 
@@ -96,7 +96,7 @@ class Noise:
 
     @property
     def memory(self) -> float:
-        """Share of one sample that the next one keeps, 0 where `colour` is not known."""
+        """Correlation of a sample with the next one, 0 if `colour` is unknown."""
         return _memory(self.colour) if isfinite(self.colour) else 0.0
 
 
@@ -105,9 +105,9 @@ def _memory(colour: float) -> float:
 
 
 def density(memory: float, angle: FloatArray) -> FloatArray:
-    """Return the spectrum of noise over that of white noise as large, at `angle` [rad/sample].
+    """Return the spectrum relative to white noise of equal rms at `angle` [rad/sample].
 
-    It is that of noise of which each sample keeps the share `memory` of the last.
+    The noise is a first-order autoregression with the coefficient `memory`.
     """
     return np.asarray((1.0 - memory**2) / (1.0 + memory**2 - 2.0 * memory * np.cos(angle)))
 
@@ -141,7 +141,7 @@ def noise_of(record: Record) -> Noise:
 
 
 def _with_repeated_rounding(seen: float, step: float) -> float:
-    """Return the mean square [m^2] of noise and rounding, where what repeats was not `seen`.
+    """Return the mean square [m^2] of noise and rounding, from the non-periodic part `seen`.
 
     By the characteristic function of the noise, after Widrow 1956: where x repeats, so does the
     mean error of its rounding, ``sum_k step/(pi k) exp(-2 (pi k std/step)^2) sin(2 pi k x/step)``,
@@ -207,7 +207,7 @@ def _between_samples(measured: FloatArray, repeat: Repeat, warm_up: int) -> Floa
 
 
 def noises_of(records: Sequence[Record]) -> list[Noise]:
-    """Return the noise of every record; those that agree within their doubt share one value.
+    """Return the noise of every record; estimates that agree within their uncertainty are pooled.
 
     Where the estimates of most records agree within their uncertainty, the pooled value is more
     precise. It is not used where those that agree scatter by more than chance: the noise then
@@ -222,7 +222,7 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
     pairs = list(zip(found, agreeing, strict=True))
     together = _scatter_by_chance([noise for noise, agrees in pairs if agrees], alike.rms)
     shared = [alike if not n.lines or (together and agrees) else n for n, agrees in pairs]
-    # one that is hidden is at least as large as it shows itself
+    # the hidden noise is at least as large as its estimate
     both = zip(map(noise_of, records), shared, strict=True)
     return [own if own.hidden and own.rms > noise.rms else noise for own, noise in both]
 
@@ -282,7 +282,7 @@ def _scatter_by_chance(found: Sequence[Noise], rms: float) -> bool:
 
 
 def _like_their_drives(records: Sequence[Record], found: Sequence[Noise]) -> list[Noise]:
-    """Return the noise of every record, where unknown that of records of the nearest voltages."""
+    """Return the noise of every record; an unknown value is that of the most similar voltages."""
     ranges = np.array([float(np.ptp(record.voltage)) for record in records])
     known = [k for k, noise in enumerate(found) if noise.lines]
     nearest = [float(np.min(np.abs(ranges[known] - each))) for each in ranges]
@@ -294,7 +294,7 @@ def _like_their_drives(records: Sequence[Record], found: Sequence[Noise]) -> lis
 
 
 def floor_of(records: Sequence[Record]) -> Noise:
-    """Return the noise on which most records agree, what reports call the noise floor."""
+    """Return the noise on which most records agree, the noise floor of the reports."""
     return consensus(_of_one_colour(records))[0]
 
 

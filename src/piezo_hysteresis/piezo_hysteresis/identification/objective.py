@@ -21,7 +21,7 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
 
-#: Name of the nuisance: by how much later than our convention the displacement was sampled [s].
+#: Name of the nuisance parameter: delay of the displacement samples [s].
 SAMPLING_OFFSET = 'sampling_offset'
 
 
@@ -39,7 +39,7 @@ class Prior:
     std: float
 
 
-# Share of a sensitivity below which what is left of it is rounding.
+# Share of a sensitivity below which its remainder is rounding.
 _ROUNDING = 1e-8
 
 
@@ -51,17 +51,17 @@ class Objective:
     model : Model
         Any chain.
     targets : sequence of Target
-        What it is compared with.
+        Data of the fit.
     free : sequence of str
-        Unknowns, in order; may hold `SAMPLING_OFFSET` besides the parameters of the chain.
+        Unknowns, in order; may contain `SAMPLING_OFFSET` in addition to parameters of the chain.
     values : mapping of str to float
-        What the other parameters are fixed at.
+        Fixed values of the other parameters.
     weights : sequence of float
-        Factor of each target's residual [1], besides that of its repeats.
+        Weight of each target's residual [1], in addition to that of its repeats.
     priors : mapping of str to Prior
-        Extra knowledge about unknowns.
+        Priors of unknowns.
     noise : float
-        Residual [m] that stands for one standard deviation of a prior.
+        Residual [m] equivalent to one standard deviation of a prior.
     workers : int
         Threads over the targets; the result does not depend on it.
     """
@@ -94,17 +94,17 @@ class Objective:
         self.grains = self._grains()
 
     def _grains(self) -> FloatArray:
-        """Return the tick for delays of what is held, which move by whole ticks, else 0."""
+        """Return the smallest step of each unknown: a tick for delays of a held signal, else 0."""
         tick = min((target.dt for target in self.targets), default=0.0)
         held = delays_by_ticks(self.model)
         return np.array([tick if name in held else 0.0 for name in self.free])
 
     def values(self, x: FloatArray) -> dict[str, float]:
-        """Return every parameter of the chain, and the sampling offset, at the point `x`."""
+        """Return all parameters of the chain, and the sampling offset, at the point `x`."""
         return {**self._fixed, **dict(zip(self.free, x.tolist(), strict=True))}
 
     def packed(self, x: FloatArray) -> FloatArray:
-        """Return the parameters of the chain at `x`; ModelError where they are impossible."""
+        """Return the parameters of the chain at `x`; ModelError if they are invalid."""
         values = self.values(x)
         values.pop(SAMPLING_OFFSET, None)
         return self.model.pack(values)
@@ -114,7 +114,7 @@ class Objective:
         return target.pick(simulated(self.model, packed, target, self.sampling_offset(x)))
 
     def sampling_offset(self, x: FloatArray) -> float:
-        """Return how much later than our convention the displacement was sampled [s]."""
+        """Return the delay of the displacement samples relative to the convention [s]."""
         if SAMPLING_OFFSET in self.free:
             return float(x[self.free.index(SAMPLING_OFFSET)])
         return self._fixed.get(SAMPLING_OFFSET, 0.0)
@@ -128,7 +128,7 @@ class Objective:
         )
 
     def cost(self, x: FloatArray) -> float:
-        """Half the weighted sum of squares at `x`; inf where `x` is impossible."""
+        """Half the weighted sum of squares at `x`; inf if `x` is invalid."""
         try:
             packed = self.packed(x)
         except ModelError:
@@ -213,15 +213,15 @@ class Objective:
 
 
 def _without(nuisances: Nuisances, seen: FloatArray) -> FloatArray:
-    """Return the triangle of `seen` with what a record knows of itself taken out of it.
+    """Return the triangular factor of `seen` with the nuisance parameters projected out.
 
     Parameters
     ----------
     nuisances : Nuisances
-        How it began, with a prior of its own numbers.
+        Initial condition of the record, with the prior of its nuisance parameters.
     seen : ndarray, shape (q + p + 1, m + q)
-        Rows of those, derivatives and residual, and room for the prior; destroyed. The prior
-        counts from where the run is already, by `pull`.
+        Rows of the nuisances, derivatives and residual, and space for the prior; overwritten.
+        `pull` accounts for the offsets that the run contains.
     """
     q = len(nuisances.rows)
     if q:
@@ -232,8 +232,8 @@ def _without(nuisances: Nuisances, seen: FloatArray) -> FloatArray:
     if not q or not np.all(np.isfinite(full)):
         return full[q:, q:]
     left, sizes = full[q:, q:], np.linalg.norm(full[:, q:], axis=0)
-    # what the record's own numbers do as well (an offset beside a zero) is left as rounding, which
-    # a solver would take for a direction: it is as uncertain, and moves nowhere
+    # a column that nuisances reproduce (an offset next to a zero) leaves only rounding, which
+    # a solver would take for a direction: it is set to zero
     alike = np.flatnonzero(np.linalg.norm(left, axis=0) <= _ROUNDING * sizes)
     left[:, alike] = 0.0
     unmoved = np.zeros((alike.size, left.shape[1]))

@@ -21,11 +21,11 @@ from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK, ONLINE
 from piezo_hysteresis.records import Record
 
-# Samples by which the clock is moved, one step after another, and what a better one must gain.
+# Steps of the sampling offset [samples], and the relative improvement that a new one must give.
 _CLOCK_STEPS = (1.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 _CLOCK_GAIN = 0.02
 
-# Models of the papers' RLS: their harmonic, and the variants that identify them, the usual first.
+# Models of the papers' RLS: their harmonic, and the variants that identify them, default first.
 _BY_RLS = {
     'extended': (0, ('V1', 'V2')),
     'enhanced3': (3, ('V1',)),
@@ -46,7 +46,7 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
     method : str
         ``rls``, ``rls_ud`` or ``pi_bank``.
     settings : RlsSettings or UdSettings, optional
-        Of the kind that the method takes; its defaults otherwise.
+        Settings of the method; default: its defaults.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def run_online(
 
     best = trusted = run(0.0)
     if method == 'rls':
-        # as printed: its autoregression makes up for the clock
+        # as printed: its autoregression absorbs the sampling offset
         return trusted[1]
     if not sampling_offset:
         return trusted[1]

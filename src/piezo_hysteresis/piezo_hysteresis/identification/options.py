@@ -1,4 +1,4 @@
-"""The options of each method, beside records, model, seed and workers."""
+"""Options of each method, in addition to records, model, seed and workers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def options_of(method: str) -> tuple[str, ...]:
 
 
 def require_options(method: str, names: Iterable[str]) -> None:
-    """Refuse options that a method does not have.
+    """Raise an error for options that a method does not have.
 
     Raises
     ------

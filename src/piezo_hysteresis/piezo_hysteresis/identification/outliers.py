@@ -1,4 +1,4 @@
-"""Samples that no actuator made: spikes, and drop-outs of the sensor or of the recorder."""
+"""Detection of outliers: spikes, and drop-outs of the sensor or of the recorder."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _MAD = 1.4826  # of a normal distribution: standard deviation over the median ab
 # A short excursion is an outlier if it is this factor larger than all others nearby.
 _STANDS_OUT = 5.0
 _NEARBY = 15
-_WIDEST = 3  # samples of an excursion that is reported without a second period
-_FROZEN = 4  # samples for which a reading may be constant by chance
-_SETTLING = 3.0  # typical differences of a period, over those of most, from which it settles
+_WIDEST = 3  # longest excursion in samples that is detected without a second period
+_FROZEN = 4  # number of samples for which a reading may be constant by chance
+_SETTLING = 3.0  # typical difference of a transient period, over that of most
 _SMALLEST = 1e-5  # share of the stroke below which no sample is an outlier
 _SAME = 1e-9  # share of the stroke within which two readings are the same
-_FEWEST_PERIODS = 3  # of which the median is not moved by one bad one
+_FEWEST_PERIODS = 3  # smallest number of periods whose median is robust to one outlier
 
 
 def outliers(displacement: FloatArray, period: int, first: int = 0) -> BoolArray:
@@ -57,7 +57,7 @@ def _unlike(periods: FloatArray) -> BoolArray:
         _SMALLEST * float(np.ptp(periods)),
         0.5 * step_of(periods.ravel()),
     )
-    # a period that is still settling differs from the others everywhere: no heap of outliers
+    # a period within the transient differs everywhere from the others: these are no outliers
     return np.asarray((size > _FAR * _MAD * usual) & (typical < _SETTLING * usual))
 
 
@@ -72,7 +72,7 @@ def step_of(y: FloatArray) -> float:
 
 
 def excursions(y: FloatArray) -> BoolArray:
-    """Return which samples leave the course of their neighbours for one to three samples."""
+    """Return which samples deviate from their neighbours for one to three samples."""
     found = np.zeros(y.size, dtype=bool)
     for width in range(1, _WIDEST + 1):
         if y.size < 2 * _NEARBY:
@@ -83,7 +83,7 @@ def excursions(y: FloatArray) -> BoolArray:
 
 @leaf
 def _away(y: FloatArray, k: int, width: int) -> tuple[float, float, bool]:
-    """Return how far `width` samples behind `k` are off a line, least and most, and if one way."""
+    """Return smallest and largest deviation of `width` samples after `k`, and if of one sign."""
     slope = (y[k + width + 1] - y[k]) / (width + 1)
     least = most = abs(y[k + 1] - (y[k] + slope))
     up = down = 0
@@ -97,9 +97,9 @@ def _away(y: FloatArray, k: int, width: int) -> tuple[float, float, bool]:
 
 @jit
 def _mark_excursions(y: FloatArray, width: int, found: BoolArray) -> None:
-    """Mark excursions of `width` samples that stand out of all others nearby."""
+    """Mark excursions of `width` samples that exceed all others nearby."""
     last, half = y.size - width - 2, _NEARBY // 2
-    reach = half + width + 1  # those that share samples are left out
+    reach = half + width + 1  # excursions that share samples are not compared
     for k in range(last + 1):
         least, _, one_side = _away(y, k, width)
         # the mean slope of the neighbouring samples

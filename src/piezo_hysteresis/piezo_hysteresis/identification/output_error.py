@@ -1,4 +1,4 @@
-"""Output error from data-driven starts: several basins, the best one polished."""
+"""Output-error fit from several data-driven start values, with refinement of the best."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model, for_range
 from piezo_hysteresis.records import Record
 
-#: Samples simulated by one start after another, over which `count` is chosen.
+#: Number of simulated samples over all starts, which determines `count`.
 _FOLLOWED_SAMPLES = 150_000
-#: Records on which starts are followed; the best is polished on all.
+#: Number of records for the coarse fits; the best start is refined on all records.
 _FOLLOWED_RECORDS = 5
-#: How often what a fit says of the records may change what it is fitted to, and what change of a
-#: weight is one.
+#: Largest number of re-estimations of the nuisances after a fit, and the relative change of a
+#: weight that requires a new fit.
 _REVISIONS = 6
-#: A clock as our convention has it is kept where it leaves hardly more: by this share of the
-#: squares, or by what three standard deviations of chance are of so many samples.
+#: A sampling offset of zero is kept if the sum of squares is larger by at most this share, or by
+#: three standard deviations of its random variation.
 _NO_WORSE, _CHANCE = 1e-3, 9.0
 _ALIKE = 0.2
-#: Starts that end within this factor of the best have come to the same end; so many are enough.
+#: Starts whose cost is within this factor of the best have converged to the same optimum; so many
+#: are sufficient.
 _SAME = 1.01
 _ENOUGH = 4
-#: Squares left over those of the noise up to which nothing but noise is left.
+#: Ratio of the mean square of the residual to that of the noise up to which only noise remains.
 _NOISE = 1.1
 
 
@@ -88,23 +89,23 @@ def output_error(
     model, records, free, priors, weights, folded, stride, sampling_offset, workers
         See `fit`, also for `progress`; the rest as in `refined`.
     start : mapping of str to float, optional
-        Values known beforehand; the others are found. May hold ``sampling_offset``.
+        Known start values; the others are determined from the data. May hold ``sampling_offset``.
     guesses : sequence of mapping of str to float
         More start values, of every unknown, in addition to those from the data.
     begins, zero : str
-        How records begin and where their zeros lie, see `revision.Choices`.
+        Initial conditions and zeros of the records, see `revision.Choices`.
     count : int, optional
-        Start values that are fitted coarsely; the best is refined. By default as many as take
-        about a second (3 to 16).
+        Number of start values that are fitted coarsely; the best is refined. The default takes
+        about a second (3 to 16 start values).
     max_evaluations : int
-        Of the final fit; each coarse fit has a sixth of it.
+        Limit of the final fit; each coarse fit has a sixth of it.
     stopped : callable
-        Whether to stop before the next step; the best result so far is returned.
+        Returns True to stop before the next step; the best result so far is returned.
 
     Returns
     -------
     FitResult
-        Of the best start.
+        Result of the best start.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def output_error(
     known = dict(start or {})
     late = {SAMPLING_OFFSET: known.pop(SAMPLING_OFFSET, 0.0)}
     if set(names) <= set(known):
-        # a model that is known already tells how the records begin before it is fitted
+        # a known model allows estimating the initial conditions before the fit
         given = {**chain.defaults(), **known}
         targets = revised(chain, given, late[SAMPLING_OFFSET], targets, records, choices)
         few = representative(targets, _FOLLOWED_RECORDS)
@@ -171,7 +172,7 @@ def output_error(
     if apart is None:
         return result
     best = follow(*apart)
-    # by this model first, or a fit to all of it would make a loop of the zeros again
+    # zeros by this model first, or the fit would again model the zeros as a loop
     seen = revised(chain, best.values, best.sampling_offset, targets, records, choices)
     other = end(seen, best)
     return other if zeros_lie_apart(_left(other), _left(result)) else result
@@ -185,9 +186,9 @@ def _by_own_zeros(
     found: Sequence[Start],
     choices: Choices,
 ) -> tuple[list[Target], list[Start]] | None:
-    """Return targets with a zero each and start values for them, where these fit far better.
+    """Return targets with a zero per record and start values, if these fit much better.
 
-    To a model with one common zero, records with different zeros look like another loop.
+    With one common zero, a model fits different zeros of records as a wider loop.
     """
     if choices.zero != 'auto' or len(targets) < 2:
         return None
@@ -201,9 +202,9 @@ def _followed(
     attempt: Callable[[Mapping[str, float]], FitResult],
     stopped: Callable[[], bool],
 ) -> FitResult:
-    """Return the best fit of several start values, ended early where no better one is likely.
+    """Return the best fit of several start values, with early termination.
 
-    That is where the residual is noise, or where several start values converge to one optimum.
+    It terminates if the residual is noise, or if several start values converge to one optimum.
     """
     found: list[FitResult] = []
     for begin in begins:
@@ -216,12 +217,12 @@ def _followed(
 
 
 def leaves_noise(result: FitResult) -> bool:
-    """Return whether the residual of a fit is no larger than the noise of its records together."""
+    """Return whether the residual of a fit is no larger than the noise of its records."""
     return _left(result) <= _NOISE
 
 
 def _left(result: FitResult) -> float:
-    """Return the mean square of the residual over that of the noise, infinite if unknown."""
+    """Return the ratio of the mean squares of residual and noise, infinite if unknown."""
     if not np.isfinite(result.cost) or not all(t.noise > 0.0 for t in result.targets):
         return float('inf')
     squares = [result.residuals[t.name] ** 2 * t.repeats / t.noise**2 for t in result.targets]
@@ -255,7 +256,7 @@ def refined(
     records : sequence of Record
         From which the targets were made.
     start : mapping of str to float
-        Values to begin from; may hold ``sampling_offset``.
+        Start values; may hold ``sampling_offset``.
     choices : Choices
         Initial condition and zero stated by the user.
     free, priors, weights, sampling_offset, workers, progress
@@ -263,7 +264,7 @@ def refined(
     max_evaluations : int
         Of each fit.
     stopped : callable
-        As of `output_error`.
+        See `output_error`.
     """
     names = tuple(model.free_names if free is None else free)
 

@@ -1,4 +1,4 @@
-"""The period of a drive, and from where on it repeats."""
+"""Period of a drive, and the first sample from which it is periodic."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as 
 
 
 def cached_per_record(function: Callable[[Record], Result]) -> Callable[[Record], Result]:
-    """Return `function` that works once on each record: records never change."""
+    """Return `function` with its result cached per record; records are immutable."""
     known: WeakKeyDictionary[Record, Result] = WeakKeyDictionary()
 
     def cached(record: Record) -> Result:
@@ -62,7 +62,7 @@ def _smallest(u: FloatArray, lags: FloatArray, limit: float) -> int:
 
 
 def periodic_from(u: FloatArray, period: int) -> int:
-    """First sample from which the voltage repeats itself to the end."""
+    """Return the first sample from which the voltage is periodic to the end."""
     change = np.abs(u[period:] - u[:-period])
     limit = 6 * PERIODIC * float(np.std(u[u.size // 2 :]))
     broken = np.flatnonzero(change > limit)

@@ -1,4 +1,4 @@
-"""What a model predicts of one record: response, residual, cost and initial state."""
+"""Prediction of one record by a model: response, residual, cost and initial state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.chain import State
 
-# Parameters may make a model overflow: then they are impossible, and no warning helps.
+# Invalid parameters may make a model overflow; their cost is infinite and needs no warning.
 _quiet = partial(np.errstate, over='ignore', invalid='ignore')
 
 
@@ -36,13 +36,13 @@ class Prediction:
     packed : ndarray, shape (p,)
         Its parameters.
     target : Target
-        What drives it, and what it is compared with.
+        Input and measured displacement.
     sampling_offset : float
-        How much later than our convention the displacement was sampled [s].
+        Delay of the displacement samples relative to the convention [s].
     weighted : bool
-        Whether residuals count as in a fit, by their influence; else all but lost samples alike.
+        True weights residuals by their influence, as in a fit; False equally, without lost ones.
     cache : StageCache, optional
-        Stages that other models have simulated already.
+        Stages already simulated for other models.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Prediction:
         self._model, self._packed, self._cache = model, packed, cache
         self.target, self._offset = target, sampling_offset
         self._factors = target.factors if weighted else target.valid
-        #: What the record alone determines, see `Nuisances`.
+        #: Nuisance parameters of the record, see `Nuisances`.
         self.nuisances: Nuisances
         with _quiet():
             self.nuisances = nuisances_of(model, packed, target, sampling_offset, self._factors)
@@ -89,7 +89,7 @@ class Prediction:
 
     @property
     def cost(self) -> float:
-        """Sum of squares that a fit minimises, with what the prior of the nuisances adds [m^2]."""
+        """Sum of squares that a fit minimises, including the prior of the nuisances [m^2]."""
         residual, held = self._split
         with _quiet():
             return inner(residual, residual) + float(held @ held)
@@ -135,18 +135,18 @@ def predictions(
     *,
     checked: bool = True,
 ) -> Iterator[Prediction]:
-    """Yield what a model predicts of whole records, one after another.
+    """Yield the prediction of each whole record by a model.
 
     Parameters
     ----------
     model, values : Model, mapping of str to float
         The chain and its parameters.
     views : sequence of Target
-        Records with how each begins and its zero, see `errors.views_of`.
+        Records with initial conditions and zeros, see `errors.views_of`.
     sampling_offset : float
-        How much later than our convention the displacement was sampled [s].
+        Delay of the displacement samples relative to the convention [s].
     checked : bool
-        False simulates also what the model refuses, such as unstable recursions.
+        False also simulates values outside the valid range, such as unstable recursions.
     """
     packed = model.pack(values, checked=checked)
     for view in views:

@@ -1,7 +1,7 @@
-"""Compiled products and triangular factor of a tall problem, without BLAS.
+"""Compiled inner products and QR factor of a tall matrix, without BLAS.
 
-A matrix library may spread one small product over threads, which costs more than it saves (on a
-busy machine a hundred times) and competes with the threads over the records; these kernels release
+A BLAS library may distribute one small product over threads. This costs more than it saves (on a
+busy machine a hundred times) and competes with the threads over the records. These kernels release
 the interpreter lock instead.
 """
 
@@ -59,7 +59,7 @@ def gram(rows: FloatArray) -> FloatArray:
     return found
 
 
-# Samples that are factorised at a time, so that they stay in a cache.
+# Number of samples per block of the factorisation, so that a block fits into the cache.
 _PIECE = 512
 
 
@@ -70,7 +70,7 @@ def triangle(rows: FloatArray) -> FloatArray:
     Parameters
     ----------
     rows : ndarray, shape (p, m)
-        The columns of the matrix, one per row; destroyed.
+        The columns of the matrix, one per row; overwritten.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def triangle(rows: FloatArray) -> FloatArray:
 
 @leaf
 def _reflect(r: FloatArray, rows: FloatArray, j: int, begin: int, end: int) -> None:
-    """Take row `j` of a piece up into `r`, shape (p, p), and out of the rows behind it."""
+    """Reflect row `j` of a block into `r`, shape (p, p), and update the later rows."""
     p, v = rows.shape[0], rows[j, begin:end]
     own = inner(v, v)
     if own == 0.0:
@@ -129,7 +129,7 @@ def _reflect(r: FloatArray, rows: FloatArray, j: int, begin: int, end: int) -> N
 def orthonormal(rows: FloatArray, tolerance: float) -> FloatArray:
     """Return orthonormal rows, shape (q, n), without BLAS threads; zeros for dependent ones.
 
-    A row is dependent where those before it leave less of it than the share `tolerance`.
+    A row is dependent if the share `tolerance` or less of it is orthogonal to the rows before it.
     """
     found = rows.copy()
     for j in range(found.shape[0]):
@@ -144,7 +144,7 @@ def orthonormal(rows: FloatArray, tolerance: float) -> FloatArray:
 
 @jit
 def projected_out(vector: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the shares of orthonormal rows in a vector, shape (q,), and what is left of it."""
+    """Return the coefficients of a vector on orthonormal rows, shape (q,), and its remainder."""
     left, shares = vector.copy(), np.empty(rows.shape[0])
     for j in range(rows.shape[0]):
         shares[j] = inner(rows[j], left)

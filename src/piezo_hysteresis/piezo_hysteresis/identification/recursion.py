@@ -1,4 +1,4 @@
-"""What every recursive estimator shares: samples in, errors out, a forgetting factor."""
+"""Base class of recursive estimators: sample updates, prediction errors, forgetting factor."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from piezo_hysteresis.identification.estimate import Estimate
 
 
 class OnlineMethod(ABC):
-    """A recursive estimator that takes samples as they come.
+    """A recursive estimator that is updated sample by sample.
 
-    A subclass sets the places of what all have in the memory `_m` and in the kernel's settings
-    `_c`, and its kernel.
+    A subclass sets its kernel and the indices of the common quantities in the memory `_m` and in
+    the kernel settings `_c`.
 
     Parameters
     ----------
     settings : RlsSettings or UdSettings
-        How it is to run.
+        Settings of the method.
     """
 
-    #: Place of the forgetting factor in `_c`, and of the discounted sums of squared errors and of
+    #: Index of the forgetting factor in `_c`, and of the discounted sums of squared errors and of
     #: their weights in `_m`.
     _FORGETTING: ClassVar[int]
     _ERROR_SUM: ClassVar[int]
@@ -40,7 +40,7 @@ class OnlineMethod(ABC):
 
     @property
     def forgetting(self) -> float:
-        """Forgetting factor; may be set while running."""
+        """Forgetting factor; can be changed at run time."""
         return float(self._settings.forgetting)
 
     @forgetting.setter
@@ -49,7 +49,7 @@ class OnlineMethod(ABC):
         self._c[self._FORGETTING] = value
 
     def update(self, voltage: float, displacement: float) -> float:
-        """Take one sample in: voltage [V], displacement [m]; return the prediction error [m].
+        """Update with one sample: voltage [V], displacement [m]; return the prediction error [m].
 
         A sample whose displacement is not finite is skipped; its error is NaN.
         """
@@ -59,7 +59,7 @@ class OnlineMethod(ABC):
         return float(error[0])
 
     def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Take samples in, shapes (n,); return the prediction errors [m], the bits of `update`.
+        """Update with samples, shapes (n,); return the prediction errors [m], bitwise as `update`.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class OnlineMethod(ABC):
 
     @property
     def _sigma(self) -> float:
-        """Rms of the prediction error in the working unit, forgotten as the estimate is."""
+        """Rms of the prediction error in the working unit, with the forgetting factor."""
         weight = self._m[self._WEIGHT_SUM]
         return sqrt(self._m[self._ERROR_SUM] / weight) if weight > 0 else 0.0
 
@@ -89,20 +89,20 @@ class OnlineMethod(ABC):
 
     @abstractmethod
     def estimate(self) -> Estimate:
-        """Return the present parameters in SI units."""
+        """Return the current estimate of the parameters in SI units."""
 
     @abstractmethod
     def free_run(self, voltage: FloatArray) -> FloatArray:
-        """Simulate the present estimate from rest, with `voltage` [V]; return displacement [m]."""
+        """Simulate the estimate from rest for `voltage` [V]; return the displacement [m]."""
 
     @abstractmethod
     def drive_at(self, frequency: float, start: float = 0.0) -> None:
-        """Go on with another drive [Hz] from the time `start` [s], where it matters."""
+        """Set the drive frequency [Hz] from the time `start` [s] on, if it is used."""
 
     @abstractmethod
     def rest(self) -> None:
-        """Begin another record: the actuator is at rest again, the estimate is kept."""
+        """Start a new record from rest and keep the estimate."""
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget everything and start as the settings say."""
+        """Reset to the initial values of the settings."""

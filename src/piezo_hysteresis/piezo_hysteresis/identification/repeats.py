@@ -1,8 +1,8 @@
-"""A signal less what it was one period of the drive before, also where no sample falls on one.
+"""Difference of a signal from the previous period of the drive, also for fractional periods.
 
-A period need not be a whole number of samples, and a record may begin with a ramp or hold a jump.
-So the period is a real number, what was there a period ago is read between samples, and only the
-longest stretch over which the drive does repeat is looked at.
+The period need not be a whole number of samples, and a record may begin with a ramp or contain a
+jump. The period is therefore a real number, the signal is interpolated one period earlier, and
+only the longest section with a periodic drive is used.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.periods import PERIODIC, cached_per_record
 from piezo_hysteresis.records import Record
 
-# Taps to either side between which a signal is read, and the window that ends them.
+# Interpolation taps on either side, and the parameter of their window.
 _HALF, _SHAPE = 24, 7.0
-# Share of its power by which a drive may differ from what it was a whole number of samples before,
-# where it repeats between them and a tenth of the record is another.
+# Relative power of the difference at a whole number of samples up to which a drive may be periodic
+# with a fractional period, while a tenth of the record is not.
 _NEAR = 0.25
-# Lags that are looked at between samples, at most.
+# Largest number of fractional lags that are tested.
 _TRIED = 12
-# Least periods of a stretch: one is the first, which nothing precedes.
+# Smallest number of periods of a section, including the first.
 _PERIODS = 2.0
-# Samples, and share of a lag besides, within which the period is looked for, and how well.
+# Search range of the period in samples and as a share of a lag, and its tolerance.
 _BESIDE, _MOVED, _EXACT = 0.75, 0.02, {'xatol': 1e-7}
-# Samples, and share of a period, within which a corner, read between samples, is no break.
+# Samples, and share of a period, over which an interpolated corner is not a break.
 _CORNER, _CORNER_SHARE = 21, 0.12
 
 
 @dataclass(frozen=True)
 class Repeat:
-    """The stretch in which the drive of a record repeats.
+    """The section of a record in which the drive is periodic.
 
     Attributes
     ----------
     period : float
-        In samples; need not be whole.
+        Period in samples, possibly fractional.
     first, last : int
-        Samples of the stretch, the end excluded.
+        First sample of the section, and the sample after its last.
     """
 
     period: float
@@ -49,14 +49,14 @@ class Repeat:
     last: int
 
     def shows_from(self, sample: int) -> bool:
-        """Return whether enough of the stretch lies behind a sample to be compared with itself."""
+        """Return whether the section after a sample is long enough for a difference of periods."""
         left = self.last - max(self.first, sample)
         return left >= max(_PERIODS * self.period, 4 * _HALF)
 
 
 @cached_per_record
 def repeat_of(record: Record) -> Repeat | None:
-    """Return the longest stretch in which the drive repeats, None where there is none."""
+    """Return the longest section with a periodic drive, None if there is none."""
     u = record.voltage
     spread = float(np.std(u))
     if u.size < 4 * _HALF or spread <= 1e-15 * max(1.0, float(np.max(np.abs(u)))):
@@ -70,7 +70,7 @@ def repeat_of(record: Record) -> Repeat | None:
 
 
 def less_the_period_before(signal: FloatArray, period: float) -> FloatArray:
-    """Return ``signal(k) - signal(k - period)`` wherever both are known, shape (m,)."""
+    """Return ``signal(k) - signal(k - period)`` where both are available, shape (m,)."""
     taps, lag = _taps(period)
     before = np.convolve(signal, taps, mode='valid')
     # before[i] is the signal at i + _HALF - (period - lag)
@@ -119,7 +119,7 @@ def _near_lags(centred: FloatArray, spread: float) -> list[int]:
 
 
 def _refined(u: FloatArray, lag: int) -> float:
-    """Return the period near a whole number of samples at which most of the drive repeats."""
+    """Return the fractional period near a whole lag that fits the longest part of the drive."""
 
     def change(period: float) -> float:
         return float(np.median(np.abs(less_the_period_before(u, period))))
@@ -128,7 +128,7 @@ def _refined(u: FloatArray, lag: int) -> float:
         bounds = (lag - width, lag + width)
         return float(minimize_scalar(change, bounds=bounds, method='bounded', options=_EXACT).x)
 
-    # a jump moves the dip by which the lag was found
+    # a jump shifts the minimum by which the lag was found
     return min((best(width) for width in (_BESIDE, _BESIDE + _MOVED * lag)), key=change)
 
 

@@ -1,4 +1,4 @@
-"""A fitted chain and all that is known about the fit."""
+"""Result of a fit: values, uncertainty, residuals and convergence."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class FitResult:
     values : dict of str to float
         Every parameter of the chain, fixed ones included.
     free : tuple of str
-        Names of what was fitted; may hold ``sampling_offset``.
+        Names of the fitted unknowns; may hold ``sampling_offset``.
     sampling_offset : float
-        By how much later than our convention the displacement was sampled [s]; a nuisance.
+        Delay of the displacement samples relative to the convention [s]; a nuisance parameter.
     covariance : Covariance
         Standard deviations, correlations, condition number, directions not determined.
     cost : float
@@ -45,13 +45,13 @@ class FitResult:
     residuals : dict of str to ndarray
         Measured minus simulated displacement by record [m]; of the mean period where folded.
     targets : tuple of Target
-        What was compared with.
+        Data of the fit.
     converged : bool
         Whether a tolerance was met.
     message : str
-        Why the solver stopped.
+        Reason for the termination of the solver.
     warnings : tuple of str
-        What the records do not tell, in words.
+        Sentences on what the records do not determine.
     history : tuple of float
         Rms of the error over all samples after every accepted step [m].
     evaluations : int
@@ -104,7 +104,7 @@ class FitResult:
 
     @cached_property
     def noise(self) -> float:
-        """Noise of one sample [m] from period to period, pooled; NaN where nothing was folded."""
+        """Pooled noise of one sample [m] from period to period; NaN without folded records."""
         return pooled_noise(self.targets)
 
     @cached_property
@@ -122,7 +122,7 @@ class FitResult:
 
 
 def pooled_noise(targets: Sequence[Target]) -> float:
-    """Return the noise of one sample over all targets [m]; NaN where none shows it."""
+    """Return the noise of one sample over all targets [m]; NaN if unknown."""
     known = {t.name: t for t in targets if np.isfinite(t.noise)}.values()
     if not known:
         return float('nan')
@@ -131,7 +131,7 @@ def pooled_noise(targets: Sequence[Target]) -> float:
 
 
 def result_of(objective: Objective, solution: Solution) -> FitResult:
-    """Say all that is known about the fit that ended at `solution`."""
+    """Return the result of a fit from the `solution` of its solver."""
     p = len(objective.free)
     names = objective.free
     possible = np.isfinite(solution.cost)
@@ -171,7 +171,7 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
 
 
 def _without_zero(spread: Covariance, objective: Objective) -> Covariance:
-    """Return what is known where every record has a zero of its own: not that of the model."""
+    """Return the covariance with an infinite deviation of the offset, for one zero per record."""
     zeros = {
         name
         for block in objective.model.blocks
@@ -196,7 +196,7 @@ def result_at(
     Parameters
     ----------
     objective : Objective
-        What would be minimised.
+        Cost of the output-error fit.
     values : mapping of str to float
         Every parameter.
     converged, message, evaluations, history

@@ -1,8 +1,8 @@
-"""The papers' recursive least squares, Fujii 2018 (8)-(12), Tatebatake 2017 (8)-(11), compiled.
+"""Recursive least squares of the papers, Fujii 2018 (8)-(12), Tatebatake 2017 (8)-(11), compiled.
 
-Kept as close to the papers as they are consistent, behaviour included: small one-step errors, but
-a free run that may be far off, because hysteresis sums stand in the regressor and the result
-depends on the unit of the displacement through P0 = I. `rls_ud` and `output_error` are the
+It follows the papers as far as they are consistent, including their behaviour: one-step errors are
+small, but free-run errors may be large, because the regressor contains hysteresis sums and the
+result depends on the unit of the displacement through P0 = I. `rls_ud` and `output_error` are the
 well-posed methods.
 """
 
@@ -40,7 +40,7 @@ VARIANTS = ('V0', 'V1', 'V2', 'basic')
 
 @dataclass(frozen=True)
 class RlsSettings:
-    """How the papers' RLS is to run.
+    """Settings of the papers' RLS.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class RlsSettings:
         autoregression (model `extended_free`). ``V2``: Tatebatake 2017 (10) as printed. ``basic``:
         Tatebatake 2017 (17), (18), no autoregression and no A0 (model `classical_euler`).
     offset : bool
-        Add a constant column; the papers have none, and miss the off-centre loop by it.
+        Add a constant column; the papers have none and therefore miss the off-centre loop.
     harmonic : int
         0, or 3 or 5 for the exogenous odd harmonic of Fujii 2018 (6), (7).
     frequency : float
@@ -62,9 +62,9 @@ class RlsSettings:
     dt : float
         Sampling interval [s].
     p0 : float
-        Start of P is this times the identity; the papers have 1.
+        Initial P is this times the identity; the papers have 1.
     start : mapping of str to float
-        Start values in SI units, by the names of the estimate; the papers' for the others.
+        Initial values in SI units, by the names of the estimate; others are as in the papers.
     """
 
     variant: str = 'V1'
@@ -103,12 +103,12 @@ class RlsSettings:
             raise IdentificationError(f'p0 must be positive, got {self.p0:g}')
 
     def require_seen(self, frequency: float) -> None:
-        """Refuse a drive whose harmonic does not show at this sampling rate.
+        """Raise an error for a drive whose harmonic is above half the sampling rate.
 
         Raises
         ------
         IdentificationError
-            If there is a harmonic, and it lies beyond half the rate or its drive is not known.
+            If the harmonic is above half the rate, or the frequency of its drive is unknown.
         """
         if self.harmonic and not (0 < self.harmonic * frequency * self.dt < 0.5):
             raise IdentificationError(
@@ -118,9 +118,9 @@ class RlsSettings:
 
 
 class OnlineRls(OnlineMethod):
-    """The papers' RLS, Fujii 2018 (8)-(12), Tatebatake 2017 (8)-(11), one sample at a time.
+    """Recursive least squares of the papers, Fujii 2018 (8)-(12), Tatebatake 2017 (8)-(11).
 
-    Starts as the papers do where the settings say nothing else: P0 = I, all parameters 0 but
+    The default initial values are those of the papers: P0 = I, all parameters 0 except
     A1 = .01, A = .005, beta = gamma = .001 in the working unit per volt; h = 0 and y = 0 before
     the first sample.
 
@@ -141,16 +141,16 @@ class OnlineRls(OnlineMethod):
 
     @property
     def settings(self) -> RlsSettings:
-        """The settings in force."""
+        """Current settings."""
         return self._settings
 
     def reset(self) -> None:
-        """Forget everything and start as the settings say.
+        """Reset to the initial values of the settings.
 
         Raises
         ------
         IdentificationError
-            If a start value is not finite or of no parameter.
+            If an initial value is not finite or its parameter is unknown.
         """
         s = self._settings
         omega = 2 * pi * s.harmonic * s.frequency * s.dt
@@ -169,7 +169,7 @@ class OnlineRls(OnlineMethod):
     def _place_start(self) -> None:
         names, _, factors, order = self._layout()
         known = {n: (place, f) for n, place, f in zip(names, order, factors, strict=True)}
-        known.pop('offset', None)  # its column is no offset before the autoregression is known
+        known.pop('offset', None)  # no offset before the autoregression is known
         for name, value in self._settings.start.items():
             if name not in known or not isfinite(value):
                 raise IdentificationError(
@@ -180,19 +180,19 @@ class OnlineRls(OnlineMethod):
             self._theta[place] = value / to_metres
 
     def drive_at(self, frequency: float, start: float = 0.0) -> None:
-        """Go on with another drive, from rest; without harmonic do nothing.
+        """Set another drive, from rest; no effect without a harmonic.
 
         Parameters
         ----------
         frequency : float
-            Its frequency [Hz].
+            Frequency of the drive [Hz].
         start : float
-            Time of the next sample, counted from where the drive was a sine at phase 0 [s].
+            Time of the next sample since the drive had phase 0 [s].
 
         Raises
         ------
         IdentificationError
-            If its harmonic cannot be seen.
+            If its harmonic is above half the sampling rate.
         """
         s = self._settings
         if s.harmonic:
@@ -202,7 +202,7 @@ class OnlineRls(OnlineMethod):
             self._c[PHASE] = 2 * pi * s.harmonic * (frequency * start % 1.0)
 
     def rest(self) -> None:
-        """Begin another record: the actuator is at rest again, what was learnt is kept."""
+        """Start a new record from rest and keep the estimate."""
         self._before += int(self._m[SAMPLES])
         learnt = self._m[[ERROR_SUM, WEIGHT_SUM]]
         self._m[:] = 0.0
@@ -215,7 +215,7 @@ class OnlineRls(OnlineMethod):
         )  # fmt: skip
 
     def free_run(self, voltage: FloatArray) -> FloatArray:
-        """Simulate the present estimate from rest, with `voltage` [V]; return displacement [m]."""
+        """Simulate the estimate from rest for `voltage` [V]; return the displacement [m]."""
         u = np.ascontiguousarray(voltage, dtype=np.float64)
         y = np.empty_like(u)
         free_run(u, y, self._theta, self._c)
@@ -223,11 +223,11 @@ class OnlineRls(OnlineMethod):
         return y
 
     def estimate(self) -> Estimate:
-        """Return the present parameters in SI units."""
+        """Return the current estimate of the parameters in SI units."""
         names, units, factors, order = self._layout()
         values = self._theta[order] * factors
         spread = self._sigma * np.sqrt(np.abs(np.diag(self._p))[order]) * np.abs(factors)
-        # What is left of P0 along A1 + A is no deviation: that sum is its start, see the notes.
+        # P0 along A1 + A is not a deviation: that sum keeps its initial value, see the notes.
         spread[[names.index('A1'), names.index('A')]] = np.inf
         if self._settings.offset:
             self._place_offset(values, spread)
@@ -246,7 +246,7 @@ class OnlineRls(OnlineMethod):
         )
 
     def _layout(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray, list[int]]:
-        """Names, units and factors to SI in the order of the named model."""
+        """Return names, units and factors to SI in the order of the named model."""
         s = self._settings
         lags = ('a1', 'a2') if s.variant == 'V0' else ('c1', 'c2')
         names = ['A1', 'A', 'A0', 'beta', 'gamma', *lags]
@@ -273,7 +273,7 @@ class OnlineRls(OnlineMethod):
         return tuple(names), tuple(units), np.array(factors), order
 
     def _place_offset(self, values: FloatArray, spread: FloatArray) -> None:
-        """Turn the constant column into an offset of the output, as the named model has it."""
+        """Convert the constant column to the output offset of the named model."""
         if self._settings.variant == 'basic':
             return
         lag = 1.0 if self._settings.variant == 'V0' else 0.0

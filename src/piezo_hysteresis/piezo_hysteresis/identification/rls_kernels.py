@@ -1,7 +1,7 @@
 """Compiled kernels of the papers' recursive least squares.
 
-`theta` holds a1, a2, A1, A, A0, beta, gamma, then the constant and the four harmonic columns where
-they are on; `p` the covariance, `x` the regressor, `g` the gain, `m` the memory, `c` the settings.
+`theta` holds a1, a2, A1, A, A0, beta, gamma, then the constant and the four harmonic columns if
+enabled; `p` the covariance, `x` the regressor, `g` the gain, `m` the memory, `c` the settings.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from math import cos, isfinite, nan, sin, sqrt
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit, leaf
 
-_TRACE_MAX = 1e3  # mean of the diagonal of P at which forgetting rests; P0 = I has 1
+_TRACE_MAX = 1e3  # mean of the diagonal of P above which forgetting is suspended; P0 = I has 1
 
-# Places in the memory (m) and in the settings (c).
+# Indices in the memory (m) and in the settings (c).
 SAMPLES, ERROR_SUM, WEIGHT_SUM, MEMORY = 0, 13, 14, 15
 BASIC = 3.0  # number of the variant without recursion and A0
 _VARIANT, _OFFSET, _HARMONIC, OMEGA, FORGETTING, PHASE = range(6)
@@ -28,7 +28,7 @@ def _gain(
     error: float,
     forgetting: float,
 ) -> None:
-    """Do the RLS step itself: theta and P in place, g as work space."""
+    """Update theta and P in place by one RLS step, with g as work space."""
     n = theta.size
     s = forgetting
     # P is symmetric to the bit, so its rows serve as columns and the inner loop has no carry
@@ -53,7 +53,7 @@ def _gain(
 
 @leaf
 def _inflate(p: FloatArray, forgetting: float) -> None:
-    """Inflate P; it rests above a bound, because without excitation it would grow for ever."""
+    """Inflate P up to a bound, because without excitation it would grow indefinitely."""
     n = p.shape[0]
     trace = 0.0
     for i in range(n):
@@ -69,16 +69,16 @@ def _inflate(p: FloatArray, forgetting: float) -> None:
 def _lags(
     y: float, y1: float, y2: float, y3: float, z2: float, z3: float, variant: float
 ) -> tuple[float, float, float]:
-    """Return autoregressive columns and target, by the number of the variant.
+    """Return autoregressive columns and target by the number of the variant.
 
-    Of Fujii 2018 (10), (3), of Tatebatake 2017 (10), or none for the basic model, its (18).
+    They are from Fujii 2018 (10), (3) or Tatebatake 2017 (10); the basic model has none, its (18).
     """
     if variant == BASIC:
         return 0.0, 0.0, y
     if variant == 0.0:
         return y1, y2, y
     if variant == 1.0:
-        # with a harmonic, V1 regresses on y1 = y - y3 as Fujii 2018 (6) says; y3 is zero otherwise
+        # with a harmonic, V1 regresses on y1 = y - y3, Fujii 2018 (6); y3 is zero otherwise
         return y2 - z2, y3 - z3, y - y1
     return y2, y1, y - y1
 
@@ -96,9 +96,9 @@ def update_many(
     m: FloatArray,
     c: FloatArray,
 ) -> None:
-    """Take samples in, y and errors in metres, `scale` working units to the metre.
+    """Update with samples; y and errors are in metres, with `scale` working units per metre.
 
-    The memory lives in local variables while the loop runs, which makes it four times faster.
+    The memory is in local variables during the loop, which is four times faster.
     """
     k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww = m
     variant, offset, harmonic, omega, forgetting, phase = c
@@ -109,14 +109,14 @@ def update_many(
     for k in range(u.size):
         voltage, value = u[k], y[k] * scale
         if not (isfinite(voltage) and isfinite(value)):
-            errors[k] = nan  # a lost sample is skipped: one NaN in P would stay for ever
+            errors[k] = nan  # a lost sample is skipped: a NaN in P would persist
             continue
         du = voltage - u1
         travel, size = abs(du), abs(h)
         su, sv, sb, sg = su + du, sv + travel, sb + travel * h, sg + size * du
         x[0], x[1], error = _lags(value, y1, y2, y3, z2, z3, variant)
         x[2], x[3], x[4], x[5], x[6] = voltage, sign * su, sign * sv, sb, sg
-        if variant == BASIC:  # a column of zeros leaves its parameter at its start, which is 0
+        if variant == BASIC:  # a column of zeros leaves its parameter at the initial value 0
             x[4] = 0.0
         if offset == 1.0:
             x[7] = 1.0

@@ -1,8 +1,8 @@
-"""Well-posed online identification: Bierman's UD filter on the error of the free run.
+"""Well-posed online identification: Bierman's UD filter on the free-run error.
 
-Unlike the papers' RLS (`rls`), which regresses on measured displacements, these predict by
-simulation: what they call the one-step error is the free-run error, offset included. The mode is
-frozen (from `output_error`, or left out where drives stay far below it).
+The papers' RLS (`rls`) regresses on measured displacements. These methods predict by simulation:
+their one-step error is the free-run error, including the offset. The mode is fixed (from
+`output_error`) or omitted if the drive is far below it.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK
 
-_TRUST = 1e6  # start variance of a parameter over that of the noise, in units of the ranges
-_PLAY_TRUST = 1e2  # the same for the weight of a play: of many alike only the sum shows
-_WINDOW = 0.1  # time over which the voltage must move to count as moving [s]
+_TRUST = 1e6  # initial variance of a parameter over that of the noise, in units of the ranges
+_PLAY_TRUST = 1e2  # the same for the weight of a play: only the sum of similar plays is observable
+_WINDOW = 0.1  # time over which the motion of the voltage is measured [s]
 
 
-#: What each method that needs no regularising estimates.
+#: Parameters that each well-posed method estimates.
 KINDS = {'rls_ud': 'bouc_wen', 'pi_bank': 'play_bank'}
 
 
 @dataclass(frozen=True)
 class UdSettings:
-    """How a well-posed recursion is to run.
+    """Settings of a well-posed recursion.
 
     Attributes
     ----------
     kind : str
         ``bouc_wen``: A1, A, beta, gamma and the offset (`rls_ud`). ``play_bank``: the weights of
-        ten plays and the offset (`pi_bank`); linear, so it has one answer only.
+        ten plays and the offset (`pi_bank`); linear, with a unique solution.
     voltage_range : float
         Largest absolute voltage [V].
     displacement_range : float
-        Displacement that belongs to it, to an order of magnitude [m].
+        Corresponding displacement, to an order of magnitude [m].
     natural_frequency, damping_ratio : float
-        The frozen mode [Hz], [1]; a frequency of 0 leaves it out.
+        The fixed mode [Hz], [1]; a frequency of 0 omits it.
     forgetting : float
-        Forgetting factor in (0, 1]; while the voltage moves slowly it forgets more slowly, so
-        that the memory always holds four full cycles.
+        Forgetting factor in (0, 1]; for slow voltages it is increased, so that the memory always
+        covers four full cycles.
     quiet : float
-        Speed of the voltage below which nothing is learnt, in ranges per second.
+        Speed of the voltage below which the estimate is not updated, in ranges per second.
     dt : float
         Sampling interval [s].
     """
@@ -85,10 +85,10 @@ class UdSettings:
 
 
 class OnlineUd(OnlineMethod):
-    """Bouc-Wen or play-bank parameters, one sample at a time, bounded without excitation.
+    """Recursive estimator of Bouc-Wen or play-bank parameters, bounded without excitation.
 
-    The estimate of an actuator at rest is held (excitation test), the covariance never
-    exceeds its start, and every estimate is a model with a bounded, invertible hysteresis.
+    The estimate is held while the actuator is at rest (excitation test), the covariance never
+    exceeds its initial value, and every estimate is a model with a bounded, invertible hysteresis.
 
     Parameters
     ----------
@@ -104,11 +104,11 @@ class OnlineUd(OnlineMethod):
 
     @property
     def settings(self) -> UdSettings:
-        """The settings in force."""
+        """Current settings."""
         return self._settings
 
     def reset(self) -> None:
-        """Forget everything: a linear gain with a mild hysteresis."""
+        """Reset to a linear gain with a small hysteresis."""
         s = self._settings
         bank = s.kind == KINDS['pi_bank']
         n = COUNT + 2 if bank else 5
@@ -141,10 +141,10 @@ class OnlineUd(OnlineMethod):
         self._m = np.zeros(ud.PLAYS + COUNT)
 
     def drive_at(self, frequency: float, start: float = 0.0) -> None:
-        """Do nothing: no column follows the drive."""
+        """Do nothing: no column depends on the drive frequency."""
 
     def rest(self) -> None:
-        """Begin another record: the actuator is at rest again, what was learnt is kept."""
+        """Start a new record from rest and keep the estimate."""
         self._q[:] = 0.0
         self._m[[ud.LAST, ud.H, ud.H_BETA, ud.H_GAMMA]] = 0.0
         self._m[ud.PLAYS :] = 0.0
@@ -158,7 +158,7 @@ class OnlineUd(OnlineMethod):
         errors *= s.displacement_range
 
     def model(self) -> Model:
-        """Return the chain whose parameters `estimate` gives."""
+        """Return the chain with the parameters of `estimate`."""
         bank = self._settings.kind == KINDS['pi_bank']
         if self._settings.natural_frequency == 0:
             model = named(BANK if bank else 'classical')
@@ -169,7 +169,7 @@ class OnlineUd(OnlineMethod):
         return model.hold(pi_range=self._settings.voltage_range) if bank else model
 
     def free_run(self, voltage: FloatArray) -> FloatArray:
-        """Simulate the present estimate from rest, with `voltage` [V]; return displacement [m]."""
+        """Simulate the estimate from rest for `voltage` [V]; return the displacement [m]."""
         model = self.model()
         return model.respond(
             np.ascontiguousarray(voltage, dtype=np.float64),
@@ -178,7 +178,7 @@ class OnlineUd(OnlineMethod):
         )
 
     def estimate(self) -> Estimate:
-        """Return the present parameters in SI units."""
+        """Return the current estimate of the parameters in SI units."""
         s = self._settings
         names, units, factors = self._layout()
         covariance = (self._factor * self._d) @ self._factor.T
@@ -187,7 +187,7 @@ class OnlineUd(OnlineMethod):
         values = theta * factors
         spread = self._sigma * np.sqrt(np.diag(covariance)) * factors
         if s.kind != KINDS['pi_bank'] and values[1] < 0:
-            # h of a negative A decays the other way round
+            # for a negative A, h decays with the opposite sign of gamma
             values[3] = -values[3]
             correlation[3], correlation[:, 3] = -correlation[3], -correlation[:, 3]
             correlation[3, 3] = 1.0
@@ -198,7 +198,7 @@ class OnlineUd(OnlineMethod):
             spread = np.append(spread, [0.0, 0.0])
             correlation = np.pad(correlation, (0, 2))
         chain = self.model()
-        # An input that hardly moved leaves estimates that no model has; the spread says so.
+        # A small input leaves estimates outside the range of models; their deviation shows it.
         bounds = {q.name: (q.low, q.high) for q in chain.parameters}
         anything = (-np.inf, np.inf)
         values = np.array(
@@ -245,10 +245,10 @@ class OnlineUd(OnlineMethod):
 
 
 def invertible_bank(theta: FloatArray) -> FloatArray:
-    """Return weights and offset, shape (p,), with every slope of the sign of the whole gain.
+    """Return weights and offset, shape (p,), so that each slope has the sign of the total gain.
 
-    The slope after a reversal is the sum of the first weights; where it would be less than a
-    twentieth of the gain, the weight that lowers it is raised.
+    The slope after a reversal is the sum of the first weights. If it is less than a twentieth of
+    the gain, the weight that lowers it is raised.
     """
     weights = theta[:-1]
     gain = float(weights.sum())

@@ -1,7 +1,7 @@
-"""Global searches behind one interface: two swarms, CMA-ES and differential evolution.
+"""Global searches with one interface: two particle swarms, CMA-ES and differential evolution.
 
-They look at the cost only and know nothing of its shape; each is seeded, counts its evaluations
-and works in a box scaled to the unit cube.
+They use only values of the cost. Each takes a seed, counts its evaluations and works in a box
+scaled to the unit cube.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 
-_PHI = 4.2  # sum of the pulls of Fang 2019
+_PHI = 4.2  # sum of the acceleration coefficients of Fang 2019
 
 
 @dataclass(frozen=True)
@@ -25,15 +25,15 @@ class Swarm:
     Attributes
     ----------
     population : int
-        Particles; 0 takes ten to an unknown, twenty at least.
+        Number of particles; 0 is ten per unknown, at least twenty.
     constriction : float
         chi.
     inertia, inertia_end : float
         w at the start and at the end of the budget, linear in between.
     own, common : float
-        Largest pulls to the best point of a particle and of the swarm.
+        Largest acceleration towards the best point of a particle and of the swarm.
     tolerance : float
-        The swarm rests when the best costs of its particles differ relatively less than this.
+        Relative difference of the best costs of the particles at which the swarm has converged.
     """
 
     population: int = 0
@@ -73,7 +73,7 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Where a search ended.
+    """Result of a search.
 
     Attributes
     ----------
@@ -82,13 +82,13 @@ class SearchResult:
     cost : float
         Cost there.
     evaluations : int
-        How often the cost was asked for.
+        Number of evaluations of the cost.
     history : tuple of float
-        Best cost after each round.
+        Best cost after each iteration.
     converged : bool
-        Whether the population agreed before the evaluations ran out.
+        Whether the population converged within the limit of evaluations.
     message : str
-        Why it stopped.
+        Reason for the termination.
     """
 
     x: FloatArray
@@ -117,21 +117,21 @@ def search(
     Parameters
     ----------
     cost : callable
-        Answers a point of shape (p,); inf where it is impossible.
+        Function of a point of shape (p,); inf for an invalid point.
     low, high : ndarray, shape (p,)
         Finite box.
     method : str
         ``pso`` (Zhou 2021, Xiao 2014), ``pso_modified`` (Fang 2019), ``cma`` or ``de``.
     seed : int
-        Same seed, same answer.
+        The result is the same for the same seed.
     max_evaluations : int
-        Budget.
+        Limit of evaluations.
     population : int, optional
-        Points per round; a default that suits the method otherwise.
+        Points per iteration; the default depends on the method.
     tolerance : float
-        Stop when the costs of a round differ relatively less than this.
+        Relative difference of the costs of an iteration at which the search stops.
     swarm : Swarm, optional
-        Constants of ``pso`` and ``pso_modified``, in the place of population and tolerance.
+        Constants of ``pso`` and ``pso_modified``; replaces population and tolerance.
     progress : callable, optional
         Called with ``(fraction, words)``.
 
@@ -183,7 +183,7 @@ class _Watch:
         return self.used >= self.limit
 
     def costs(self, points: FloatArray) -> FloatArray:
-        """Costs of points in the unit cube, shape (m, p); one round."""
+        """Return the costs of points in the unit cube, shape (m, p); one iteration."""
         values = np.full(len(points), np.inf)
         for i, point in enumerate(points[: self.limit - self.used]):
             values[i] = self.cost(point)
@@ -202,7 +202,7 @@ def _agreed(values: FloatArray, tolerance: float) -> bool:
 
 
 def _swarm(watch: _Watch, rng: np.random.Generator, swarm: Swarm) -> str:
-    """Search by a swarm; with its constants Fang 2019 (swarm)."""
+    """Search by a particle swarm; with the constants of Fang 2019: Fang 2019 (swarm)."""
     count = int(swarm.population) or max(20, 10 * watch.size)
     x = rng.random((count, watch.size))
     v = 0.2 * (rng.random(x.shape) - 0.5)
@@ -216,7 +216,7 @@ def _swarm(watch: _Watch, rng: np.random.Generator, swarm: Swarm) -> str:
         x = x + v
         out = (x < 0) | (x > 1)
         x = np.clip(x, 0.0, 1.0)
-        v[out] *= -0.5  # particles that hit a wall bounce, or they would stick to it
+        v[out] *= -0.5  # particles are reflected at a bound, or they would stay at it
         values = watch.costs(x)
         better = values < own_cost
         own[better], own_cost[better] = x[better], values[better]
@@ -226,7 +226,7 @@ def _swarm(watch: _Watch, rng: np.random.Generator, swarm: Swarm) -> str:
 
 
 def _cma(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
-    """Run CMA-ES (Hansen 2016, pycma), again with twice the population where it ends elsewhere."""
+    """Run CMA-ES (Hansen 2016, pycma), with doubled population after a worse local optimum."""
     import cma
 
     count = population or 8 + int(3 * log(watch.size))
@@ -240,7 +240,7 @@ def _cma(watch: _Watch, rng: np.random.Generator, population: int | None, tolera
             points = strategy.ask()
             values = watch.costs(np.array(points))
             strategy.tell(points, values.tolist())
-            # one that agrees on a point worse than one already seen sits in another basin
+            # convergence to a point worse than one already found is a local optimum
             if _agreed(values, tolerance):
                 if float(np.min(values)) <= watch.best * (1 + 10 * tolerance):
                     return 'the population agrees'
@@ -250,7 +250,7 @@ def _cma(watch: _Watch, rng: np.random.Generator, population: int | None, tolera
 
 
 def _de(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
-    """Run SciPy's differential evolution."""
+    """Run the differential evolution of SciPy."""
     from scipy.optimize import differential_evolution
 
     size = max(population or 12 * watch.size, 8)

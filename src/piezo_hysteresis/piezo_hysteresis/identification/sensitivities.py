@@ -23,19 +23,19 @@ from piezo_hysteresis.models.simulation.plan import (
 from piezo_hysteresis.models.simulation.state_layout import StateJump
 from piezo_hysteresis.models.simulation.substep_sensitivities import carried
 
-_MOST_VALUES = 2_000_000  # derivatives times samples that are held along the way of each tick
-_STEP = 1e-6  # relative step of numerical differences; sqrt of the rounding, times some
+_MOST_VALUES = 2_000_000  # derivatives times samples stored along the path of each tick
+_STEP = 1e-6  # relative step of numerical differences, above sqrt of the rounding
 
 
 class StateOffset(NamedTuple):
-    """Offset of one initial state from its value by the lead-in.
+    """Offset of one initial state from its value after the lead-in.
 
     Attributes
     ----------
     stage, place : int
-        Where the state stands in the chain.
+        Stage of the chain, and index of the state in it.
     amount : float
-        What is added to it at the first sample of the record.
+        Offset that is added at the first sample of the record.
     """
 
     stage: int
@@ -60,7 +60,7 @@ def sensitivities(
     Blocks are differentiated by the generated derivative of their kernel. Linear runs are
     differenced by their own parameters. A delay of a held voltage moves it by whole ticks; the
     whole response is differenced from a tick less to a tick more, since a step of the voltage
-    leaves a residual on one side only.
+    affects the residual on one side only.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def sensitivities(
     origin : int
         Sample before which `offsets` are added to states.
     offsets : sequence of StateOffset
-        None for a run from rest.
+        Empty for a run from rest.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def _alone(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through one block, or several that stand side by side."""
+    """Propagate tangents through one block, or several in parallel."""
     columns = [j for j, parameter in enumerate(own) if parameter.name in free]
     if moves_by_ticks(stage):
         return _differenced(stage, own, p, columns, signal, tangent, clock)
@@ -168,7 +168,7 @@ def _alone(
 def _is_quadrature(
     stage: Stage, p: FloatArray, signal: FloatArray, tangent: FloatArray, clock: _Clock
 ) -> bool:
-    """Return whether the memory of a run is differentiated on its own, and not the whole run."""
+    """Return whether the memory of a run is differentiated instead of the whole run."""
     if not isinstance(stage, PathStage) or tangent.shape[0] or stage.run.by_quadrature is None:
         return False
     own = sum(len(part.block.parameters) for part in stage.run.by_quadrature.middle)
@@ -184,11 +184,11 @@ def _by_quadrature(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through a run by quadrature.
+    """Propagate tangents through a run by quadrature.
 
-    A memory is differentiated at the nodes by its own kernel, and the linear blocks behind it
-    integrate the derivatives as they integrate the signal. Approach, delay and linear blocks
-    themselves are differenced.
+    A memory is differentiated at the nodes by its own kernel, and the linear blocks after it
+    integrate the derivatives like the signal. The parameters of approach, delay and linear blocks
+    are differenced.
     """
     assert isinstance(stage, PathStage)
     run, dt, layout = stage.run.by_quadrature, clock.dt, stage.run.layout(clock.dt)
@@ -249,7 +249,7 @@ def _by_path(
     tangent: FloatArray,
     clock: _Clock,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents along a path; delays, linear runs and runs without steps are differenced."""
+    """Propagate tangents along a path; delays, linear and stepless runs are differenced."""
     if not isinstance(stage, PathStage):
         return _differenced(stage, own, p, columns, signal, tangent, clock)
     if stage.run.steps(p, clock.dt) == 0 or stage.run.order(p) > 0.0:
@@ -266,12 +266,12 @@ def _by_path(
         return output, rows
     nothing = tangent[:0]
     _, others = _differenced(stage, own, p, late, signal, nothing, clock, output)
-    # delays stand first among the parameters of a run
+    # delays are the first parameters of a run
     return output, np.vstack([rows[: len(tangent)], others, rows[len(tangent) :]])
 
 
 def _around(parameter: Parameter, value: float) -> tuple[float, float]:
-    """Return a parameter a little less and a little more, itself where a bound is in the way."""
+    """Return a parameter minus and plus a small step, limited by its bounds."""
     step = abs(parameter_step(parameter, value))
     below, above = value - step, value + step
     return (
@@ -292,7 +292,7 @@ def _through(
     kernel: Any = block.kernel
     times: tuple[float, ...] = (clock.dt, clock.frequency)
     if kernel is None:
-        kernel, times = block.along, (*times, 1)  # the same, a point per tick
+        kernel, times = block.along, (*times, 1)  # the same, with one point per tick
     return through(kernel, signal, tangent, at, state, moved, *times)
 
 
@@ -306,8 +306,8 @@ def _differenced(
     clock: _Clock,
     output: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry tangents through a stage by differences of the stage alone, its `output` if known."""
-    # on one grid, so that a difference is that of the parameter alone
+    """Propagate tangents through a stage by differences, with its `output` if known."""
+    # on one grid, so that the difference is caused by the parameter alone
     grid = {'steps': stage.run.steps(p, clock.dt)} if isinstance(stage, PathStage) else {}
 
     def run(x: FloatArray, values: FloatArray) -> FloatArray:
@@ -343,7 +343,7 @@ def _differenced(
 
 
 def moves_by_ticks(stage: Stage) -> TypeGuard[TickStage]:
-    """Return whether a stage only holds, so that a delay moves what it holds by whole ticks."""
+    """Return whether a stage keeps a held signal, so that a delay moves it by whole ticks."""
     return isinstance(stage, TickStage) and stage.block.between is Between.DELAY
 
 
@@ -366,6 +366,6 @@ def _a_tick_apart(
 
 
 def parameter_step(parameter: Parameter, value: float) -> float:
-    """Return by how much a parameter is moved for a difference, within its bounds."""
+    """Return the step of a parameter for a difference, within its bounds."""
     step = _STEP * max(abs(value), 0.1 * parameter.scale)
     return -step if value + step > parameter.high else step

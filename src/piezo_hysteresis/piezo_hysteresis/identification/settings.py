@@ -1,4 +1,4 @@
-"""What a user asks for, judged before it is computed: values, budgets and seeds."""
+"""Validation of user settings before a computation: values, budgets and seeds."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def require_settings(
     max_evaluations: int | None = None,
     forgetting: float | None = None,
 ) -> None:
-    """Refuse settings with which no method can do anything.
+    """Raise an error for invalid settings.
 
     Raises
     ------
     IdentificationError
-        If one is out of its range, or not a number.
+        If a setting is out of range or not a number.
     """
     whole = {'seed': seed, 'number of workers': workers, 'budget': max_evaluations or 1}
     for name, value in whole.items():
@@ -49,19 +49,19 @@ def require_settings(
 
 
 def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float]) -> Model:
-    """Return the model with values held that a user gave; refuse impossible ones.
+    """Return the model with the given values held; raise an error for invalid ones.
 
     Parameters
     ----------
     model : Model
-        As it was named.
+        The chain.
     hold, start : mapping of str to float
-        Values to hold, and values from which a fit shall begin, in SI units.
+        Values to hold, and start values of a fit, in SI units.
 
     Raises
     ------
     IdentificationError
-        If a name is unknown, a value impossible, or a parameter both held and started.
+        If a name is unknown, a value invalid, or a parameter has a held and a start value.
     """
     known = {q.name: q for q in model.parameters}
     for verb, given in (('hold', hold), ('start from', start)):
@@ -80,7 +80,7 @@ def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float])
             q = known[name]
             if not (isinstance(value, Real) and isfinite(value)):
                 raise IdentificationError(f'{name} = {value} is not a number to {verb}')
-            # the bounds of one that the model itself holds are where it holds it
+            # the bounds of a parameter that the model holds coincide at its value
             if name not in model.held and not q.low <= value <= q.high:
                 raise IdentificationError(
                     f'{name} = {value:g} {q.unit} is impossible to {verb}: it lies within '
@@ -97,19 +97,19 @@ def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float])
 
 
 def warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:
-    """Return records of which errors leave the first seconds out.
+    """Return records with another warm-up.
 
     Parameters
     ----------
     records : sequence of Record
-        As they were read.
+        Measured records.
     warm_up : float or None
-        Seconds; None leaves each record its own.
+        Warm-up [s]; None keeps that of each record.
 
     Raises
     ------
     IdentificationError
-        If nothing would be left of a record.
+        If the warm-up is as long as a record.
     """
     if warm_up is None:
         return list(records)
@@ -125,12 +125,12 @@ def warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:
 
 
 def driven_at(records: Sequence[Record], frequency: float | None) -> list[Record]:
-    """Return records with the drive frequency that a user gave where they do not say theirs.
+    """Return records with a given drive frequency, for records without their own.
 
     Raises
     ------
     IdentificationError
-        If it is no frequency that the records could show.
+        If the frequency is not positive or above half the sampling rate.
     """
     if frequency is None:
         return list(records)
@@ -147,12 +147,12 @@ def driven_at(records: Sequence[Record], frequency: float | None) -> list[Record
 
 
 def pairs(assignments: Sequence[str]) -> dict[str, float]:
-    """Return the values that words NAME=VALUE give, in SI units.
+    """Return the values of arguments of the form NAME=VALUE, in SI units.
 
     Raises
     ------
     IdentificationError
-        If one is no such word, or a name comes twice.
+        If an argument has another form, or a name occurs twice.
     """
     found: dict[str, float] = {}
     for assignment in assignments:

@@ -1,12 +1,12 @@
-"""Bounded nonlinear least squares that sees the data only through a small triangular factor.
+"""Bounded nonlinear least squares on the triangular factor of the Jacobian.
 
-Levenberg-Marquardt on ``R`` of the QR factorisation of [J | r]: one step costs p^3 whatever the
-number of samples, so that 200 000-sample problems pay for simulation only.
+Levenberg-Marquardt on ``R`` of the QR factorisation of [J | r]: a step costs p^3 for any number of
+samples, so that the time of a problem with 200 000 samples is that of its simulations.
 
-Why not SciPy's: with the same residuals, exact derivatives and bounds, 204 000 samples, 7 unknowns
-and 12 starts within a factor of 2, a fit takes 0.24 s of processor time and 5 MB here, 1.8 s and
-91 MB by ``least_squares``, and ends at the noise from 11 of the starts, there from 9
-(``bench/solver.py``).
+Comparison with SciPy: with the same residuals, exact derivatives and bounds, 204 000 samples, 7
+unknowns and 12 starts within a factor of 2, a fit takes 0.24 s of processor time and 5 MB;
+``least_squares`` takes 1.8 s and 91 MB. It converges to the noise from 11 of the starts,
+``least_squares`` from 9 (``bench/solver.py``).
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ import numpy as np
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.numerics.linalg import column_norms, solve_least_squares
 
-# Steps in a row that lower the cost by no more than the tolerance, after which it rests.
+# Consecutive steps with a decrease of the cost below the tolerance, after which it has converged.
 _IDLE = 3
-# Relative size of a step that counts as none: large unknowns hide what small ones still do.
+# Relative size of a negligible step: large unknowns hide the progress of small ones.
 _STILL = 1e-7
-# How much more than what its derivatives promise a problem is taken to be good for.
+# Assumed ratio of the possible decrease of the cost to the predicted one.
 _GENEROUS = 2.0
 
 Progress = Callable[[float, str], None]
 
 
 class Problem(Protocol):
-    """What the solver asks of a least-squares problem with p unknowns.
+    """Interface of a least-squares problem with p unknowns.
 
     Attributes
     ----------
     grains : ndarray, shape (p,)
-        By how much an unknown must move for the cost to change at all; 0 where it is smooth.
+        Smallest step of each unknown that changes the cost; 0 where the cost is smooth.
     """
 
     @property
     def grains(self) -> FloatArray:
-        """Grain of each unknown, shape (p,)."""
+        """Smallest effective step of each unknown, shape (p,)."""
 
     def cost(self, x: FloatArray) -> float:
-        """Half the sum of squares at `x`, shape (p,); inf where `x` is impossible."""
+        """Half the sum of squares at `x`, shape (p,); inf if `x` is invalid."""
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """R, shape (p, p), Q'r, shape (p,), and the cost at `x`."""
@@ -53,26 +53,26 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Solution:
-    """Where the solver stopped.
+    """Result of the solver.
 
     Attributes
     ----------
     x : ndarray, shape (p,)
         Best point.
     factor : ndarray, shape (p, p)
-        R of the Jacobian at `x`: ``J'J = R'R``; of one before where it was not asked for.
+        R of the Jacobian at `x`: ``J'J = R'R``; of an earlier point if not requested.
     cost : float
         Half the sum of squares.
     converged : bool
-        Whether a tolerance was met, not a limit.
+        Whether a tolerance was met, and not a limit.
     message : str
-        Why it stopped, in words.
+        Reason for the termination.
     evaluations : int
         Simulations of the whole data set, linearisations included.
     history : tuple of float
-        Cost after each accepted step, the start first.
+        Cost at the start and after each accepted step.
     at_bound : tuple of bool
-        Which unknowns ended on a bound.
+        Whether each unknown is at a bound.
     """
 
     x: FloatArray
@@ -88,16 +88,15 @@ class Solution:
 def bounded_step(
     factor: FloatArray, rhs: FloatArray, damping: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Minimise ``|R s + q|^2 + |damping s|^2`` over ``low <= s <= high``, to good approximation.
+    """Minimise ``|R s + q|^2 + |damping s|^2`` over ``low <= s <= high`` approximately.
 
-    Unknowns that would leave are put on their bound one round after another and the others solved
-    anew, so that a bound does not spoil the step of the rest. Where the problem is no number, so
-    is the step.
+    Unknowns that would violate a bound are fixed at it iteratively and the others are solved
+    again, so that a bound does not distort their step. The step is NaN where the problem is.
     """
     p = rhs.size
     step = np.zeros(p)
     free = np.ones(p, dtype=bool)
-    # one that stands on a bound and would be pushed out stays there
+    # an unknown at a bound stays there if its step points outwards
     downhill = -(factor.T @ rhs)
     free &= ~((low >= 0) & (downhill < 0)) & ~((high <= 0) & (downhill > 0))
     for _ in range(p):
@@ -106,7 +105,7 @@ def bounded_step(
         known = rhs + factor[:, ~free] @ step[~free]
         stacked = np.vstack([factor[:, free], np.diag(damping[free])])
         target = np.concatenate([-known, np.zeros(int(free.sum()))])
-        # of one size: beside volts a curve of the sensor in 1/m^2 would count as rounding
+        # scaled: next to volts, a sensor curvature in 1/m^2 would be treated as rounding
         sizes = _nonzero(column_norms(stacked))
         solved = solve_least_squares(stacked / sizes, target)
         if not solved.sound:
@@ -133,33 +132,33 @@ def solve(
     stopped: Callable[[], bool] = lambda: False,
     progress: Progress | None = None,
 ) -> Solution:
-    """Minimise `problem` from `start` inside the box.
+    """Minimise `problem` from `start` within bounds.
 
     Parameters
     ----------
     problem : Problem
-        What to minimise.
+        The least-squares problem.
     start, low, high : ndarray, shape (p,)
-        Start and bounds; the start is clipped into them.
+        Start and bounds; the start is clipped to them.
     max_evaluations : int
         Limit of simulations and linearisations.
     tolerance : float
-        Relative decrease of the cost that counts as none, and of the size of a step where it is
-        finer than `_STILL`.
+        Negligible relative decrease of the cost, and relative size of a step if smaller than
+        `_STILL`.
     enough : float
-        Cost from which on the solution is of use: the solver gives up where it does not come
-        below that even if it gains twice what it promises.
+        Largest useful cost: the solver terminates if twice the predicted decrease does not reach
+        it.
     derivatives : bool
-        Whether those at the end are of use; where not, the last of all evaluations is spared them.
+        Whether the derivatives at the solution are needed; False saves the last evaluation.
     stopped : callable
-        Asked before each step whether there is no time for it.
+        Returns True before a step to terminate.
     progress : callable, optional
-        Called with ``(fraction of the evaluations used, cost in words)``.
+        Called with ``(fraction of the evaluations used, text with the cost)``.
 
     Returns
     -------
     Solution
-        Never worse than the start; ``converged`` and ``message`` say what happened.
+        Never worse than the start; check ``converged`` and ``message``.
     """
     x = np.clip(np.asarray(start, dtype=float), low, high)
     factor, rhs, cost = problem.linearise(x)
@@ -197,7 +196,7 @@ def solve(
         new = problem.cost(trial)
         used += 1
         if not new < cost and not jumped and np.any(grains):
-            # one that moves by whole grains may have to go farther than the step says
+            # an unknown with a smallest step may have to move further than the computed step
             jumped = True
             trial = _by_whole_grains(x, factor, rhs, step, damping * norms**2, grains, low, high)
             new = problem.cost(trial)
@@ -208,7 +207,7 @@ def solve(
             history.append(cost)
             break
         there = problem.linearise(trial) if ratio > 1e-4 else None
-        # derivatives may overflow where the model itself does not: that is no place to go
+        # derivatives may overflow where the model does not: such a point is rejected
         if there is None or not _usable(*there):
             damping, growth = damping * growth, growth * 2.0
             if damping > 1e12:
@@ -241,9 +240,9 @@ def _by_whole_grains(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Return the point a step leads to where each grainy unknown moves by one grain at least.
+    """Return the point after a step; discontinuous unknowns move by at least their smallest step.
 
-    The others are solved for anew, and so follow.
+    The other unknowns are solved for again.
     """
     least, most = low - x, high - x
     for j in np.flatnonzero(grains):
@@ -254,14 +253,14 @@ def _by_whole_grains(
 
 
 def _promised(rhs: FloatArray, history: Sequence[float], left: int) -> float:
-    """Return by how much the cost may fall within `left` evaluations.
+    """Return an upper bound of the decrease of the cost within `left` evaluations.
 
-    If all unknowns at once do what their derivatives say, and no faster than by the last step.
+    It assumes the linear prediction in all unknowns, at no higher rate than in the last step.
     """
     at_once = 0.5 * float(rhs @ rhs)
     if len(history) < 2:
         return at_once
-    steps = (left + 1) // 2  # each takes a simulation and a linearisation
+    steps = (left + 1) // 2  # each step takes a simulation and a linearisation
     return min(at_once, steps * (history[-2] - history[-1]))
 
 
@@ -285,7 +284,7 @@ def _stationary(
     low: FloatArray,
     high: FloatArray,
 ) -> bool:
-    """Whether the residual is orthogonal to every column that could still move."""
+    """Return whether the residual is orthogonal to the columns of all unbounded unknowns."""
     gradient = factor.T @ rhs
     blocked = ((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0))
     angle = np.abs(gradient) / (_norms(factor) * np.sqrt(2 * cost) + 1e-300)

@@ -1,8 +1,8 @@
-"""Output error in stages: a chain is never worse than what is left of it without its additions.
+"""Output-error fit in stages: a chain with added tones is never worse than without them.
 
-A harmonic or a hum that is added to a chain can be fitted in the place of what the chain should
-explain, and the recursion of a harmonic that has no input yet does nothing at all. So the chain is
-fitted without its additions first, then with what is added linearly, then with everything.
+A harmonic or a mains hum can be fitted to an error that the rest of the chain should explain, and
+the recursion of a harmonic without input has no effect. The chain is therefore fitted without the
+additions first, then with the linear parameters of the additions, then with all parameters.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ def output_error_in_stages(
     Parameters
     ----------
     model, records, start, **options
-        See `output_error`; a start for an addition is taken as it is, without stages.
+        See `output_error`; with a start value for an addition there are no stages.
 
     Returns
     -------
     FitResult
-        Of the last stage, with all unknowns of the chain.
+        Result of the last stage, with all unknowns of the chain.
     """
     if law_of(model):
         return output_error_of_inverse(model, records, start=start, **options)
@@ -53,12 +53,12 @@ def output_error_in_stages(
     begin = {**found.values, SAMPLING_OFFSET: found.sampling_offset}
     names = tuple(n for n in model.free_names if n not in set(added) - linear)
     found = output_error(chain, records, start=begin, free=names, count=1, **options)
-    # what the additions leave unexplained at first may have led the first stage astray
+    # the first stage may be biased by the error that the additions explain
     begin = {**found.values, SAMPLING_OFFSET: found.sampling_offset}
     return output_error(chain, records, start=start, guesses=(begin,), **options)
 
 
 def _added(model: Model) -> tuple[str, ...]:
-    """Return the unknowns of the blocks that add to what the chain answers."""
+    """Return the unknowns of the blocks that add a signal to the output of the chain."""
     names = {q.name for b in model.blocks if b.slot is Slot.ADDED for q in b.parameters}
     return tuple(name for name in model.free_names if name in names)

@@ -1,4 +1,4 @@
-"""Start values from the data: scan what is nonlinear, solve exactly for what is linear."""
+"""Start values from the data: nonlinear parameters are scanned, linear ones solved exactly."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.models import Model
 
 _SCAN_RECORDS = 4
-_SCAN_SAMPLES = 20_000  # compared of a whole record; more does not find another basin
-_SCAN_LENGTH = 100_000  # simulated of a whole record
+_SCAN_SAMPLES = 20_000  # compared samples of a whole record; more do not find another basin
+_SCAN_LENGTH = 100_000  # simulated samples of a whole record
 
 
 @dataclass(frozen=True)
 class Start:
-    """One start and the error it leaves.
+    """Start values with their cost.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ def starts(
     Parameters
     ----------
     model : Model
-        Any chain, its defaults fit for the data (`models.for_range`).
+        Any chain, with defaults that suit the data (`models.for_range`).
     targets : sequence of Target
         Prepared records.
     free : sequence of str
@@ -62,9 +62,9 @@ def starts(
     given : mapping of str to float, optional
         Values that are not scanned; a start of all unknowns is returned first, unchanged.
     count : int
-        How many.
+        Largest number of start points.
     stopped : callable
-        Whether to stop before the next point; the best so far are returned.
+        Returns True to stop before the next point; the best so far are returned.
     """
     seen = representative(targets)
     amplitude = max(float(np.max(np.abs(t.voltage))) for t in seen)
@@ -95,20 +95,20 @@ def starts(
 
 
 def representative(targets: Sequence[Target], count: int = _SCAN_RECORDS) -> list[Target]:
-    """Return at most `count` targets, spread over the frequencies, long ones cut."""
+    """Return at most `count` targets over all frequencies, with long ones shortened."""
     steady = [t for t in targets if t.repeats > 1] or targets
     order = sorted(steady, key=lambda t: (t.frequency, t.name))
     if len(order) > count:
         places = np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))
         order = [order[place] for place in places]
     chosen = {target.name for target in order}
-    # the way into the steady state rings, and shows a resonance that a slow sine does not
+    # the transient excites a resonance that a slow sine does not show
     ways_in = [t for t in targets if t.repeats == 1 and t.name.removesuffix(WAY_IN) in chosen]
     return [_cut(t) for t in [*order, *(t for t in ways_in if t.name not in chosen)]]
 
 
 def _cut(target: Target) -> Target:
-    """Thin a long record out, and shorten it where it is longer than a scan can bear."""
+    """Decimate a long record, and shorten it to the limit of a scan."""
     if target.repeats > 1:
         return target
     end = min(target.voltage.size, max(_SCAN_LENGTH, target.first + _SCAN_SAMPLES))
@@ -131,7 +131,7 @@ def _cut(target: Target) -> Target:
 def _rounds(
     model: Model, scanned: Sequence[str], amplitude: float, targets: Sequence[Target]
 ) -> Iterator[tuple[int, list[dict[str, float]]]]:
-    """Yield the rounds of the scan: how many points go on, and where each of them is moved."""
+    """Yield the rounds of the scan: number of points that are kept, and the moves of each."""
     limits = {q.name: (q.low, q.high) for q in model.parameters}
 
     def allowed(moves: list[dict[str, float]]) -> list[dict[str, float]]:
@@ -168,7 +168,7 @@ def _within(value: float, limits: tuple[float, float] | None) -> bool:
 
 
 def _stated_otherwise(model: Model, scanned: Sequence[str]) -> Tuned | None:
-    """Return how a mode is stated whose frequency is no parameter of its own, but scanned."""
+    """Return the parameters of a scanned mode that has no parameter for its frequency."""
     for block in model.blocks:
         names = [q.name for q in block.parameters if q.name in scanned]
         if block.tuned is not None and names:
@@ -185,7 +185,7 @@ def _grid(**axes: Sequence[float] | FloatArray) -> list[dict[str, float]]:
 
 
 def _frequencies(targets: Sequence[Target]) -> FloatArray:
-    """Candidates for a resonance: from the slowest drive to half the sampling rate."""
+    """Return candidates of a resonance, from the slowest drive to half the sampling rate."""
     slowest = min((t.frequency for t in targets if t.frequency > 0), default=0.0)
     longest = max(t.measured.size * t.stride * t.dt for t in targets)
     low = max(2 * slowest, 4 / longest)

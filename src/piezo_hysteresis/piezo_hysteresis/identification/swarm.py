@@ -1,4 +1,4 @@
-"""Global search over the parameters of a chain, at once or in the two steps of Zhou 2021."""
+"""Global search of the parameters of a chain, in one step or in the two steps of Zhou 2021."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
-# What a search tells of the records may change what is searched, but once.
+# Nuisances of the records are estimated again once, after the first search.
 _TURNS = 2
 
 
 @dataclass(frozen=True)
 class Box:
-    """Where a search looks, from the data.
+    """Bounds of a search, from the data.
 
     Attributes
     ----------
     low, high : ndarray, shape (p,)
-        Bounds; of the logarithm where `logarithmic`.
+        Bounds; of the logarithm if `logarithmic`.
     logarithmic : ndarray of bool, shape (p,)
-        Which unknowns are searched by their logarithm.
+        Whether each unknown is searched by its logarithm.
     """
 
     low: FloatArray
@@ -137,37 +137,37 @@ def identify_by_search(
 ) -> FitResult:
     """Fit a chain by global search.
 
-    A chain with a structure is searched in the two steps of Zhou 2021 by the swarms: the
-    hysteresis on the slowest record as if the structure were stiff, then the structure on the
-    fastest. The other methods search all unknowns on all records at once. Xiao 2014's inverse can
-    be searched where it is used, from displacement to voltage and row by row.
+    The swarms search a chain with a structure in the two steps of Zhou 2021: the hysteresis on the
+    slowest record with a rigid structure, then the structure on the fastest. The other methods
+    search all unknowns on all records together. The inverse of Xiao 2014 can be searched from
+    displacement to voltage, row by row.
 
     Parameters
     ----------
     model, records, weights, folded, workers
         See `fit`.
     sampling_offset : bool
-        Whether to search when the displacement was sampled, too.
+        Whether to search the sampling offset, too.
     begins, zero : str
-        How records begin and where their zeros lie, see `revision.Choices`.
+        Initial conditions and zeros of the records, see `revision.Choices`.
     method, seed, max_evaluations, progress
         See `search`.
     swarm : mapping of str to float, optional
-        Constants of the swarm that are not the usual ones, see `search.Swarm`.
+        Constants of the swarm that differ from the defaults, see `search.Swarm`.
     steps : str
-        ``one``, ``two``, or ``auto``: two by a swarm where the chain and the records allow it.
+        ``one``, ``two``, or ``auto``: two for a swarm if the chain and the records allow it.
     direct : bool
-        Whether an inverse is fitted from displacement to voltage; nothing to other chains.
+        Whether an inverse is fitted from displacement to voltage; no effect on other chains.
 
     Returns
     -------
     FitResult
-        With the uncertainty at the point found; it is rarely the bottom of the valley.
+        With the uncertainty at the best point, which is rarely the exact optimum.
 
     Raises
     ------
     IdentificationError
-        If two steps are asked for where there are none, or a constant is impossible.
+        If two steps are not possible, or a constant is invalid.
     """
     constants = swarm_of(method, swarm or {})
     if direct and law_of(model):
@@ -209,12 +209,12 @@ def identify_by_search(
 
 
 def swarm_of(method: str, given: Mapping[str, float]) -> Swarm | None:
-    """Return the constants of a swarm, None for a method that is none.
+    """Return the constants of a swarm, None for other methods.
 
     Raises
     ------
     IdentificationError
-        If one is unknown or impossible, or the method takes none.
+        If a constant is unknown or invalid, or the method has none.
     """
     if method not in SWARMS:
         if given:
@@ -230,7 +230,7 @@ def swarm_of(method: str, given: Mapping[str, float]) -> Swarm | None:
 def _steps(
     model: Model, targets: Sequence[Target], method: str, steps: str
 ) -> list[tuple[Model, tuple[str, ...], list[Target]]]:
-    """Chain, unknowns and records of each step of a search; two as Zhou 2021 (6), (7) has them."""
+    """Return chain, unknowns and records of each step; two steps are Zhou 2021 (6), (7)."""
     stiff = Model(
         model.name,
         tuple(block for block in model.blocks if block.slot != Slot.STRUCTURE),

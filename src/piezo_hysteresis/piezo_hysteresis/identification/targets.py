@@ -32,9 +32,9 @@ from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.records import Record
 
-#: Ticks for which the last voltage is held: a recording may read the displacement that much later.
+#: Ticks for which the last voltage is held: the largest sampling offset of a recording.
 LEAD_OUT = 2
-#: Behind the name of a record: its way into the steady state.
+#: Suffix of the name of a record: its transient before the steady state.
 WAY_IN = ' (start)'
 
 
@@ -47,41 +47,40 @@ class Target:
     name : str
         Name of the record.
     voltage : ndarray, shape (n,)
-        What the model is driven with from the virgin state at 0 V, up to the last compared sample
-        [V].
+        Input of the model from the virgin state at 0 V to the last compared sample [V].
     measured : ndarray, shape (m,)
-        Displacement that samples ``first, first + stride, ...`` are compared with [m].
+        Displacement at the samples ``first, first + stride, ...`` [m].
     first, stride : int
-        Where the comparison starts, and its step.
+        First compared sample, and the step between compared samples.
     dt : float
         Sampling interval [s].
     frequency : float
-        Fundamental frequency of the drive [Hz], 0 where there is none.
+        Fundamental frequency of the drive [Hz], 0 if there is none.
     repeats : int
-        Periods that `measured` is the mean of; 1 where nothing was folded.
+        Number of periods averaged in `measured`; 1 for a whole record.
     noise : float
-        Rms noise of one sample [m], see `noise.noises_of`; NaN where it is not known.
+        Rms noise of one sample [m], see `noise.noises_of`; NaN if unknown.
     noise_colour : float
         Correlation of its noise from one compared sample to the next; 0 for white noise.
     rounding : float
-        Share of the mean square of its noise that may not be seen, see `noise.Noise`.
+        Relative uncertainty of the mean square of its noise, see `noise.Noise`.
     period : int
-        Samples per folded period; 0 where nothing was folded.
+        Samples per folded period; 0 for a whole record.
     start : float
         Time of the first driven sample [s], for blocks that depend on it.
     origin : int
-        Driven sample at which the record begins; what is before leads in.
+        Driven sample at which the record begins; the samples before it are the lead-in.
     begins : RecordStart
-        How it is taken to begin.
+        Initial condition.
     own_zero : bool
-        Whether its displacement is counted from a zero of its own.
+        Whether the record has its own zero of the displacement.
     precision : float
-        Factor of its residual besides that of its repeats: how well a sample of it is known
-        against those of the other targets.
+        Weight of its residual in addition to that of its repeats: the precision of one sample
+        relative to the other targets.
     valid : ndarray, shape (m,), or None
-        1 where a compared sample counts, 0 where it is a spike or lost; None where all count.
+        1 for a valid compared sample, 0 for a spike or a lost one; None if all are valid.
     influence : ndarray, shape (m,), or None
-        Factor of each residual in a fit, 1 or less where it is far out; None where all are 1.
+        Weight of each residual in a fit, less than 1 for outliers; None if all are 1.
     """
 
     name: str
@@ -106,23 +105,23 @@ class Target:
 
     @property
     def weight(self) -> float:
-        """Factor by which a residual counts: it stands for `repeats` periods, and by its noise."""
+        """Weight of a residual, from the number of averaged periods and the noise."""
         return sqrt(self.repeats) * self.precision
 
     @property
     def excess_deviation(self) -> float:
-        """Standard deviation of the mean square that noise leaves, as a share of it."""
+        """Relative standard deviation of the mean square of the noise."""
         numbers = independent(self.measured.size, self.noise_colour)
         return hypot(sqrt(2.0 / numbers), self.rounding / SURE)
 
     @property
     def lost(self) -> int:
-        """Number of samples that do not count."""
+        """Number of invalid samples."""
         return 0 if self.valid is None else int(self.valid.size - self.valid.sum())
 
     @property
     def factors(self) -> FloatArray | None:
-        """Factor of each residual in a fit: its influence, 0 where it is lost; None for 1."""
+        """Weight of each residual in a fit: its influence, 0 if it is lost; None for 1."""
         if self.valid is None or self.influence is None:
             return self.influence if self.valid is None else self.valid
         return self.valid * self.influence
@@ -132,7 +131,7 @@ class Target:
         return self.begins == other.begins and self.own_zero == other.own_zero
 
     def kept(self, samples: FloatArray) -> FloatArray:
-        """Return the valid ones of the compared samples, shape (m,)."""
+        """Return the valid compared samples, shape (m,)."""
         return samples if self.valid is None else samples[self.valid > 0.0]
 
     @cached_property
@@ -142,7 +141,7 @@ class Target:
 
     @property
     def compared(self) -> slice:
-        """The driven samples that are compared."""
+        """Slice of the driven samples that are compared."""
         return slice(self.first, self.voltage.size, self.stride)
 
     def pick(self, simulated: FloatArray) -> FloatArray:
@@ -151,14 +150,14 @@ class Target:
 
 
 def fold(record: Record, settling: float = SETTLING) -> list[Target]:
-    """Average the steady periods of a record; return nothing where it has no two of them.
+    """Average the steady periods of a record; return nothing if there are fewer than two.
 
     The transient before the steady state is a second target, ``NAME (start)``, where the record
     begins near 0 V, so that folding loses no information. The transient of a record that begins
-    in motion depends on an unknown history and is left out.
+    in motion depends on an unknown history and is omitted.
 
-    A record is steady where the periods, seen from its end, differ by their scatter only. One that
-    drifts or creeps through all its periods is not folded: no model has its mean period.
+    A record is steady where its last periods differ only by noise. A record that drifts or creeps
+    over all periods is not folded, because no model has such a mean period.
     """
     period = period_of(record)
     if period == 0:
@@ -200,12 +199,12 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
 
 
 def _steady(periods: FloatArray) -> tuple[int, float] | None:
-    """First steady period and the noise of one sample, or None where there are no two."""
+    """Return the first steady period and the noise of one sample, None for fewer than two."""
     count, samples = periods.shape
     tail = periods[count // 2 :] if count >= 4 else periods[-2:]
     mean = tail.mean(axis=0)
     scatter = sqrt(float(np.sum((tail - mean) ** 2)) / ((len(tail) - 1) * samples))
-    # short periods scatter more about their rms
+    # the rms of short periods varies more
     chance = 5 / sqrt(2 * samples)
     limit = max((1 + max(0.3, chance)) * scatter, 1e-6 * float(np.std(periods[-1])))
     away = np.sqrt(np.mean((periods - mean) ** 2, axis=1))
@@ -223,7 +222,7 @@ def _steady(periods: FloatArray) -> tuple[int, float] | None:
 
 
 def _drive(record: Record, period: int, first: int, settling: float) -> tuple[FloatArray, int]:
-    """Voltage from the start of the record through enough periods, and the last one's start."""
+    """Return the voltage from the start over enough periods, and the start of the last one."""
     needed = ceil(settling / (period * record.dt)) * period
     begin = periodic_from(record.voltage, period)
     # phase of the folded period, moved as early as the settling time allows
@@ -239,28 +238,28 @@ def _drive(record: Record, period: int, first: int, settling: float) -> tuple[Fl
 
 
 def with_noise(target: Target, noise: Noise) -> Target:
-    """Return a target whose noise is estimated from more than its own record."""
+    """Return a target with a noise estimated from several records."""
     colour = noise.memory**target.stride
     return replace(target, noise=noise.rms, noise_colour=colour, rounding=noise.rounding)
 
 
 def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target:
-    """Return the record as it is, compared from its warm-up on, at every `stride`-th sample.
+    """Return the whole record, compared after its warm-up at every `stride`-th sample.
 
     Parameters
     ----------
     record : Record
-        What was measured.
+        A measured record.
     stride : int
-        Every so many samples are compared.
+        Step between compared samples.
     begins : RecordStart
-        How the model is led in.
+        Initial condition.
     """
     return with_noise(_of_all_samples(record, stride, begins), noise_of(record))
 
 
 def _of_all_samples(record: Record, stride: int, begins: RecordStart) -> Target:
-    """Return the target of a whole record whose noise is not known."""
+    """Return the target of a whole record, with unknown noise."""
     bad, first = bad_samples(record), record.warm_up_samples
     target = Target(
         name=record.name,
@@ -306,22 +305,22 @@ def targets_of(
     Parameters
     ----------
     records : sequence of Record
-        What was measured.
+        Measured records.
     folded : bool
-        Average the periods of records that repeat themselves.
+        Average the periods of periodic records.
     stride : int
-        Every so many samples of a whole record are compared.
+        Step between compared samples of a whole record.
     start : str
-        How records begin that do not say so themselves, one of `record_start.STARTS`.
+        Initial condition of records that do not state one, one of `record_start.STARTS`.
     zero : str
-        ``record`` counts the displacement of each record from a zero of its own; ``auto`` and
-        ``common`` from one for all.
+        ``record``: each record has its own zero of the displacement; ``auto`` and ``common``: one
+        zero for all.
     workers : int
         Threads over the records.
     """
 
     def seen(record: Record) -> list[Target]:
-        noise_of(record)  # which `noises_of` then knows
+        noise_of(record)  # `noises_of` then uses it
         parts = fold(record) if folded else []
         return parts or [_of_all_samples(record, stride, first_guess(record, start))]
 

@@ -1,7 +1,7 @@
-"""Threads that work on records, the same few for all that goes on in a process.
+"""Thread pool for work on records, shared by all fits of a process.
 
-Fits that run side by side share them: however many records and candidates there are, no more
-threads compute than were asked for, and none of them waits while another has work left.
+Parallel fits share it: for any number of records and candidates, no more threads compute than
+requested, and no thread is idle while there is work.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Item = TypeVar('Item')
 Result = TypeVar('Result')
 
 
-# Shares of the work for each thread: many cost more than they even out.
+# Portions of the work per thread: more portions cost more time than they balance.
 _SHARES = 2
 
 
@@ -25,23 +25,23 @@ def _shared_pool(count: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(count, thread_name_prefix='records')
 
 
-if hasattr(os, 'register_at_fork'):  # threads stay behind in the parent
+if hasattr(os, 'register_at_fork'):  # threads remain in the parent process
     os.register_at_fork(after_in_child=_shared_pool.cache_clear)
 
 
 def of_each(
     function: Callable[[Item], Result], items: Sequence[Item], workers: int
 ) -> list[Result]:
-    """Return the function of all items in order, worked on by so many threads.
+    """Return the function of all items in order, computed by several threads.
 
     Parameters
     ----------
     function : callable
-        Of one item; must not ask the crew for more itself.
+        Function of one item; must not use the pool itself.
     items : sequence
         Records, or parts of them.
     workers : int
-        Threads; 1 or fewer work where this is called.
+        Number of threads; with 1 or less the calling thread computes.
     """
     if workers <= 1 or len(items) < 2:
         return [function(each) for each in items]

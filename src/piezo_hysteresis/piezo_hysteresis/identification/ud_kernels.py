@@ -1,8 +1,8 @@
 """Compiled kernels of the well-posed recursions: Bierman's UD filter and two regressors.
 
-Everything runs in units of the ranges that the settings name, so that one start suits every
-actuator. `m` is the memory, `c` the settings (places below); `q`, shape (d, 2), holds the mode
-that each of the d dynamic columns runs through.
+All quantities are in units of the ranges in the settings, so that the same initial values suit
+every actuator. `m` is the memory, `c` the settings (indices below); `q`, shape (d, 2), holds the
+state of the mode for each of the d dynamic columns.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ BOUC_WEN, PLAY_BANK = 0.0, 1.0
 MARGIN = 0.05  # smallest slope of the model after a reversal, over its gain
 _BOX = 50.0  # bound of gain and shape in units of the ranges
 _STEP = 0.02  # largest relative change of the shape in one update
-_SHORTEST = 16.0  # memory that forgetting always leaves [ranges travelled]: four full cycles
+_SHORTEST = 16.0  # shortest memory with forgetting [ranges travelled]: four full cycles
 _FIRST, _GROWTH = 8.0, 0.25  # memory at the start [ranges travelled], and its growth
-_SETTLED = 4.0  # travel in ranges, one full cycle, before the shape is learnt
+_SETTLED = 4.0  # travel in ranges, one full cycle, before the shape is estimated
 
 _step = jacobian(exact_step)
 
@@ -94,7 +94,7 @@ def _play_columns(u: float, m: FloatArray, v: FloatArray) -> None:
 
 @leaf
 def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) -> None:
-    """Run each column through the frozen mode, sampled before the new hold acts."""
+    """Filter each column by the fixed mode, sampled before the new hold acts."""
     if c[MODE] == 0.0:
         for i in range(v.size):
             x[i] = v[i]
@@ -108,7 +108,7 @@ def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) ->
 
 @leaf
 def _project_bouc_wen(theta: FloatArray, m: FloatArray) -> None:
-    """Keep a decaying h (beta > |gamma|) and a slope that stays positive after reversals."""
+    """Project onto a decaying h (beta > |gamma|) and a positive slope after reversals."""
     theta[0] = min(max(theta[0], -_BOX), _BOX)
     theta[2] = min(max(theta[2], 1.0 / _BOX), _BOX)
     theta[3] = min(max(theta[3], -0.95 * theta[2]), 0.95 * theta[2])
@@ -133,7 +133,7 @@ def update(
     m: FloatArray,
     c: FloatArray,
 ) -> float:
-    """Take one sample in, all in units of the ranges, and return the prediction error."""
+    """Update with one sample in units of the ranges; return the prediction error."""
     if not isfinite(u):
         u = m[LAST]
     n = theta.size
@@ -158,7 +158,7 @@ def update(
     m[ERROR_SUM] = c[FORGETTING] * m[ERROR_SUM] + error * error
     m[WEIGHT_SUM] = c[FORGETTING] * m[WEIGHT_SUM] + 1.0
     if m[ACTIVITY] < c[QUIET]:
-        return error  # a parked actuator teaches nothing but its noise
+        return error  # an actuator at rest shows only its noise
     if c[KIND] == BOUC_WEN and m[TRAVEL] < _SETTLED:
         x[2] = x[3] = 0.0
     _learn(error, theta, factor, d, d_max, w, m, c)
@@ -178,16 +178,16 @@ def _learn(
 ) -> None:
     n = theta.size
     gain = w[1]
-    # a few cycles determine a loop, less does not, so the memory never gets shorter
+    # a loop is determined by a few cycles, so the memory is never shorter
     speed = min(m[ACTIVITY], 1.0)
     forgetting = max(c[FORGETTING], 1.0 - speed / _SHORTEST)
     if c[KIND] == BOUC_WEN:
-        # what was learnt while the shape was wrong is forgotten faster (Ljung)
+        # samples before the shape has converged are discounted faster (Ljung)
         forgetting *= 1.0 - speed / (_FIRST + _GROWTH * m[TRAVEL])
     divisor = bierman(theta, factor, d, w[2], w, forgetting)
     step = error / divisor
     if c[KIND] == BOUC_WEN:
-        # the shape enters nonlinearly: a step as far as the linearisation holds, along the gain
+        # the shape enters nonlinearly: the step is limited to the range of the linearisation
         most = _STEP * theta[2]
         for i in range(2, 4):
             if abs(gain[i] * step) > most:
@@ -213,6 +213,6 @@ def update_many(
     m: FloatArray,
     c: FloatArray,
 ) -> None:
-    """Take samples in, in units of the ranges."""
+    """Update with samples in units of the ranges."""
     for k in range(u.size):
         errors[k] = update(u[k], y[k], theta, factor, d, d_max, w, q, m, c)

@@ -1,4 +1,4 @@
-"""Identifiability: covariance, confounded parameters, and the record that separates them."""
+"""Identifiability: covariance, correlated parameters, and the record that separates them."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def covariance(factor: FloatArray, variance: float, names: Sequence[str]) -> Cov
     largest = float(singular[0])
     condition = largest / float(singular[-1]) if singular[-1] > 0 else float('inf')
     weak = singular < largest / CONDITION_LIMIT
-    # what a weak direction leaves open, it leaves open for all that take the least part in it
+    # a weak direction leaves every parameter with a part in it undetermined
     inverse = 1.0 / np.maximum(singular, largest * _ROUNDING) if largest > 0.0 else singular
     shape = (rows.T * inverse**2) @ rows
     spread = np.sqrt(np.maximum(np.diag(shape), 1e-300))
@@ -83,8 +83,8 @@ def covariance(factor: FloatArray, variance: float, names: Sequence[str]) -> Cov
 def inflation(residuals: Sequence[FloatArray]) -> float:
     """Return the factor by which serial correlation of residuals inflates the variance of a mean.
 
-    One for white noise; the integrated autocorrelation time in samples where a model error is
-    left, which repeats itself and therefore holds less information than it has samples.
+    It is one for white noise. For a model error, which is correlated and contains less information
+    than samples, it is the integrated autocorrelation time in samples.
     """
     weight = total = 0.0
     for e in residuals:
@@ -106,7 +106,7 @@ def cramer_rao(factor: FloatArray, noise: float) -> FloatArray:
     Parameters
     ----------
     factor : ndarray, shape (p, p)
-        R of the Jacobian whose rows count as the records have samples.
+        R of the Jacobian, weighted by the number of samples of the records.
     noise : float
         Noise floor of one sample [m].
     """
@@ -114,7 +114,7 @@ def cramer_rao(factor: FloatArray, noise: float) -> FloatArray:
 
 
 def digits(value: float, std: float) -> str:
-    """Return `value` with the digits that `std` leaves it, as ``1.234e-04 +- 5e-07``."""
+    """Return `value` with the digits that `std` supports, as ``1.234e-04 +- 5e-07``."""
     if not np.isfinite(std):
         return 'not determined'
     if std <= 0.0 or value == 0.0:
@@ -127,7 +127,7 @@ def digits(value: float, std: float) -> str:
 
 
 def _to_place(value: float, place: int) -> str:
-    """Return a number to its digit of 10^place, as a plain decimal where it is no longer so."""
+    """Return a number rounded to 10^place, as a plain decimal if that is not longer."""
     if -7 < place < 5 and abs(value) < 1e6:
         return f'{round(value, -place):.{max(-place, 0)}f}'
     size = int(np.floor(np.log10(abs(value)))) if value else place
@@ -195,7 +195,7 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
 
 
 def _confounded(result: Covariance, names: Sequence[str], values: FloatArray) -> list[list[str]]:
-    """Return groups of parameters linked by correlations that leave them too few digits."""
+    """Return groups of correlated parameters with too few significant digits."""
     groups: list[set[int]] = []
     for i in range(len(names)):
         for j in range(i):
@@ -218,7 +218,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def help_for(names: Sequence[str]) -> str:
-    """Return what to record so that parameters are determined."""
+    """Return the recommended records that determine parameters."""
     for pair, advice in _HELP.items():
         if pair <= set(names):
             return advice

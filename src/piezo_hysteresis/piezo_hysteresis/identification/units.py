@@ -1,4 +1,4 @@
-"""Columns that look wrong by a thousand: what no piezo actuator does is another unit."""
+"""Detection of wrong units: values that no piezo actuator reaches."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.records import Record
 
-LARGEST_STROKE = 0.02  # of any piezo actuator [m]
+LARGEST_STROKE = 0.02  # largest displacement of any piezo actuator [m]
 UNLIKELY_STROKE = 5e-3
 SMALL_STROKE = 5e-7
 SMALLEST_STROKE = 1e-10  # the distance of two atoms
-LARGEST_VOLTAGE = 5e3  # of an amplifier for piezo actuators [V]
+LARGEST_VOLTAGE = 5e3  # largest voltage of an amplifier for piezo actuators [V]
 # A bimorph behind its amplifier moves 1e-4 m per volt of the command, quartz 2e-12.
 LARGEST_GAIN, SMALLEST_GAIN = 1e-2, 1e-12  # [m/V]
 SLOWEST_RATE, FASTEST_RATE = 20.0, 1e6  # [Hz]
@@ -22,17 +22,17 @@ _NAME_IT = 'name it with its unit (displacement_um, _nm, _mm, _m)'
 
 
 def unit_findings(record: Record) -> list[tuple[bool, str]]:
-    """Return what of a record that moves suggests another unit.
+    """Return indications that a record with motion has wrong units.
 
     Parameters
     ----------
     record : Record
-        In SI units, as its columns were named.
+        Record in SI units, according to the names of its columns.
 
     Returns
     -------
     list of (bool, str)
-        Whether it is impossible rather than unlikely, and what to do.
+        Whether the values are impossible rather than unlikely, and the remedy.
     """
     stroke, swing = float(np.ptp(record.displacement)), float(np.ptp(record.voltage))
     if stroke == 0.0 or swing == 0.0:
@@ -44,12 +44,12 @@ def unit_findings(record: Record) -> list[tuple[bool, str]]:
 
 
 def require_plausible(records: Sequence[Record]) -> list[str]:
-    """Return what suggests another unit in any record, or refuse what is impossible.
+    """Return warnings on unlikely units, or raise an error for impossible ones.
 
     Raises
     ------
     IdentificationError
-        If a record is none of a piezo actuator; it is named.
+        If a record has values that no piezo actuator reaches; the message names it.
     """
     problems = []
     for record in records:

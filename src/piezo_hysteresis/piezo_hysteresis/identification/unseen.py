@@ -1,8 +1,8 @@
-"""Parts of a chain that the records do not show are left out or held, and said.
+"""Parts of a chain that the records do not determine are omitted or held, with a message.
 
-A mode above everything that a record holds does nothing to a fit, wherever it lies: its values
-mean nothing, and every later run of the model pays for it. Where it does something, but any of
-many values does it, one of them is held.
+A mode above the frequencies of the records does not affect the fit: its values are arbitrary, and
+it makes every later simulation slower. If it affects the fit, but its values are correlated, one
+of them is held.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from piezo_hysteresis.identification.uncertainty import digits, help_for, inflat
 from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.records import Record
 
-# A value whose deviation is a larger part of it than this, and a frequency with fewer samples per
-# period, put a block to the test. Chosen, and they only open the test.
+# Relative deviation of a value above which, and samples per period of a frequency below which, a
+# block is tested. Chosen; they only select blocks for the test.
 _UNCERTAIN, _SAMPLES_PER_PERIOD = 0.25, 10.0
 
 _NONE: Mapping[str, float] = {}
@@ -32,25 +32,25 @@ _NONE: Mapping[str, float] = {}
 def without_unseen(
     found: FitResult, records: Sequence[Record], options: Mapping[str, Any]
 ) -> tuple[FitResult, tuple[str, ...]]:
-    """Return a fit without what explains nothing in the records, and what was left out or held.
+    """Return a fit without undetermined blocks, and sentences on omitted blocks and held values.
 
-    The hysteresis and the zero stay: without them there is no model.
+    The hysteresis and the zero are always kept.
 
     Parameters
     ----------
     found : FitResult
-        Of the whole chain.
+        Fit of the whole chain.
     records : sequence of Record
-        That were fitted.
+        The fitted records.
     options : mapping
         Further arguments of `output_error`.
 
     Returns
     -------
     FitResult
-        Of the smaller chain, which is `found` itself where everything is seen.
+        Fit of the reduced chain; `found` itself if everything is determined.
     tuple of str
-        A sentence for each block that was left out and each value that is held.
+        A sentence for each omitted block and each held value.
     """
     remarks: list[str] = []
     more = {k: v for k, v in options.items() if k not in ('start', 'count', 'free', 'guesses')}
@@ -79,7 +79,7 @@ def without_unseen(
 
 
 def _uncertain(block: Block, found: FitResult) -> list[str]:
-    """Return which fitted values of a block the records hardly show, the least known first."""
+    """Return the poorly determined values of a block, by decreasing uncertainty."""
     unsure: dict[str, float] = {}
     for name in found.model.names_of(block).values():
         size = abs(found.values[name])
@@ -98,15 +98,15 @@ def _too_fast(name: str, found: FitResult) -> bool:
 def _with_one_held(
     block: Block, found: FitResult, uncertain: Sequence[str], clock: bool | float
 ) -> FitResult | None:
-    """Return the fit with one of some values held, where that takes nothing from it."""
-    if len(uncertain) < 2:  # one value alone is as uncertain as the fit says
+    """Return the fit with one of several values held, if that does not increase the cost."""
+    if len(uncertain) < 2:  # a single value is as uncertain as its deviation states
         return None
     half = 0.5 / min(target.dt for target in found.targets)
     for name in uncertain:
         most = half if _unit(name, found) == 'Hz' else float('inf')
         for value in (found.model.defaults()[name], found.values[name]):
             held = min(value, most)
-            # what one value does is often done by its ratio to the others
+            # often only the ratio of the values is determined
             ratio = held / found.values[name] if found.values[name] else 1.0
             fits = [
                 _refitted(
@@ -127,7 +127,7 @@ def _with_one_held(
 def _refitted(
     smaller: Model, found: FitResult, clock: bool | float, begin: Mapping[str, float] = _NONE
 ) -> FitResult:
-    """Return a fit of less of a chain to what the whole was fitted to."""
+    """Return a fit of a reduced chain to the data of the whole chain."""
     values = {name: found.values[name] for name in smaller.parameter_names}
     start = values | dict(begin) | dict(smaller.held)
     start[SAMPLING_OFFSET] = found.sampling_offset
@@ -135,9 +135,9 @@ def _refitted(
 
 
 def _explains(whole: FitResult, less: FitResult) -> bool:
-    """Return whether what a chain has more is worth its parameters (Schwarz 1978).
+    """Return whether the BIC prefers the larger chain (Schwarz 1978).
 
-    What a model leaves repeats itself, so that it holds fewer independent numbers than samples.
+    Residuals are correlated and contain fewer independent values than samples.
     """
     if not (np.isfinite(less.cost) and less.cost > 0.0 and whole.cost > 0.0):
         return bool(less.cost > whole.cost)

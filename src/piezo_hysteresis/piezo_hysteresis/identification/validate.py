@@ -1,4 +1,4 @@
-"""How far a model is off on records, and whether that is more than it is known to miss."""
+"""Validation of a model on records: errors, and comparison with its known discrepancy."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ class Validation(Reportable, Modelled):
     simulated : dict of str to ndarray, shape (n,)
         Free run by record name [m].
     noise_floor : float
-        Rms noise of one sample [m]; NaN where no record repeats itself.
+        Rms noise of one sample [m]; NaN if no record is periodic.
     sampling_offset : float
-        Time by which the displacement was sampled after the convention of a `Record` [s].
+        Delay of the displacement samples relative to the convention of a `Record` [s].
     comparisons : tuple of Comparison
         The error on each record and the error that the discrepancy of the model predicts.
     warnings : tuple of str
-        Units that look wrong.
+        Warnings on units.
     seconds : float
         Computing time [s].
     data : tuple of Record
@@ -135,11 +135,11 @@ def validate(
     Parameters
     ----------
     records : Record or sequence of Record
-        Of one actuator; records that were not fitted are the ones that count.
+        Records of one actuator, preferably records that were not fitted.
     model : str, Path, ModelFile, Identification or Discovery
         A model with values, the path of a ``model.yaml``, or a result that contains a model.
     begins : str
-        How the records begin: ``auto``, ``rest``, ``step``, ``settled`` or ``estimate``.
+        Initial condition: ``auto``, ``rest``, ``step``, ``settled`` or ``estimate``.
     zero : str
         Zero of the displacement: ``record``, ``common`` or ``auto``.
 
@@ -155,7 +155,7 @@ def validate(
     RecordError
         If there is no record, or something else is given.
     IdentificationError
-        If the records cannot be those of a piezo actuator.
+        If the values of the records are impossible for a piezo actuator.
     """
     started = time.perf_counter()
     records = listed(records)

@@ -1,7 +1,7 @@
 """Free response of the linear blocks at the end of a chain.
 
-The response to an initial state depends neither on the drive nor on what it is added to: it is one
-free response of a linear system, however finely the chain before it must be integrated.
+The response to an initial state is independent of the drive and of the rest of the response: it is
+a free response of a linear system, for any step of the integration before it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
 
 
 class _Tail(NamedTuple):
-    """Linear blocks at the end of a stage, with their parameters and their first state there."""
+    """Linear blocks at the end of a stage, with parameters and the index of their first state."""
 
     stage: LinearStage
     values: FloatArray
@@ -42,7 +42,7 @@ class FreeResponse:
     led : sequence of ndarray
         Input of each stage, and output of the last.
     target : Target
-        What drives it.
+        Data with the input.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class FreeResponse:
         for k, tail in enumerate(self._tails):
             if tail is None:
                 continue
-            # what enters the tail of a path is not kept: what leaves it is as large
+            # the input of the tail of a path is not stored: its output has the same size
             inside = isinstance(self._stages[k], PathStage)
             size = float(np.max(np.abs(self._led[k + 1 if inside else k])))
             count = self._target.drive.size - self._target.origin
@@ -113,14 +113,14 @@ class FreeResponse:
             )
             if on_a_path and not tail.stage.ahead:
                 free = free.copy()
-                free[:, 0] = 0.0  # there, what was read last is a state of its own
+                free[:, 0] = 0.0  # the last reading is a separate state there
             self._rows[k] = [self._passed_on(k + 1, row) for row in free]
         return self._rows[k]
 
     def _passed_on(self, first: int, change: FloatArray) -> FloatArray:
         """Return the response of the stages from `first` on to a change of their input."""
         target = self._target
-        usual, moved = np.zeros_like(change), change  # whatever else comes in: all are affine
+        usual, moved = np.zeros_like(change), change  # other inputs cancel: all are affine
         for stage in self._stages[first:]:
             p, pair = self._packed[stage.columns], []
             for signal in (usual, moved):
@@ -169,7 +169,7 @@ def _passes(block: Block) -> bool:
 
 @cache
 def _straight(block: Block) -> bool:
-    """Return whether a block without memory is a straight line, whatever its parameters."""
+    """Return whether a block without memory is affine for all parameters."""
     rng = np.random.default_rng(0)
     own = np.array([q.default + q.scale * rng.uniform(0.5, 1.5) for q in block.parameters])
     x = np.array([-1.0, -0.25, 0.0, 1.0, 3.0])

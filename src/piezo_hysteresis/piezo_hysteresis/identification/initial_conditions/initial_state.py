@@ -1,9 +1,9 @@
 """Runs of a chain from an unknown initial state, and the sensitivity of the output to that state.
 
-The history before a record is simulated by a lead-in. What no lead-in determines are the states of
+The history before a record is simulated by a lead-in. A lead-in does not determine the states of
 the actuator at the first sample (position and velocity of a mode, h of a Bouc-Wen loop, elements
-of creep), the voltage levels that a memory still holds, and the input that was held before the
-first sample.
+of creep), the earlier voltage levels that a hysteresis depends on, and the input that was held
+before the first sample.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import PathStage, free_states
 from piezo_hysteresis.numerics.linalg import solve_square
 
-# A state at the start is moved by this share of its size to see what it does.
+# Step of an initial state for its sensitivity, as a share of its size.
 _NUDGE = 1e-2
-# And a level of the voltage before it by this share of the largest.
+# Step of a voltage level before the record, as a share of the largest voltage.
 _LEVEL = 3e-3
-# Samples after which it is looked whether what a moved state does has died out, twice as many each
-# time, and down to which share of its largest.
+# Samples after which the decay of a response is first checked, then after twice as many, and the
+# share of its maximum at which it has decayed.
 _PIECE = 512
 _FADED = 1e-7
-# Rows whose effect is smaller than this share of the stroke do nothing.
+# Rows with an effect below this share of the stroke are ignored.
 _NOTHING = 1e-11
 
 
@@ -46,7 +46,7 @@ class InitialStateRun:
     packed : ndarray, shape (p,)
         Its parameters.
     target : Target
-        What drives it.
+        Data with the input.
     """
 
     def __init__(self, model: Model, packed: FloatArray, target: Target) -> None:
@@ -61,10 +61,10 @@ class InitialStateRun:
         self.places = tuple(
             (k, place)
             for k, stage in enumerate(model.stages)
-            # levels before a record tell every memory, also one that a single number keeps
+            # levels before a record determine every memory, also one with a single state
             for place in free_states(stage, target.dt, memory=not target.begins.levels)
         )
-        self._states: list[FloatArray] = []  # at the first sample, by the lead-in alone
+        self._states: list[FloatArray] = []  # at the first sample, after the lead-in
         self._sizes: list[FloatArray] = []
         self._led = [target.drive]
         for k, stage in enumerate(model.stages):
@@ -93,7 +93,7 @@ class InitialStateRun:
         )
 
     def go(self, moved: tuple[StateOffset, ...]) -> None:
-        """Set the offsets of the initial state and run from there."""
+        """Set the offsets of the initial state and simulate from there."""
         self.moved = moved
         others = tuple(each for each in moved if not self._free_response.holds(each))
         self.response = self._run_from(others) if others else self._led[-1]
@@ -207,7 +207,7 @@ class BestFit:
     rows : ndarray, shape (q, m)
         Regressors [m].
     prior : ndarray, shape (q,)
-        Weight by which each coefficient is drawn to 0 [m].
+        Weight of the prior of each coefficient about 0 [m].
     """
 
     def __init__(self, rows: FloatArray, prior: FloatArray) -> None:
@@ -221,9 +221,9 @@ class BestFit:
         Parameters
         ----------
         error : ndarray, shape (m,)
-            What is fitted [m].
+            Error to fit [m].
         pull : ndarray, shape (q,)
-            Coefficients that the run contains already.
+            Coefficients that the run already contains.
         """
         target = products(self._rows, np.ascontiguousarray(error)) - self._prior**2 * pull
         if target.size == 1 and self._gram[0, 0] > 0.0:

@@ -1,8 +1,8 @@
 """Elimination of the nuisance parameters of one record (variable projection).
 
-Initial state, voltage levels before the record, a zero of its own and the input held before its
-first sample are at their best fit for every value of the model parameters, so that a fit sees none
-of them.
+Initial state, voltage levels before the record, the zero of the record and the input held before
+its first sample are at their best fit for every value of the model parameters, so that a fit has
+only the model parameters as unknowns.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 
-# Noise against the stroke that a prior assumes where the noise of a record is not known.
+# Ratio of noise to stroke that a prior assumes if the noise of a record is unknown.
 _UNKNOWN_NOISE = 1e-3
-# Turns in which states at the start are settled, and the share of what is left that is no gain.
+# Largest number of iterations of the initial states, and the negligible share of a cost decrease.
 _TURNS = 4
 _SMALL = 1e-6
 
@@ -43,9 +43,9 @@ class Nuisances:
         Derivatives by the nuisance parameters: initial states, levels before the record, input
         held before its first samples, and its own zero.
     prior : ndarray, shape (q,)
-        Weight by which each is drawn to 0: a start lies within the stroke, a zero anywhere.
+        Weight of the prior about 0: an initial state is within the stroke, a zero is free.
     motion : InitialStateRun or None
-        The run from the estimated initial state; None where that state is known.
+        Run from the estimated initial state; None if that state is known.
     pull : ndarray, shape (q,)
         Coefficient of each that the run contains already.
     levels : tuple of float
@@ -141,8 +141,8 @@ def _settled(
     straight = np.array([k for k, each in enumerate(most) if motion.in_proportion(each)], int)
     for _ in range(_TURNS if most else 0):
         before, found = motion.moved, None
-        # a loop may not go where its slope says; a mode beside it always does, and derivatives
-        # of the run are right only from where it is
+        # the step may be wrong for a loop; for a mode it is exact, and derivatives
+        # of the run are valid only at its current state
         for places in (every, straight):
             moved = shares.copy()
             moved[places] += more[places]

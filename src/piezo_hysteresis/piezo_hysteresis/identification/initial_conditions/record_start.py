@@ -1,8 +1,8 @@
 """Initial condition of a record: history of the actuator before the first sample.
 
-A model runs from the virgin state at 0 V. A record begins in whatever state the actuator was in,
-so the model is led in: through the voltages that the record is taken to start from. What was
-before is a nuisance of the record, never an effect.
+A model is simulated from the virgin state at 0 V. A record begins in an arbitrary state of the
+actuator, so the simulation starts with a lead-in: the assumed voltage before the record. The
+history is a nuisance of the record, never an effect.
 """
 
 from __future__ import annotations
@@ -19,35 +19,34 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.records import Record
 
-#: What a user may say of a record; ``auto`` looks at the data.
+#: Initial conditions that a user may state; ``auto`` selects one from the data.
 STARTS = ('auto', 'rest', 'step', 'settled', 'estimate')
 
-#: Time a model gets to forget its own start before a settled record begins [s].
+#: Length of the lead-in of a settled record, for the transient of the model to decay [s].
 SETTLING = 3.0
-# Cycles that it gets unless they last longer than a limit [s]: a Bouc-Wen loop around an offset
-# voltage forgets some 60 % of its start per cycle.
+# Number of its cycles, up to a time limit [s]: in a Bouc-Wen loop around an offset voltage the
+# effect of the initial state decays by some 60 % per cycle.
 _CYCLES, _LONGEST = 10, 10.0
 NEAR_ZERO = 0.05  # first voltage over the largest up to which a record begins at 0 V
 _RAMP = 0.5  # time from one level to the next [s], slow against any mode
-_EDGE = 4  # ticks of a lead-in at the least, so that a record can be read between its ticks
-_CLOSED = 3.0  # steps by which a record of one period may miss its own beginning
-# Levels that are tried for the last extreme before a record, as shares of the largest voltage.
+_EDGE = 4  # smallest number of ticks of a lead-in, for the interpolation between ticks
+_CLOSED = 3.0  # largest distance of the end of a one-period record from its start, in steps
+# Tested levels of the last extreme before a record, as shares of the largest voltage.
 _LEVELS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True)
 class RecordStart:
-    """How a record begins.
+    """Initial condition of a record.
 
     Attributes
     ----------
     kind : str
-        ``step``: at rest at 0 V until the first sample, or until what is known of the voltage
-        before it; ``rest``: at rest at its first voltage;
-        ``settled``: in the steady cycle of its own period; ``estimate``: after the `levels`, on
-        its way, with the states of its dynamics unknown.
+        ``step``: at rest at 0 V until the first sample, or until the known voltage before it;
+        ``rest``: at rest at its first voltage; ``settled``: in the steady cycle of its own period;
+        ``estimate``: in motion after the `levels`, with unknown dynamic states.
     levels : tuple of float
-        Extremes of the voltage before it, in order [V].
+        Extremes of the voltage before the record, in order [V].
     """
 
     kind: str
@@ -70,7 +69,7 @@ STEP, REST, SETTLED = RecordStart('step'), RecordStart('rest'), RecordStart('set
 def cycle_of(record: Record) -> int:
     """Return the period in samples of a cycle that may precede the record, or 0.
 
-    That of its own period, or the whole record where its end leads back to its beginning.
+    It is the period of the drive, or the whole record if its end matches its beginning.
     """
     period = period_of(record)
     if period and periodic_from(record.voltage, period) <= period:
@@ -80,26 +79,26 @@ def cycle_of(record: Record) -> int:
 
 
 def _closes(x: FloatArray) -> bool:
-    """Return whether the end of a signal leads back to its beginning, as in a cycle."""
+    """Return whether the end of a signal matches its beginning, as in a cycle."""
     step = float(np.sqrt(np.mean(np.diff(x) ** 2)))
     moves = abs(float(x[0])) > NEAR_ZERO * float(np.max(np.abs(x)))
     return moves and abs(float(x[0] - x[-1])) <= _CLOSED * step
 
 
 def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
-    """Return how a record begins as far as it says so without a model.
+    """Return the initial condition of a record as estimated without a model.
 
     Parameters
     ----------
     record : Record
-        What was measured.
+        A measured record.
     wanted : str
-        One of `STARTS`; what the record itself says comes first.
+        One of `STARTS`; the metadata of the record has priority.
 
     Raises
     ------
     IdentificationError
-        If the word is unknown, or a record without a cycle should begin in one.
+        If `wanted` is unknown, or is ``settled`` for a record without a cycle.
     """
     start = record.info.start if record.info.start != 'auto' else wanted
     if start not in STARTS:
@@ -122,9 +121,9 @@ def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
 
 
 def rivals(record: Record, wanted: str = 'auto', *, levels: bool = True) -> Iterator[RecordStart]:
-    """Yield other start hypotheses, the plainer ones first.
+    """Yield alternative initial conditions, the simpler ones first.
 
-    Those after `levels` differ for a memory of extremes only.
+    Those with `levels` differ only for models with a memory of extremes.
     """
     start = record.info.start if record.info.start != 'auto' else wanted
     reach = float(np.max(np.abs(record.voltage)))
@@ -141,7 +140,7 @@ def rivals(record: Record, wanted: str = 'auto', *, levels: bool = True) -> Iter
 
 
 def refined(start: RecordStart, record: Record, share: float) -> Iterator[RecordStart]:
-    """Yield starts whose last level lies a `share` of the largest voltage to either side."""
+    """Yield starts with the last level shifted by a `share` of the largest voltage either way."""
     step = share * float(np.max(np.abs(record.voltage)))
     for way in (-step, step):
         yield RecordStart(start.kind, (*start.levels[:-1], start.levels[-1] + way))
@@ -168,9 +167,9 @@ def lead_in(record: Record, start: RecordStart) -> FloatArray:
 
 
 def path_to(drive: FloatArray, start: RecordStart, dt: float) -> FloatArray:
-    """Return the voltage from 0 V through the levels of a start to where a `drive` begins [V].
+    """Return the voltage from 0 V through the levels of a start to the first value of `drive` [V].
 
-    A record that begins on its way was a step before its first voltage a tick ago.
+    For a record that begins in motion, the voltage a tick earlier is extrapolated by one step.
     """
     first = float(drive[0])
     if start.kind == 'estimate':
@@ -188,7 +187,7 @@ def path_to(drive: FloatArray, start: RecordStart, dt: float) -> FloatArray:
 def preceded(record: Record, levels: Sequence[float]) -> Record:
     """Return the record with the voltage before it: from rest through `levels` to its first one.
 
-    A model starts from the virgin state, an actuator hardly ever does: what it rests at depends
+    A model starts from the virgin state, an actuator rarely does: its displacement at rest depends
     on the last extremes of its voltage.
 
     Parameters

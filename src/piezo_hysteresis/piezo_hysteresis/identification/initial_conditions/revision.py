@@ -1,7 +1,7 @@
-"""Nuisances of records, estimated again by a model: initial condition, zero, weight.
+"""Estimation of the nuisances of records by a model: initial condition, zero, weight.
 
-A first fit takes a guess. With its model start hypotheses can be compared, and zeros of records
-and their weights be estimated.
+A first fit uses guesses. With its model, initial conditions are compared, and zeros and weights of
+the records are estimated.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from piezo_hysteresis.records import Record
 
 ZEROS = ('auto', 'record', 'common')
 
-# A zero of its own must take more than half of what is left: a shifted sensor does, hardly a model
-# that is a little wrong.
+# A zero per record must reduce the cost by more than half: a shifted sensor does, a small model
+# error does not.
 ZERO_SHARE = 0.5
-# Residuals beyond so many robust standard deviations of their record pull no harder than these:
-# what a model misses in a few moments (a ring-down) shall not bend it everywhere else.
+# Robust standard deviations beyond which the influence of a residual is constant (Huber): a short
+# model error (a ring-down) shall not distort the fit elsewhere.
 _FAR = 4.0
 _MAD = 1.4826
 
@@ -133,8 +133,8 @@ def _zeroed(
     search : StartSearch
         Residuals of the model.
     fewest : int
-        Of records that can have zeros of their own. Where that is more than one, they are fitted
-        together: the zero that they share is at its best, not where a fit with others left it.
+        Smallest number of records that can have their own zeros. If it is more than one, the
+        records are fitted together, and their common zero is estimated again.
     """
     if choices.zero != 'auto' or len({t.name.removesuffix(WAY_IN) for t in targets}) < fewest:
         return [replace(each, own_zero=choices.zero == 'record') for each in targets]
@@ -150,10 +150,10 @@ def _zeroed(
 
 
 def precisions(targets: Sequence[Target], errors: Sequence[FloatArray]) -> list[float]:
-    """Return the weight of every target by its own noise and what the model misses everywhere.
+    """Return the weight of every target from its noise and the discrepancy of the model.
 
-    A residual is noise of its record and discrepancy of the model. The discrepancy is taken as the
-    same in all records, in metres: the median of what their residuals exceed their noise by.
+    A residual is the sum of measurement noise and model discrepancy. The discrepancy is assumed
+    equal in all records, in metres: the median excess of their residuals over their noise.
     """
     noise = np.array([t.noise for t in targets])
     if len(targets) < 2 or not np.all(np.isfinite(noise)):
@@ -162,8 +162,8 @@ def precisions(targets: Sequence[Target], errors: Sequence[FloatArray]) -> list[
     square = np.array([inner(e, e) for e in errors]) / count
     own = noise**2 / np.array([t.repeats for t in targets])
     missed = float(np.median(np.maximum(square - own, 0.0)))
-    # of one sample as it was measured: what is missed does not average out over periods, but
-    # counts as long as it lasts
+    # per measured sample: the discrepancy does not average out over periods, but counts for
+    # its whole duration
     spread = np.sqrt(noise**2 + missed)
     if not np.all(np.isfinite(spread)) or float(spread.min()) <= 0.0:
         return [1.0] * len(targets)

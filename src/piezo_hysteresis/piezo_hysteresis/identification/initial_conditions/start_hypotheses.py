@@ -1,7 +1,7 @@
-"""Start hypotheses of records, compared by a model.
+"""Selection of the initial condition of records by a model.
 
-Start hypotheses are tried one after another. One that needs parameters of its own must be worth
-them.
+Hypotheses on the initial condition are tested in sequence. A hypothesis with nuisance parameters
+must reduce the cost by more than its penalty.
 """
 
 from __future__ import annotations
@@ -32,31 +32,31 @@ from piezo_hysteresis.records import Record
 
 Hypothesis = tuple[float, RecordStart]
 
-# Another start takes over when it takes this share of what is left, more where the record shows
-# how it begins, and this many times the square of the noise: five standard deviations.
+# An alternative start is accepted if it reduces the cost by this share, by more if the record
+# shows its initial condition, and by this multiple of the squared noise: five standard deviations.
 _SHARE = 0.1
 _SHOWN = 0.3
 _SURE = 25.0
-# Another level is looked for where more than this is left, in squares of the noise, and is one
-# where it takes this share of it.
+# Another level is tested if the cost exceeds this multiple of the squared noise, and accepted if
+# it reduces the cost by this share.
 _LEFT = 1.05
 _LEVEL_SHARE = 0.03
-# Levels before a record that are looked for at most.
+# Largest number of levels before a record.
 _MOST_LEVELS = 3
-# Levels tell a memory as well as its state does where they leave this much more.
+# Ratio of the costs with levels and with a free state up to which levels are preferred.
 _AS_WELL = 1.01
-# Share of the largest voltage beyond which a level is none that this record knows of.
+# Largest level, as a share of the largest voltage of the record.
 _FARTHEST = 1.5
-# And how many of those with one more are refined.
+# Number of starts with one more level that are refined.
 _REFINED = 3
-# A step is tried in a fit where it leaves no more than so many times the squares before it.
+# A step is tested in a fit if its cost is at most this multiple of the previous cost.
 _WORTH_A_TRY = 100.0
-# Shares of the largest voltage by which an unknown level before a record is refined, and how often
-# it is then moved to where a slope says.
+# Shares of the largest voltage by which an unknown level before a record is refined, and the
+# number of Gauss-Newton steps afterwards.
 _STEPS = (0.12, 0.06, 0.03, 0.015)
 _TURNS = 3
-# Of the start that is kept, its levels are moved at most so often, until they stay within this
-# share of the largest voltage.
+# Largest number of steps of the levels of the selected start, and their tolerance as a share of
+# the largest voltage.
 _SETTLING_TURNS = 10
 _STILL = 1e-4
 
@@ -71,13 +71,13 @@ class StartSearch:
     values : mapping of str to float
         Its parameters.
     sampling_offset : float
-        By how much later than our convention the displacement was read [s].
+        Delay of the displacement samples relative to the convention [s].
     records : sequence of Record
-        What was measured.
+        Measured records.
     wanted : str
         Start stated by the user, one of `record_start.STARTS`.
     lasting : bool
-        Whether the estimate is to be valid for other models too: levels before a record are
+        Whether the estimate must be valid for other models, too: levels before a record are
         physical, a state belongs to one model.
     """
 
@@ -107,12 +107,12 @@ class StartSearch:
         return _square(self._predicted(target))
 
     def best_start(self, target: Target, zero: str) -> Target:
-        """Return the target with the start of the smallest residual, else with the guess.
+        """Return the target with the start of the smallest residual, or with the guess.
 
         Parameters
         ----------
         target : Target
-            With a guess.
+            Data with a guess of the initial condition.
         zero : str
             Zero stated by the user; zeros are compared afterwards.
         """
@@ -142,14 +142,14 @@ class StartSearch:
         return target if kept[1] == target.begins else led_in(target, record, kept[1])
 
     def _repeats(self, target: Target) -> bool:
-        """Return whether the whole record has a cycle: a part of one may close by chance."""
+        """Return whether the whole record has a cycle: a part of it may close by chance."""
         return cycle_of(self._records[target.name.removesuffix(WAY_IN)]) > 0
 
     def settled(self, target: Target) -> Target:
         """Return the target with the levels before it at a stationary point of the cost.
 
-        The cost projects the derivatives by the levels out and hardly depends on them; a run that
-        begins after them has no such derivatives.
+        The derivatives by the levels are projected out of the cost, which hardly depends on them;
+        a run that begins after them has no such derivatives.
         """
         record = self._record_of(target)
         if record is None or not target.begins.levels:
@@ -183,9 +183,9 @@ class StartSearch:
         Returns
         -------
         targets : list of Target
-            The same, some of which begin at rest at 0 V.
+            The targets, some with a start at rest at 0 V.
         worth : float
-            Share by which the cost of these may be larger and still be preferred.
+            Relative increase of the cost up to which these targets are preferred.
         """
         changed, worth, samples = [], 0.0, sum(each.measured.size for each in targets)
         for target in targets:
@@ -201,7 +201,7 @@ class StartSearch:
 
     @cached_property
     def _levels(self) -> bool:
-        """Whether levels before a record are tried, and not states alone."""
+        """Whether levels before a record are tested, and not only states."""
         return any(b.has_memory if self._lasting else b.needs_levels for b in self._model.blocks)
 
     def _is_free(self, record: Record) -> bool:
@@ -226,7 +226,7 @@ class StartSearch:
     def _with_levels(
         self, target: Target, record: Record, best: Hypothesis, enough: float
     ) -> Hypothesis:
-        """Return a start with refined levels, and with more where the residual needs them."""
+        """Return a start with refined levels, and more levels if the residual requires them."""
         if not best[1].levels:
             return best
         best = self._refined(target, record, best)
