@@ -1,4 +1,4 @@
-"""A model: a chain of blocks, one after another, with one flat list of parameters."""
+"""A model: a chain of blocks in series, with one flat list of parameters."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Model:
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
-        """Names of the parameters that a fit may move."""
+        """Names of the parameters that a fit may change."""
         return tuple(parameter.name for parameter in self.parameters if not parameter.held)
 
     @property
@@ -181,12 +181,12 @@ class Model:
         raise ModelError(f'model {self.name} has no block {block.name}')
 
     def initial_state(self, dt: float, start: float = 0.0) -> State:
-        """Return every stage's memory at rest; `start` is the time of the first sample [s]."""
+        """Return the state of every stage at rest; `start` is the time of the first sample [s]."""
         return [stage.initial_state(dt, start) for stage in self.stages]
 
     @cached_property
     def stages(self) -> tuple[Stage, ...]:
-        """How the chain is run: block by block where every signal in between is held."""
+        """Simulation stages of the chain: one per block if every signal in between is held."""
         return stages_of(self.blocks)
 
     def respond(
@@ -232,12 +232,12 @@ class Model:
         return replace(self, held={**self.held, **values})
 
     def free(self, *names: str) -> Model:
-        """Return the model with these parameters no longer held."""
+        """Return the model with these parameters free."""
         return replace(self, held={k: v for k, v in self.held.items() if k not in names})
 
     @property
     def block_names(self) -> tuple[str, ...]:
-        """Names of all blocks, those that stand side by side one by one."""
+        """Names of all blocks, with parallel blocks listed separately."""
         return tuple(part.name for block in self.blocks for part in parts_of(block))
 
     def with_block(self, block: Block, name: str = '', *, first: bool = False) -> Model:
@@ -263,14 +263,14 @@ class Model:
         return Model(name, tuple(chain), self.held)
 
     def without(self, block: Block) -> Model:
-        """Return the chain less one of its blocks."""
+        """Return the chain without one of its blocks."""
         rest = tuple(each for each in self.blocks if each is not block)
         own = set(self.names_of(block).values())
         held = {name: value for name, value in self.held.items() if name not in own}
         return Model(f'{self.name}-{block.name}', rest, held)
 
     def with_replaced(self, block_name: str, block: Block, name: str = '') -> Model:
-        """Return the chain with `block` in the place of the first one called `block_name`.
+        """Return the chain with `block` instead of the first one called `block_name`.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""How the estimates of a model hang together: their correlation, in a form that a person reads."""
+"""Correlation of the estimated parameters of a model, in a readable form."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.plain import mapping, number
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
 
-# Digits that are written; what rounding costs is put right when it is read.
+# Digits that are written; the rounding is corrected when a file is read.
 _DIGITS = 9
 
 
@@ -24,14 +24,14 @@ class Correlation:
     Attributes
     ----------
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     matrix : ndarray, shape (p, p)
         Symmetric, ones on the diagonal, no eigenvalue below zero.
 
     Raises
     ------
     ModelError
-        If the matrix is of another size, or no correlation.
+        If the matrix has another size or is no correlation.
     """
 
     names: tuple[str, ...]
@@ -52,7 +52,7 @@ class Correlation:
     def among(
         cls, names: Sequence[str], matrix: FloatArray, kept: Sequence[str]
     ) -> Correlation | None:
-        """Return the correlation of the `kept` ones of `names`, None if unknown."""
+        """Return the correlation of the names in `kept`, None if unknown."""
         at = [k for k, name in enumerate(names) if name in set(kept)]
         part = np.asarray(matrix, dtype=np.float64)[np.ix_(at, at)]
         if not at or not np.all(np.isfinite(part)):
@@ -73,12 +73,12 @@ class Correlation:
 
     @classmethod
     def parse(cls, content: object) -> Correlation:
-        """Read what `to_dict` gave.
+        """Read the output of `to_dict`.
 
         Raises
         ------
         ModelError
-            If a row has another length than there are names before it, or holds no correlation.
+            If the length of a row is wrong, or a value is no correlation.
         """
         rows = mapping(content, 'correlation')
         p = len(rows)
@@ -94,7 +94,7 @@ class Correlation:
 
 
 def _nearest(matrix: FloatArray) -> FloatArray:
-    """Return the matrix with what rounding made of its smallest eigenvalues put right."""
+    """Return the matrix with its smallest eigenvalues corrected for rounding."""
     matrix = 0.5 * (matrix + matrix.T)
     found = symmetric_eigen(matrix)
     if found is not None and found[0].size and found[0][0] < 0.0:

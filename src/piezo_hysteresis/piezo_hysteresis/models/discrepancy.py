@@ -22,8 +22,8 @@ from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 
 _DIGITS = 4
-# Conditions nearer than this are the same; beyond it they count by distance to the power -4, so
-# that known conditions are met exactly and those in between by their neighbours [octaves].
+# Conditions nearer than this are the same; others are weighted by distance to the power -4, so
+# that known conditions are reproduced and those in between interpolated [octaves].
 _NEAR = 0.02
 
 
@@ -76,7 +76,7 @@ class Condition:
 
     @property
     def missed(self) -> float:
-        """Rms of the error beyond the noise, where that is known [m]."""
+        """Rms of the error in excess of the noise, if that is known [m]."""
         return sqrt(max(self.rms**2 - (self.noise or 0.0) ** 2, 0.0))
 
     @property
@@ -86,7 +86,7 @@ class Condition:
 
     @property
     def phasors(self) -> dict[int, complex] | None:
-        """Harmonics above the mean as parts of the stroke; None where a phase is not known."""
+        """Phasors of the harmonics relative to the stroke; None if a phase is unknown."""
         orders = [order for order in self.harmonics if order > 0]
         if self.frequency <= 0.0 or not set(orders) <= set(self.phases):
             return None
@@ -150,16 +150,16 @@ class Condition:
 
 @dataclass(frozen=True)
 class Missed:
-    """What a model misses of the stroke near one condition.
+    """Discrepancy relative to the stroke near one condition.
 
     Attributes
     ----------
     share : float
-        Its rms as a part of the stroke.
+        Its rms as a share of the stroke.
     harmonics : mapping of int to float
         The same at the mean (0) and at each harmonic.
     scatter : mapping of int to float
-        By which part of the stroke each harmonic differs from one part of a record to another.
+        Rms variation of each harmonic between parts of a record, as a share of the stroke.
     octaves : tuple of (float, float, float)
         Lowest and highest frequency [Hz], and the density of the square of the share between
         them [1/Hz].
@@ -173,7 +173,7 @@ class Missed:
     def density(self, frequency: FloatArray) -> FloatArray:
         """Return the density between the harmonics at frequencies [Hz], shape (n,) [1/Hz].
 
-        Below the lowest known octave it has the value of the lowest.
+        Below the lowest known octave it is constant.
         """
         found = np.zeros(frequency.size)
         lowest = min((low for low, _, _ in self.octaves), default=0.0)
@@ -213,12 +213,12 @@ class Discrepancy:
 
     @property
     def rms(self) -> float:
-        """Over all conditions alike [m], noise included."""
+        """Rms over all conditions with equal weight [m], noise included."""
         return _rms(c.rms for c in self.conditions)
 
     @property
     def missed(self) -> float:
-        """The same beyond the noise [m]."""
+        """Rms over all conditions in excess of the noise [m]."""
         return _rms(c.missed for c in self.conditions)
 
     @property
@@ -302,26 +302,26 @@ class Discrepancy:
         )
 
     def octaves_from(self, frequency: float, amplitude: float) -> float:
-        """Return how far a drive is from the nearest known condition [octaves]."""
+        """Return the distance of a drive from the nearest known condition [octaves]."""
         return min(
             _apart(c.frequency, frequency) + _apart(c.amplitude, amplitude)
             for c in self.conditions
         )
 
     def repeats(self, frequency: float, amplitudes: FloatArray) -> dict[int, Repeating] | None:
-        """Return the harmonics that are missed of a drive, as parts of the stroke, by order.
+        """Return the predicted harmonics of the discrepancy relative to the stroke, by order.
 
         Parameters
         ----------
         frequency : float
-            Of the drive [Hz].
+            Frequency of the drive [Hz].
         amplitudes : ndarray, shape (n,)
-            Of the drive [V or N].
+            Amplitudes of the drive [V or N].
 
         Returns
         -------
         dict of int to Repeating, or None
-            None where the phases are not known under every condition with a periodic drive.
+            None if the phases are unknown under any condition with a periodic drive.
         """
         periodic = [c for c in self.conditions if c.frequency > 0.0]
         rows = [row for row in (c.phasors for c in periodic) if row is not None]
@@ -374,7 +374,7 @@ def _rms(values: Any) -> float:
 
 
 def _apart(one: float, other: float) -> float:
-    """Return how far apart two frequencies or amplitudes are [octaves]."""
+    """Return the distance of two frequencies or amplitudes [octaves]."""
     if one == other:
         return 0.0
     return abs(log2(one / other)) if one > 0.0 and other > 0.0 else 4.0

@@ -1,4 +1,4 @@
-"""Effects by name: how to add them to a model and where a fit starts."""
+"""Effects by name: how they are added to a model, and the start values of a fit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from piezo_hysteresis.models.scaling import (
 EFFECT_NAMES: tuple[str, ...] = tuple(sorted({effect.name for effect in EFFECTS}))
 
 
-# From this on a neutral value is that of a threshold that is never reached.
+# From this value on, a neutral value is a threshold that is never reached.
 _NEVER = 1e3
 
 
@@ -43,7 +43,7 @@ class Candidate:
     added : tuple of str
         Names of the free parameters of `model` that are new, or were held.
     neutral : mapping of str to float
-        Values, under the names of `model`, without a change of the output.
+        Values, under the names of `model`, that do not change the output.
     starts : tuple of mapping
         Starting values of `added`, the most likely first.
     renamed : mapping of str to str
@@ -94,7 +94,7 @@ class Candidate:
 
 
 def described(name: str) -> tuple[Effect, ...]:
-    """Return every way in which the effect called `name` can enter a model.
+    """Return all variants of the effect called `name`.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def applicable(model: Model, effect: Effect) -> bool:
     if effect.block.in_parallel:
         return displaced and effect.block.name not in present
     if effect.first and effect.block.slot is Slot.STRUCTURE and not displaced:
-        return False  # before an oscillator there is a force and no displacement
+        return False  # the signal before an oscillator is a force and not a displacement
     return effect.repeatable or effect.block.name not in present
 
 
@@ -141,7 +141,7 @@ def add_effect(
     Parameters
     ----------
     model : Model
-        The model that lacks something.
+        The model without the effect.
     effect : Effect
         One of `piezo_hysteresis.blocks.EFFECTS`.
     input_amplitude, displacement_amplitude : float
@@ -151,7 +151,7 @@ def add_effect(
     Raises
     ------
     ModelError
-        If the model cannot have the effect, or has it already.
+        If the effect cannot be added to the model, or is already part of it.
     """
     if not applicable(model, effect):
         raise ModelError(
@@ -202,7 +202,7 @@ def _with_block(
 
 
 def shifted(model: Model, values: Mapping[str, float], names: Sequence[str]) -> Candidate:
-    """Return a model of which parameters are looked for again, from their `values` on."""
+    """Return a candidate whose parameters are fitted again, starting from `values`."""
     start = {name: values[name] for name in names}
     own = {name: name for name in names}
     return Candidate(PARAMETER_SHIFT, model, tuple(names), {}, (start,), own)
@@ -213,7 +213,7 @@ def candidates(
     input_amplitude: float = REFERENCE_INPUT,
     displacement_amplitude: float = REFERENCE_DISPLACEMENT,
 ) -> tuple[Candidate, ...]:
-    """Return `model` with every effect that it can take up, one at a time."""
+    """Return `model` with each applicable effect added, one at a time."""
     return tuple(
         add_effect(model, effect, input_amplitude, displacement_amplitude)
         for effect in EFFECTS

@@ -1,4 +1,4 @@
-"""Models on disk: YAML that a person can read and diff, and parameters that a node can load."""
+"""Model files: readable YAML, and parameter files for ROS nodes."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from piezo_hysteresis.models.plain import (
 from piezo_hysteresis.records.fingerprint import Fingerprint
 
 SCHEMA = 'piezo_hysteresis/model/2'
-#: Earlier schemas, without correlation and discrepancy. Note on when the fitted data had sampled
-#: the displacement, later than our convention [s].
+#: Earlier schemas, without correlation and discrepancy. Note on the delay of the displacement
+#: samples of the fitted data [s].
 OFFSET_NOTE = 'sampling_offset_s'
 #: Note on its standard deviation [s]; 0 if it was given and not fitted.
 OFFSET_STD_NOTE = 'sampling_offset_std_s'
@@ -187,7 +187,7 @@ class ModelFile(Tabular):
         if not (isinstance(dt, (int, float)) and np.isfinite(dt) and dt > 0):
             raise ModelError(f'the sampling interval must be a positive number [s], got {dt!r}')
         chain, state = self.model, None
-        if chain.answers_at_once:  # at the end of a tick, which is the sample behind it
+        if chain.answers_at_once:  # at the end of a tick, which is the next sample
             u = np.concatenate([[0.0], u[:-1]])
             state = chain.initial_state(dt, -dt)
         return chain.respond(u, self.packed, dt, state=state, frequency=frequency)
@@ -198,7 +198,7 @@ class ModelFile(Tabular):
         Returns
         -------
         names : tuple of str
-            Those with a standard deviation, in the order of the model.
+            Parameters with a standard deviation, in the order of the model.
         matrix : ndarray, shape (p, p)
             Diagonal if the file has no correlation.
         """
@@ -215,7 +215,7 @@ class ModelFile(Tabular):
         return self.model.pack(self.values)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `save` writes, of plain types only."""
+        """Return the content of the file as plain types."""
         parameters = {}
         for parameter in self.model.parameters:
             row: dict[str, Any] = {
@@ -250,7 +250,7 @@ class ModelFile(Tabular):
         return yaml_text(self.to_dict())
 
     def save(self, path: str | Path) -> None:
-        """Write the model as YAML, whole or not at all.
+        """Write the model as YAML, atomically.
 
         Raises
         ------
@@ -291,7 +291,7 @@ class ModelFile(Tabular):
 
     @property
     def sampling_offset(self) -> float:
-        """Time by which the displacement of its data was sampled after the voltage [s]."""
+        """Delay of the displacement samples of its data relative to the convention [s]."""
         return float(self.provenance.notes.get(OFFSET_NOTE, 0.0))
 
     @property
@@ -314,7 +314,7 @@ class ModelFile(Tabular):
         }
 
     def save_ros_parameters(self, path: str | Path, prefix: str = 'model') -> None:
-        """Write what ``ros2 param load NODE FILE`` reads, for a node of any name.
+        """Write a parameter file for ``ros2 param load NODE FILE``, for a node of any name.
 
         Raises
         ------

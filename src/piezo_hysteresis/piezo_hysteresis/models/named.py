@@ -1,4 +1,4 @@
-"""The named models: what the papers call their models, as chains of blocks."""
+"""Named models: the models of the papers, and others, as chains of blocks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from piezo_hysteresis.models.chain import Model
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a named model is put together.
+    """Composition of a named model.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ NAMES: tuple[str, ...] = tuple(RECIPES)
 
 #: The bank of plays that recursive methods identify.
 BANK = 'prandtl_ishlinskii'
-#: Memories that are tried where the model is to be chosen by the data, the plainest first.
+#: Hystereses that are compared if the model is selected from the data, the simplest first.
 MEMORIES = ('modified', 'prandtl_ishlinskii_fine')
 #: Added blocks for a comparison, in the usual order of relevance, with their names in tables.
 LADDER = {
@@ -175,14 +175,14 @@ LADDER = {
     'creep': 'creep',
     'electrostriction': 'electrostriction (square law)',
 }
-#: Chains that a recursive method takes.
+#: Chains that a recursive method identifies.
 ONLINE: dict[str, tuple[tuple[str, ...], ...]] = {
     'rls_ud': (RECIPES['classical'].blocks, RECIPES['bouc_wen_mode'].blocks),
     'pi_bank': (RECIPES[BANK].blocks, (BANK, 'mode', 'offset')),
 }
 #: Two parallel blocks, for the rehearsal of their kernels.
 PARALLEL = ('bouc_wen_exact', 'electrostriction')
-#: Chains that are followed between the ticks, one of each way, for the kernels that do it.
+#: Chains that are simulated between the ticks, one for each method, for the rehearsal of kernels.
 FOLLOWED = (
     ('transport_delay', 'bouc_wen_exact', 'mode', 'creep'),
     ('transport_delay', 'amplifier_lag', 'bouc_wen_exact', 'mode', 'backlash', 'sensor_lag'),
@@ -192,7 +192,7 @@ FOLLOWED = (
 
 
 def named(name: str) -> Model:
-    """Return the model called `name`: one of `NAMES`, with further blocks behind a ``+``.
+    """Return the model called `name`: one of `NAMES`, with further blocks after a ``+``.
 
     Raises
     ------

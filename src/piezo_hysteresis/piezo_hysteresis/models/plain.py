@@ -15,15 +15,15 @@ from piezo_hysteresis.errors import ModelError
 
 
 class _Line(list[Any]):
-    """A list in one line."""
+    """A list that is written in one line."""
 
 
 class _LineMap(dict[Any, Any]):
-    """A mapping in one line."""
+    """A mapping that is written in one line."""
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes plain types."""
+    """YAML writer of plain types."""
 
 
 _Dumper.add_representer(
@@ -36,7 +36,7 @@ _Dumper.add_representer(
 
 
 def _compact(content: object) -> object:
-    """Return `content` with lists of numbers, and the rows of a table, in one line each."""
+    """Return `content` with each list of numbers and each table row in one line."""
     if isinstance(content, dict):
         return {key: _compact(value) for key, value in content.items()}
     if isinstance(content, list):
@@ -47,7 +47,7 @@ def _compact(content: object) -> object:
 
 
 def yaml_text(content: Mapping[str, Any]) -> str:
-    """Return `content` as YAML, in its order."""
+    """Return `content` as YAML, in the given order."""
     plain = _compact(dict(content))
     return str(yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99))
 
@@ -108,7 +108,7 @@ def mapping(value: object, what: str) -> Mapping[str, Any]:
 
 
 def refuse_unknown(found: Mapping[str, Any], known: set[str], what: str) -> None:
-    """Raise if `found` holds names that `what` does not know."""
+    """Raise an error if `found` has unknown names; `what` is in the message."""
     stray = sorted(set(found) - known)
     if stray:
         raise ModelError(

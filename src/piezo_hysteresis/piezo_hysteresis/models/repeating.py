@@ -22,13 +22,13 @@ from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
 
-#: Lengths over which errors may stay alike [octaves], of frequency and of amplitude.
+#: Correlation lengths of errors [octaves], of frequency and of amplitude.
 LENGTHS = (0.25, 1.0, 4.0)
-#: Share of its mean square that does not repeat itself in the same phase under one condition:
-#: a tenth of the rms. Chosen; repeats of measured sweeps differ by some hundredths.
+#: Share of the mean square that does not repeat with the same phase under one condition: a tenth
+#: of the rms. Chosen; repetitions of measured sweeps differ by some hundredths.
 ANEW = 0.01
-_NOTHING = 1e-30  # mean square, as a part of that of the stroke
-_FAR = 16.0  # octaves between a drive and none
+_NOTHING = 1e-30  # mean square relative to that of the stroke
+_FAR = 16.0  # distance of a drive from no drive [octaves]
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _octaves(wanted: FloatArray, known: FloatArray) -> FloatArray:
-    """Return how far apart places are in frequency and amplitude, shape (m, n, 2) [octaves]."""
+    """Return the distances in frequency and amplitude, shape (m, n, 2) [octaves]."""
     with np.errstate(divide='ignore', invalid='ignore'):
         apart = np.abs(np.log2(wanted)[:, None, :] - np.log2(known)[None, :, :])
     same = wanted[:, None, :] == known[None, :, :]

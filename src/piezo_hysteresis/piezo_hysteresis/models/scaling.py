@@ -1,7 +1,7 @@
 """Start values and scales of a model for a given actuator, by dimensional analysis.
 
-Defaults are stated for an input amplitude of 1 V (or N) and a displacement amplitude of 130 um,
-a bimorph; a stack that moves 20 um at 150 V is the same model in other units.
+Defaults are for an input amplitude of 1 V (or N) and a displacement amplitude of 130 um, a
+bimorph; a stack with 20 um at 150 V is the same model in other units.
 """
 
 from __future__ import annotations
@@ -108,5 +108,5 @@ def for_range(
 
 
 def _grows(parameter: Parameter, held: float) -> bool:
-    """Return whether a held value is the range of the reference not one that somebody knows."""
+    """Return whether a held value is the default range, and not a value set by the user."""
     return parameter.follows_range and held == parameter.default

@@ -1,7 +1,7 @@
-"""What a model left of records at hand, sample by sample.
+"""Residuals of a model on available records, sample by sample.
 
-Where a drive comes again, what the model misses comes again with it, not only in its harmonics.
-Then nothing of it has to be known beforehand: it is taken off, and what remains is what is new.
+For a repeated drive the discrepancy of the model repeats, including its aperiodic part. It is
+subtracted from the residual of the new record, and the remainder is the new deviation.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 
-#: Rms by which a voltage may differ from that of a stretch, over its standard deviation. Chosen:
-#: amplifiers and their monitors repeat a waveform to some tenths of a percent.
+#: Largest rms difference of the voltage from that of a section, relative to its standard
+#: deviation. Chosen: amplifiers and their monitors repeat a waveform to some tenths of a percent.
 SAME = 0.02
-#: Stretches that count, the nearest first: noise falls with their root. Effort.
+#: Largest number of sections, the most similar first: noise decreases with its square root.
 MOST = 32
 _SAME_RATE = 1e-6
 
 
 @dataclass(frozen=True)
 class Trace:
-    """What is left of one record after its warm-up.
+    """Residual on one record after its warm-up.
 
     Attributes
     ----------
     voltage : ndarray, shape (n,)
-        What drove it [V or N].
+        Input [V or N].
     error : ndarray, shape (n,)
         Measured minus simulated [m].
     dt : float
         Sampling interval [s].
     begins : str
-        The way in which the record was taken to start, '' where it is not known.
+        Assumed initial condition of the record, '' if unknown.
     """
 
     voltage: FloatArray
@@ -43,9 +43,9 @@ class Trace:
     begins: str = ''
 
     def began_similarly(self, voltage: FloatArray, dt: float, begins: str) -> bool:
-        """Return whether the record began in a way, with a voltage as far off as in `stretches`.
+        """Return whether the record began alike, with a similar voltage as in `stretches`.
 
-        What is constant in it counts for nothing here.
+        A constant difference of the voltage is ignored.
         """
         count = min(voltage.size, self.voltage.size)
         off = self.voltage[:count] - voltage[:count]
@@ -53,12 +53,12 @@ class Trace:
         return same and self.begins == begins and self._has_rate_of(dt)
 
     def stretches(self, voltage: FloatArray, dt: float) -> list[tuple[float, FloatArray]]:
-        """Return where the same voltage was applied: how far it is off [V] and what was left.
+        """Return sections with the same voltage: rms difference [V] and residual of each.
 
         Parameters
         ----------
         voltage : ndarray, shape (m,)
-            The one looked for [V or N].
+            Voltage to find [V or N].
         dt : float
             Its sampling interval [s].
         """
@@ -78,21 +78,21 @@ class Trace:
 def stretches_of(
     traces: Iterable[Trace], voltage: FloatArray, dt: float, stride: int = 1
 ) -> FloatArray | None:
-    """Return what was left under the same voltage, shape (k, m), the nearest first [m].
+    """Return the residuals under the same voltage, shape (k, m), the most similar first [m].
 
     Parameters
     ----------
     traces : iterable of Trace
-        What is at hand.
+        Available residuals.
     voltage, dt
         As in `Trace.stretches`.
     stride : int
-        Of the samples that are returned.
+        Step between the returned samples.
 
     Returns
     -------
     ndarray or None
-        None where the voltage was nowhere applied.
+        None if the voltage was never applied.
     """
     found = [each for trace in traces for each in trace.stretches(voltage, dt)]
     found.sort(key=lambda pair: pair[0])
@@ -100,7 +100,7 @@ def stretches_of(
 
 
 def _distances(long: FloatArray, short: FloatArray) -> FloatArray:
-    """Return the rms by which `short` differs from each stretch of `long`, shape (n - m + 1,)."""
+    """Return the rms difference of `short` from each section of `long`, shape (n - m + 1,)."""
     from scipy.signal import correlate
 
     squares = np.concatenate([[0.0], np.cumsum(long**2)])

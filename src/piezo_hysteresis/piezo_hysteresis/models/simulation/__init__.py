@@ -1,1 +1,1 @@
-"""How a chain is simulated: exactly between the ticks, and with its derivatives."""
+"""Simulation of a chain, exact between the ticks, and its derivatives."""

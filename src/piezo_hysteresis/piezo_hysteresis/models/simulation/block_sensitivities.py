@@ -1,4 +1,4 @@
-"""What a block makes of derivatives that come in, by the generated derivative of its kernel."""
+"""Propagation of derivatives through a block, by the generated derivative of its kernel."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from piezo_hysteresis.blocks.base import Block
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.kernels.forward import directional
 
-_VALUES = 1 << 15  # values of derivatives that are carried at a time: what a cache holds
-_BRANCH_OFFSET = 1e-6  # in units of what is usual
+_VALUES = 1 << 15  # derivative values propagated at a time, to fit into the cache
+_BRANCH_OFFSET = 1e-6  # relative to the typical size
 
 
 class At(NamedTuple):
-    """Where a block is differentiated.
+    """A block, its parameters, and the parameters to differentiate by.
 
     Attributes
     ----------
     block : Block
-        It.
+        The block.
     values : ndarray
         Its parameters.
     columns : list of int
-        Those of them to differentiate by.
+        Indices of the parameters to differentiate by.
     """
 
     block: Block
@@ -41,25 +41,25 @@ Each = Callable[[At, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 def side_by_side(
     each: Each, at: At, incoming: int, state: FloatArray, moved: FloatArray, dt: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the sum of the blocks that stand side by side in one, and its derivatives.
+    """Return the output of parallel blocks and its derivatives.
 
     Parameters
     ----------
     each : callable
-        Answers for one of them.
+        Output and derivatives of one block.
     at : At
-        Where all of them together are differentiated.
+        The parallel block, and its parameters to differentiate by.
     incoming : int
-        How many derivatives come from upstream; the blocks share them.
+        Number of derivatives from upstream, common to the blocks.
     state, moved : ndarray, shapes (s,) and (incoming + q, s)
-        Memory of all of them and its derivatives, in place.
+        States of all blocks and their derivatives, updated in place.
     dt : float
         Sampling interval [s].
 
     Returns
     -------
     output, answers : ndarray, shapes (n,) and (incoming + q, n)
-        As `through` has them.
+        As from `through`.
     """
     parts = parts_of(at.block)
     if len(parts) == 1:
@@ -92,34 +92,34 @@ def through(
     moved: FloatArray,
     *clock: Any,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the output of a kernel and its derivatives, updating its state and theirs.
+    """Return the output of a kernel and its derivatives; the states are updated in place.
 
     Parameters
     ----------
     kernel : callable
         ``kernel(x, y, state, p, *clock)`` of a block, or its `along`.
     x, rows : ndarray, shapes (n,) and (m, n)
-        Input, and its derivatives by what is upstream.
+        Input, and its derivatives from upstream.
     at : At
         Parameters, and the q of them to differentiate by.
     state, moved : ndarray, shapes (s,) and (m + q, s)
-        Memory and its derivatives, in place.
+        State and its derivatives, updated in place.
     clock
         Further arguments of the kernel: interval [s], drive [Hz], points per tick.
 
     Returns
     -------
     output : ndarray, shape (n,)
-        As the kernel has it.
+        Output of the kernel.
     answers : ndarray, shape (m + q, n)
-        Derivatives by what is upstream, then by the columns of `at`.
+        Derivatives from upstream, then by the columns of `at`.
     """
     block, p, columns = at
     if block.regressors is not None and any(columns):
         return _weighed(kernel, x, rows, at, state, moved, *clock)
     m, q, n = len(rows), len(columns), x.size
     output, answers = np.empty_like(x), np.empty((m + q, n))
-    if state.size == 0 and m > 1:  # a function of the input alone: one slope for every row
+    if state.size == 0 and m > 1:  # a static function: one slope for every row
         output, slopes = through(kernel, x, np.ones((1, n)), at, state, moved[m - 1 :], *clock)
         np.multiply(slopes[0], rows, out=answers[:m])
         answers[m:] = slopes[1:]
@@ -138,7 +138,7 @@ def through(
         incoming = max(min(m, given.stop) - first, 0)
         tangent = np.zeros((own + lanes, state.size))
         tangent[here] = moved[given]
-        alone = own > 0 and first == 0  # its own parameters go with the first
+        alone = own > 0 and first == 0  # its own parameters are in the first portion
         if alone:
             tangent[columns] = moved[m:]
         seeds = () if own else (_seeds(first, given.stop, m, columns, (lanes, p.size)),)
@@ -157,7 +157,7 @@ def through(
             moved[m:] = tangent[columns]
     for k, column in enumerate(columns):
         if p[column] in (0.0, 1.0) and not np.any(answers[m + k]):
-            # one by one: what does nothing where it stands is not to be moved for another's sake
+            # one at a time: a parameter without effect is moved off its value only for itself
             one = _off_branch(at, column)
             if one is not None:
                 other = first_moved[m + k, None]
@@ -175,9 +175,9 @@ def _weighed(
     moved: FloatArray,
     *clock: Any,
 ) -> tuple[FloatArray, FloatArray]:
-    """Do the same for a block that is linear in its weights: its regressors are derivatives.
+    """Do the same for a block that is linear in its weights, whose derivatives are its regressors.
 
-    The generated derivative knows not that, and takes 30 times as long for twenty plays.
+    The generated derivative does not use this and takes 30 times as long for twenty plays.
     """
     block, p, columns = at
     regressors = np.empty((p.size - 1, x.size))
@@ -196,10 +196,10 @@ def _weighed(
 
 
 def _off_branch(at: At, column: int) -> At | None:
-    """Return values a little off where a law takes another branch; None where it may not move.
+    """Return values slightly off a special case of a law; None if the bounds do not allow it.
 
-    With an exponent of 1, a share or a time of 0 it may say at once what comes out, and nothing
-    seems to depend on them.
+    With an exponent of 1, or a share or time of 0, a law may use a simpler branch on which the
+    derivative is zero.
     """
     parameter, values = at.block.parameters[column], at.values.copy()
     step = _BRANCH_OFFSET * parameter.scale
@@ -211,7 +211,7 @@ def _off_branch(at: At, column: int) -> At | None:
 def _seeds(
     first: int, last: int, incoming: int, columns: Sequence[int], shape: tuple[int, int]
 ) -> FloatArray:
-    """Return how the parameters move with derivatives `first` to `last`."""
+    """Return the seeds of the parameters for the derivatives `first` to `last`."""
     seeds = np.zeros(shape)
     for i in range(max(first, incoming), last):
         seeds[i - first, columns[i - incoming]] = 1.0

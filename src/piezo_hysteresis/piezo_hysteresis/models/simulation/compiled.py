@@ -1,4 +1,4 @@
-"""Blocks as one compiled kernel each, those that stand side by side too."""
+"""Compiled kernels of blocks, one for a group of parallel blocks."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from piezo_hysteresis.jit import jit, leaf, scratch
 
 
 def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:
-    """Return the kernel of a block; along a path of `points` values per tick where it has one.
+    """Return the kernel of a block, for a path of `points` values per tick if it supports one.
 
     Parameters
     ----------
     block : Block
-        Alone, or several side by side.
+        A single block, or parallel ones.
     dt : float
-        Sampling interval [s], on which the size of a memory may depend.
+        Sampling interval [s], on which the size of the state may depend.
     points : int
         0 for one value per tick.
     """
@@ -32,7 +32,7 @@ def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:
 
 @functools.cache
 def _follower(along: Any, points: int) -> Kernel:
-    """Return the kernel of a block that is given so many points of its path per tick."""
+    """Return the kernel of a block for a given number of path points per tick."""
 
     @leaf
     def follow(
@@ -44,7 +44,7 @@ def _follower(along: Any, points: int) -> Kernel:
 
 
 def _parallel_sum(parts: Sequence[Block], dt: float, points: int) -> Kernel:
-    """Return the sum of what several blocks answer to the same input."""
+    """Return the kernel of the sum of several blocks with the same input."""
     whole = kernel_of(parts[0], dt, points)
     size, values = parts[0].initial_state(dt).size, len(parts[0].parameters)
     for part in parts[1:]:
@@ -55,7 +55,7 @@ def _parallel_sum(parts: Sequence[Block], dt: float, points: int) -> Kernel:
 
 
 def _with(first: Any, other: Any, size: int, values: int) -> Kernel:
-    """Return the sum of two kernels; the memory and parameters of the second come behind."""
+    """Return the sum of two kernels; state and parameters of the second come second."""
 
     @jit
     def both(

@@ -1,7 +1,7 @@
-"""The path of a signal between the ticks: made of held values, followed by blocks, read again.
+"""The path of a signal between the ticks: construction, propagation through blocks, sampling.
 
-A path has `points` values per tick, three to each of its steps: at the start of the step, just
-after the signal may have jumped, in its middle and at its end. Between them it is a parabola.
+A path has `points` values per tick, three per step: at the start of the step (after a possible
+jump), in its middle and at its end. Between them it is a parabola.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from piezo_hysteresis.blocks.base import Block
 from piezo_hysteresis.blocks.bouc_wen_oscillator import WEIGHTS, interpolate
 from piezo_hysteresis.jit import jit, scratch
 
-#: Samples that a joined path looks back, and its steps per tick.
+#: Number of past samples of an interpolated path, and its steps per tick.
 PAST: int = WEIGHTS.shape[0]
 JOINED_STEPS: int = (WEIGHTS.shape[1] - 1) // 2
 
 
 @jit
 def joined(x: FloatArray, path: FloatArray, past: FloatArray, order: float) -> None:
-    """Fill the path from the last but one to the last of the samples `x`, one after another."""
+    """Fill the path between the last two samples for each sample of `x`."""
     forces = scratch(WEIGHTS.shape[1])
     points = 3 * JOINED_STEPS
     for k in range(x.size):
@@ -37,9 +37,9 @@ def joined(x: FloatArray, path: FloatArray, past: FloatArray, order: float) -> N
 
 @jit
 def with_turns(x: FloatArray, wide: FloatArray, late: FloatArray) -> None:
-    """Fill `wide`, four points to a step, with `x` and where its parabola turns.
+    """Fill `wide`, four points per step, with `x` and the extremum of its parabola.
 
-    `late` says of every step whether it turns in its second half. A step that does not turn has
+    `late` is whether the extremum is in the second half of a step. A step without an extremum has
     its middle twice.
     """
     for step in range(x.size // 3):
@@ -60,7 +60,7 @@ def with_turns(x: FloatArray, wide: FloatArray, late: FloatArray) -> None:
 
 @jit
 def without_turns(wide: FloatArray, late: FloatArray, y: FloatArray) -> None:
-    """Fill `y`, three points to a step, with what `wide` has at the points of `with_turns`."""
+    """Fill `y`, three points per step, from `wide`, the inverse of `with_turns`."""
     for step in range(late.size):
         y[3 * step] = wide[4 * step]
         y[3 * step + 1] = wide[4 * step + (1 if late[step] > 0.0 else 2)]
@@ -70,7 +70,7 @@ def without_turns(wide: FloatArray, late: FloatArray, y: FloatArray) -> None:
 def follow(
     block: Block, path: FloatArray, p: FloatArray, state: FloatArray, dt: float, *, turns: bool
 ) -> FloatArray:
-    """Return what a block that knows the path and not the time makes of it."""
+    """Return the output of a block along a path, for a block that does not depend on time."""
     if not turns:
         return block.respond(path, p, dt, state=state)
     wide = np.empty(path.size // 3 * 4)
@@ -92,7 +92,7 @@ def with_time(
     points: int,
     ahead: float,
 ) -> FloatArray:
-    """Return what a function of the time makes of a path.
+    """Return the output of a time-dependent block along a path.
 
     Parameters
     ----------
@@ -109,16 +109,16 @@ def with_time(
 def moments(
     block: Block, state: FloatArray, ticks: int, steps: int, ahead: float
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield where start, middle and end of each step stand in a path, with a memory of that time.
+    """Yield indices of start, middle and end of each step of a path, with a state of that time.
 
     Parameters
     ----------
     block : Block
-        A function of the time.
+        A time-dependent block.
     state : ndarray
-        Its memory, in place: counts on by `ticks` at the end.
+        Its state, in place: advanced by `ticks` at the end.
     ticks, steps : int
-        Ticks of the path, and steps of each.
+        Number of ticks of the path, and steps per tick.
     ahead : float
         Ticks by which the time at the start of the path is ahead of the count in `state`.
     """
@@ -132,7 +132,7 @@ def moments(
 
 @jit
 def read(path: FloatArray, y: FloatArray, points: int, part: float) -> None:
-    """Read every tick of a path after `part` of it, 0 < part <= 1."""
+    """Sample a path in each tick after `part` of it, 0 < part <= 1."""
     steps = points // 3
     step = min(int(part * steps), steps - 1)
     t = part * steps - step

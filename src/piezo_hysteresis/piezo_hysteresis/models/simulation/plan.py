@@ -1,12 +1,11 @@
-"""The simulation plan of a chain: its blocks in stages, each on held samples or between the ticks.
+"""The simulation plan of a chain: its blocks in stages, on held samples or between the ticks.
 
-A held signal stays held through every block that does not depend on time. The first block that
-moves between the ticks needs no substeps where only its values at the ticks count; where a
-nonlinear block, or one with a memory of its own, follows, the run of blocks is integrated between
-the ticks.
+A held signal stays held through every block that does not depend on time. The first block with
+continuous dynamics needs no substeps if only its values at the ticks are used. If a nonlinear
+block, or one with its own memory, follows, the run of blocks is integrated between the ticks.
 
-A chain with inertia is read at the tick, before its voltage acts; one without at the end of the
-tick, which is just before the next voltage acts.
+The output of a chain with inertia is sampled at the tick, before its voltage acts; without inertia
+at the end of the tick, just before the next voltage acts.
 """
 
 from __future__ import annotations
@@ -32,33 +31,33 @@ from piezo_hysteresis.models.simulation.state_space import (
 )
 from piezo_hysteresis.models.simulation.substep_run import PathRun
 
-# Recursions of a linear stage that are kept: records of one fit, and steps of its parameters.
+# Number of cached recursions of a linear stage: records of one fit, and steps of its parameters.
 _CACHED = 32
-# What leaves a held signal held.
+# Blocks that keep a held signal held.
 _HOLDS = (Between.INSTANT, Between.PATH, Between.TICK, Between.DELAY)
 
 
 class Stage(Protocol):
-    """Some blocks of a chain that are run together.
+    """Consecutive blocks of a chain that are simulated together.
 
     Attributes
     ----------
     blocks : tuple of Block
         In the order of the chain.
     columns : slice or ndarray of int
-        Where their parameters stand among those of the chain, in the order of `respond`.
+        Indices of their parameters in the chain, in the order of `respond`.
     """
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """Its blocks."""
+        """Blocks of the stage."""
 
     @property
     def columns(self) -> slice | IntArray:
-        """Its parameters."""
+        """Indices of its parameters."""
 
     def initial_state(self, dt: float, start: float) -> FloatArray:
-        """Return the memory at rest; `start` is the time of the first sample [s]."""
+        """Return the state at rest; `start` is the time of the first sample [s]."""
 
     def respond(
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, frequency: float
@@ -68,7 +67,7 @@ class Stage(Protocol):
 
 @dataclass(frozen=True)
 class TickStage:
-    """One block on one number per tick.
+    """One block on one value per tick.
 
     Attributes
     ----------
@@ -77,7 +76,7 @@ class TickStage:
     columns : slice
         Its parameters.
     ahead : bool
-        Whether the chain is read at the end of the tick.
+        Whether the output is sampled at the end of the tick.
     """
 
     block: Block
@@ -86,7 +85,7 @@ class TickStage:
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """The block alone."""
+        """The block."""
         return (self.block,)
 
     def initial_state(self, dt: float, start: float) -> FloatArray:
@@ -105,10 +104,10 @@ class TickStage:
 
 @dataclass(frozen=True)
 class LinearStage:
-    """Linear blocks behind a held input, delayed or not, as one exact recursion.
+    """Linear blocks after a held input, with or without delay, as one exact recursion.
 
-    A delay passes through a chain that does not change with time: what comes late by a part of a
-    tick is the undelayed answer read that much earlier.
+    A delay commutes with a time-invariant chain: a delay by a fraction of a tick is the undelayed
+    response sampled earlier by that fraction.
 
     Attributes
     ----------
@@ -117,9 +116,9 @@ class LinearStage:
     columns : ndarray of int
         Parameters of the stage in the chain.
     delays : int
-        How many of the parts are delays.
+        Number of delays among the parts.
     ahead : bool
-        Whether the chain is read at the end of the tick.
+        Whether the output is sampled at the end of the tick.
     """
 
     parts: tuple[PlacedBlock, ...]
@@ -133,7 +132,7 @@ class LinearStage:
         return tuple(part.block for part in self.parts)
 
     def initial_state(self, dt: float, start: float) -> FloatArray:
-        """Return the memory at rest: the ring of the delays, then the states of the blocks."""
+        """Return the state at rest: ring buffer of the delays, then states of the blocks."""
         ring = self.delays * ring_size(dt) + 1 if self.delays else 0
         return np.concatenate(
             [np.zeros(ring), *(p.block.initial_state(dt) for p in self.parts[self.delays :])]
@@ -154,7 +153,7 @@ class LinearStage:
         return output
 
     def carried(self, signals: FloatArray, p: FloatArray, dt: float) -> FloatArray:
-        """Return what becomes of several inputs from rest, shape (m, n), all in one pass."""
+        """Return the responses to several inputs from rest, shape (m, n), in one pass."""
         whole, hold = self.hold(p, dt)
         late = np.ascontiguousarray(signals)
         if self.delays:
@@ -170,7 +169,8 @@ class LinearStage:
     def released(self, p: FloatArray, dt: float, count: int) -> FloatArray:
         """Return the free response from a unit value of each state, shape (q, `count`).
 
-        Start hypotheses are tried by the hundred with the same parameters: the last is kept.
+        Hundreds of initial conditions are tested with the same parameters: the last result is
+        cached.
         """
         key = (p.tobytes(), dt, count)
         known: tuple[object, FloatArray] | None = self.__dict__.get('_released')
@@ -182,7 +182,7 @@ class LinearStage:
         return known[1]
 
     def hold(self, p: FloatArray, dt: float) -> tuple[int, Hold]:
-        """Return ticks to wait and the recursion, calculated once for the last few parameters."""
+        """Return the delay in ticks and the recursion, cached for the last few parameters."""
         key = (p.tobytes(), dt)
         last: dict[object, tuple[int, Hold]] = self.__dict__.setdefault('_last', {})
         known = last.get(key)
@@ -195,19 +195,19 @@ class LinearStage:
             if part.block.system is not None
         ]
         made = whole, hold_of(in_series(systems), dt, part)
-        # of other threads, too: a dictionary that is full begins again
+        # shared by threads: a full cache is cleared
         self.__dict__['_last'] = {**last, key: made} if len(last) < _CACHED else {key: made}
         return made
 
 
 @dataclass(frozen=True)
 class PathStage:
-    """Blocks that are followed between the ticks; see `PathRun`.
+    """Blocks that are integrated between the ticks; see `PathRun`.
 
     Attributes
     ----------
     run : PathRun
-        What follows them.
+        Integration of the blocks.
     columns : ndarray of int
         Parameters of the stage in the chain.
     """
@@ -234,26 +234,26 @@ class PathStage:
         frequency: float,
         steps: int | None = None,
     ) -> FloatArray:
-        """Return one number per tick; `steps` of a tick as many as `p` needs, or as given."""
+        """Return one value per tick; `steps` per tick as given, or as `p` requires."""
         return self.run.respond(signal, p, dt, state=state, frequency=frequency, steps=steps)
 
 
 def as_linear(block: Block) -> LinearStage:
-    """Return the stage that a linear block is alone: it carries four derivatives side by side."""
+    """Return the stage of a single linear block, which propagates four derivatives at a time."""
     known: LinearStage | None = block.__dict__.get('_as_linear')
     if known is None:
         places = np.arange(len(block.parameters))
         part = PlacedBlock(block, slice(0, places.size))
         known = LinearStage((part,), places, 0, ahead=not block.inertia)
-        block.__dict__['_as_linear'] = known  # as long as the block: each fit scales its own
+        block.__dict__['_as_linear'] = known  # as long as the block: each fit has its own
     return known
 
 
 def free_states(stage: Stage, dt: float, *, memory: bool = True) -> tuple[int, ...]:
-    """Return the places in the state of a stage that an actuator in motion begins with.
+    """Return the indices of the states of a stage that are unknown for an actuator in motion.
 
-    Position and velocity of a mode, elements of creep, and with `memory` the h of a Bouc-Wen loop:
-    what dies out by itself.
+    Their effect decays: position and velocity of a mode, elements of creep, and with `memory` the
+    h of a Bouc-Wen loop.
     """
     if isinstance(stage, TickStage):
         return stage.block.unknown_states(dt, memory=memory)
@@ -265,23 +265,23 @@ def free_states(stage: Stage, dt: float, *, memory: bool = True) -> tuple[int, .
 
 
 def stages_of(blocks: Sequence[Block]) -> tuple[Stage, ...]:
-    """Return how a chain of `blocks` is run."""
+    """Return the stages of a chain of `blocks`."""
     return _Planner(blocks).plan()
 
 
 class _Planner:
-    """Walks along a chain and decides where a path is needed."""
+    """Planner of the stages of a chain, which determines where a path is required."""
 
     def __init__(self, blocks: Sequence[Block]) -> None:
         self._blocks = tuple(blocks)
         self._ahead = not any(block.inertia for block in blocks)
         counts = np.cumsum([0, *(len(block.parameters) for block in blocks)])
         self._spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(counts)]
-        self._waiting: list[int] = []  # delays that no moving block has taken up yet
+        self._waiting: list[int] = []  # delays that are not yet part of a stage with dynamics
         self._stages: dict[int, Stage] = {}
 
     def plan(self) -> tuple[Stage, ...]:
-        """Return the stages in order."""
+        """Return the stages in the order of the chain."""
         place = 0
         while place < len(self._blocks):
             kind = self._blocks[place].between
@@ -297,7 +297,7 @@ class _Planner:
         self._stages[place] = TickStage(self._blocks[place], self._spans[place], self._ahead)
 
     def _run_from(self, first: int) -> int:
-        """Plan the run that begins with a moving block; return the place behind it."""
+        """Plan the run that begins with a dynamic block; return the index after it."""
         end = first
         while end < len(self._blocks) and self._blocks[end].between is not Between.TICK:
             end += 1
@@ -315,12 +315,12 @@ class _Planner:
         return end
 
     def _needed(self, inside: Sequence[int], late: bool) -> int:
-        """Return how many of the blocks must be run together; the rest follow their readings."""
+        """Return the number of blocks integrated together; the others use their samples."""
         kinds = [self._blocks[i].between for i in inside]
         last = len(inside)
         while last and kinds[last - 1] in (Between.INSTANT, Between.CLOCK):
             last -= 1
-        # a memory sees no more of a monotonic approach than its readings
+        # for a memory, a monotonic approach is equivalent to its samples
         first, behind = self._blocks[inside[0]], [self._blocks[i] for i in inside[1:last]]
         if first.approach is not None and behind and self._ahead and not late:
             *static, memory = behind

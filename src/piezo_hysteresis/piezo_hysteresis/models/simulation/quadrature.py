@@ -1,8 +1,8 @@
-"""Exact integration within a tick by Gauss quadrature, behind a monotonic approach.
+"""Integration within a tick by Gauss quadrature, after a monotonic approach.
 
-A lag or a slew limit approaches a held input monotonically. The memory behind it is evaluated at
-the Gauss points of that approach, and linear blocks take up the integral with their impulse
-response: exact to rounding wherever the approach ends within the tick, and far cheaper than many
+A lag or a slew limit approaches a held input monotonically. The memory after it is evaluated at
+the Gauss points of that approach, and linear blocks integrate the result with their impulse
+response. This is exact to rounding if the approach ends within the tick, and cheaper than many
 substeps.
 """
 
@@ -19,12 +19,12 @@ from piezo_hysteresis.blocks.base import Approach, System
 from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.models.simulation.state_space import decayed, fastest, in_series, settled
 
-#: Fastest pole times the tick up to which an impulse response is a polynomial of moderate degree.
+#: Largest product of fastest pole and tick for which a polynomial represents the impulse response.
 SLOW = 25.0
-_TAIL = 1e-10  # of an impulse response that its polynomial may leave
-_OVER = 10.0  # time constants after which a lag has come to its end
+_TAIL = 1e-10  # relative error of the polynomial of an impulse response
+_OVER = 10.0  # time constants after which a lag has settled
 _FEWEST = 4  # Gauss points
-_MISSED = 1e-5  # of what moves within a tick, which they may miss
+_MISSED = 1e-5  # relative quadrature error of the motion within a tick
 
 
 class NodeValues(NamedTuple):
@@ -33,13 +33,14 @@ class NodeValues(NamedTuple):
     Attributes
     ----------
     values : ndarray, shape (n, pieces, points + 1)
-        At the Gauss points of the time that it moves, and at the end of each piece of a tick.
+        Values at the Gauss points of the duration of the motion, and at the end of each piece of a
+        tick.
     lasts : ndarray, shape (n, pieces)
-        That time [ticks].
+        Duration of the motion [ticks].
     part : float
-        Where in a tick the second piece begins.
+        Start of the second piece [ticks].
     places, weights : ndarray, shape (points,)
-        Of the Gauss rule on 0..1.
+        Gauss rule on 0..1.
     """
 
     values: FloatArray
@@ -57,8 +58,8 @@ class Response(NamedTuple):
     phi : ndarray, shape (n, n)
         Transition over the tick, transposed.
     impulse, integral : ndarray, shapes (m + 1, n) and (m + 2, n)
-        State at the end of the tick for an impulse at ``t``, -1 at its start and 1 at its end,
-        and the integral of that over the time in ticks: coefficients of Chebyshev series.
+        State at the end of the tick after an impulse at ``t`` (-1 at its start, 1 at its end), and
+        its integral over time in ticks: coefficients of Chebyshev series.
     row, direct : ndarray, shape (n,), and float
         Output.
     """
@@ -71,11 +72,11 @@ class Response(NamedTuple):
 
 
 def response_of(systems: Sequence[System], dt: float) -> Response:
-    """Return `systems` in a row over ticks of `dt` [s], poles slower than `SLOW` per tick."""
+    """Return `systems` in series over ticks of `dt` [s], with poles below `SLOW` per tick."""
     system = settled(in_series(systems), dt)
     pace = 0.5 * dt * fastest(systems)
     degree = 3 + len(systems)
-    # the error of Chebyshev interpolation of an exponential
+    # error of the Chebyshev interpolation of an exponential
     while (degree + 1) * log(max(0.5 * pace, 1e-3)) - lgamma(degree + 2) > log(0.5 * _TAIL):
         degree += 1
     places = np.polynomial.chebyshev.chebpts1(degree + 1)
@@ -91,10 +92,10 @@ def response_of(systems: Sequence[System], dt: float) -> Response:
 def gauss_of(
     approach: Approach, systems: Sequence[System], dt: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return Gauss points and weights on 0..1 for the time that an approach takes within a tick.
+    """Return Gauss points and weights on 0..1 for the duration of an approach within a tick.
 
-    As many as what moves there and what takes it up ask for, by the error of the quadrature of an
-    exponential of both their rates.
+    Their number follows from the quadrature error of an exponential with the rates of the approach
+    and of the linear blocks.
     """
     lasts = min(1.0, _OVER * approach.time / dt) if approach.time > 0.0 else 1.0
     rate = 1.0 + lasts * dt * fastest(systems)
@@ -113,8 +114,8 @@ def approach_one(
 ) -> float:  # fmt: skip
     """Fill `values` with the approach from `initial` to `target` within `length` ticks.
 
-    At `places` of the time that it moves, and last at its end. Returns that time [ticks].
-    `approach` is (time constant [s], largest rate [1/s]), one of which rules.
+    The values are at `places` of the duration of the motion, the last at its end. Returns that
+    duration [ticks]. `approach` is (time constant [s], largest rate [1/s]); one of them applies.
     """
     count = places.size
     gap = target - initial
@@ -143,7 +144,7 @@ def approaches(
 ) -> None:  # fmt: skip
     """Fill `values`, shape (n, pieces, points + 1), and `lasts`, shape (n, pieces).
 
-    Of two pieces the first, `part` of the tick long, still goes to the `old` input.
+    Of two pieces the first, `part` of the tick long, approaches the `old` input.
     """
     pieces = lasts.shape[1]
     for k in range(new.size):
@@ -172,9 +173,9 @@ def weigh(
     lasts: FloatArray, part: float, places: FloatArray, weights: FloatArray,
     impulse: FloatArray, integral: FloatArray, shares: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill `shares`, (pieces, points + 1, n): what each value of one tick adds to the states.
+    """Fill `shares`, (pieces, points + 1, n): the weight of each value of one tick in the states.
 
-    A piece counts as if it had been at its end all the time, and what it was away from there.
+    A piece is the sum of its constant end value and the difference from it.
     """
     pieces, count = lasts.size, places.size
     shares[:] = 0.0
@@ -198,12 +199,12 @@ def integrate(
     y: FloatArray, state: FloatArray, last: FloatArray, phi: FloatArray, impulse: FloatArray,
     integral: FloatArray, row: FloatArray, direct: float, ahead: bool,
 ) -> None:  # fmt: skip
-    """Return what linear blocks make of what goes as `values` within the ticks; `state` in place.
+    """Return the output of linear blocks for `values` within the ticks; `state` in place.
 
-    Several signals that go for equally long are answered at once: `values` is of shape (signals,
+    Several signals with equal durations are processed together: `values` has the shape (signals,
     n, pieces, points + 1), `lasts` (n, pieces), `y` (signals, n), `state` (signals, states).
-    ``last`` is the input of each at the end of the last tick. Read at the end of the tick where it
-    is `ahead`, else at its start.
+    ``last`` is the input of each at the end of the last tick. The output is sampled at the end of
+    the tick if `ahead`, otherwise at its start.
     """
     signals, n = state.shape
     pieces, count = lasts.shape[1], places.size

@@ -21,23 +21,23 @@ from piezo_hysteresis.models.simulation.quadrature import (
 from piezo_hysteresis.models.simulation.state_layout import Layout, PlacedBlock, systems_of
 from piezo_hysteresis.models.simulation.state_space import fastest
 
-_AT_ONCE = 1 << 11  # ticks that are followed at a time
+_AT_ONCE = 1 << 11  # ticks that are integrated at a time
 
 
 @dataclass(frozen=True)
 class QuadratureRun:
-    """An approach, what follows it at every instant or by a memory, and linear blocks behind that.
+    """A monotonic approach, static blocks or memories after it, and linear blocks at the end.
 
     Attributes
     ----------
     first : PlacedBlock
-        What approaches a held input monotonically.
+        Block that approaches a held input monotonically.
     middle, behind : tuple of Part
-        What follows it, and the linear blocks behind that.
+        Blocks after it, and the linear blocks at the end.
     delays : int
-        How many parameters before theirs are delays.
+        Number of parameters of delays before theirs.
     ahead : bool
-        Whether the chain is read at the end of the tick, and not at its start.
+        Whether the output is sampled at the end of the tick and not at its start.
     """
 
     first: PlacedBlock
@@ -48,7 +48,7 @@ class QuadratureRun:
 
     @classmethod
     def of(cls, moving: tuple[PlacedBlock, ...], delays: int, ahead: bool) -> QuadratureRun | None:
-        """Return the run of `moving`, None where it is no such run."""
+        """Return the run of the blocks `moving`, None if they have another structure."""
         last = len(moving)
         while last and moving[last - 1].block.system is not None:
             last -= 1
@@ -63,13 +63,13 @@ class QuadratureRun:
         return cls(moving[0], moving[1:last], moving[last:], delays, ahead)
 
     def fits(self, p: FloatArray, dt: float) -> bool:
-        """Return whether the linear blocks are slow enough for it."""
+        """Return whether the linear blocks are slow enough for quadrature."""
         return dt * fastest(systems_of(self.behind, p)) <= SLOW
 
     def respond(
         self, signal: FloatArray, p: FloatArray, dt: float, *, state: FloatArray, layout: Layout
     ) -> FloatArray:
-        """Return the output for a held input, one number per tick, updating `state` in place."""
+        """Return the output for a held input, one value per tick, updating `state` in place."""
         memories = layout.memories[1 : 1 + len(self.middle)]
         behind = slice(layout.memories[1 + len(self.middle)].start, layout.size)
         output = np.empty_like(signal)
@@ -115,14 +115,14 @@ class QuadratureRun:
         Parameters
         ----------
         rows : ndarray, shape (signals, values of `nodes`)
-            Each at the nodes.
+            Values of each signal at the nodes.
         nodes : NodeValues
             The nodes.
         p, dt : ndarray, float
             Parameters of the run, sampling interval [s].
         memory : pair of ndarray, optional
             States, shape (signals, states), and inputs at the end of the last tick, (signals,),
-            to go on from, in place; at rest where they are not given.
+            updated in place; default at rest.
         """
         response = self.response(p, dt)
         if memory is None:
@@ -137,7 +137,7 @@ class QuadratureRun:
         return output
 
     def approach(self, p: FloatArray, dt: float) -> tuple[Approach, FloatArray, FloatArray]:
-        """Return the approach and its Gauss points, made anew where the parameters are new."""
+        """Return the approach and its Gauss points, cached for the last parameters."""
         key = (p.tobytes(), dt)
         known: tuple[object, tuple[Approach, FloatArray, FloatArray]] | None
         known = self.__dict__.get('_last_approach')
@@ -149,7 +149,7 @@ class QuadratureRun:
         return known[1]
 
     def response(self, p: FloatArray, dt: float) -> Response:
-        """Return the response of the linear blocks, made anew where the parameters are new."""
+        """Return the response of the linear blocks, cached for the last parameters."""
         key = (p.tobytes(), dt)
         known: tuple[object, Response] | None = self.__dict__.get('_last_response')
         if known is None or known[0] != key:

@@ -1,4 +1,4 @@
-"""The parts of a run of blocks: their parameters, and where their memories stand in its state."""
+"""Layout of a run of blocks: indices of parameters and of states."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size
 
 
 class PlacedBlock(NamedTuple):
-    """A block and where its parameters stand among those of its stage."""
+    """A block and the indices of its parameters in the stage."""
 
     block: Block
     span: slice
 
 
 class Layout(NamedTuple):
-    """Where what a run remembers stands in its state.
+    """Layout of the state of a run.
 
-    First come what was read last and the input that was held last.
+    The first two states are the last output and the last held input.
 
     Attributes
     ----------
     ring : slice
-        Ring of the delays; empty where there is none.
+        Ring buffer of the delays; empty if there is none.
     past : slice
-        Past samples of an input that is joined.
+        Past samples of an interpolated input.
     memories : list of slice
-        Of each block that is followed.
+        States of each block.
     size : int
-        Of the state.
+        Size of the state.
     """
 
     ring: slice
@@ -41,21 +41,21 @@ class Layout(NamedTuple):
 
 
 class StateJump(NamedTuple):
-    """Offsets added to the state of a stage before one sample: an initial state that is unknown.
+    """Offsets added to the state of a stage before one sample, for an unknown initial state.
 
     Attributes
     ----------
     sample : int
-        Before which they are added.
+        Sample before which they are added.
     amounts : ndarray, shape (s,)
-        What is added to each state.
+        Offset of each state.
     """
 
     sample: int
     amounts: FloatArray
 
     def chunks(self, count: int, most: int, state: FloatArray) -> Iterator[slice]:
-        """Yield `count` samples, at most so many at a time; `state` is offset on the way."""
+        """Yield `count` samples in limited portions; offsets are added to `state` in between."""
         begin = 0
         while begin < count:
             end = min(begin + most, count)
@@ -68,7 +68,7 @@ class StateJump(NamedTuple):
 
 
 def layout_of(moving: Sequence[PlacedBlock], delays: int, past: int, dt: float) -> Layout:
-    """Return the layout for blocks behind so many delays and past samples."""
+    """Return the layout for blocks after the given number of delays and past samples."""
     ring = slice(2, 2 + (delays * ring_size(dt) + 1 if delays else 0))
     place = ring.stop + past
     memories = []
@@ -80,7 +80,7 @@ def layout_of(moving: Sequence[PlacedBlock], delays: int, past: int, dt: float) 
 
 
 def delay_of(delays: FloatArray, dt: float, ahead: bool) -> tuple[int, float]:
-    """Return ticks by which the input comes late and after which part of a tick to read."""
+    """Return the delay of the input in whole ticks, and the part of a tick to sample after."""
     if not delays.size:
         return 0, 1.0 if ahead else 0.0
     whole, part = in_ticks(float(delays.sum()), dt)

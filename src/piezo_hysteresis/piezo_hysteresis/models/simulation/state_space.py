@@ -1,4 +1,4 @@
-"""Linear blocks that follow one another as one continuous system, discretised exactly."""
+"""Exact discretisation of linear blocks in series as one continuous system."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.numerics.exponential import exponential, pace
 from piezo_hysteresis.numerics.linalg import solve_square
 
-# From start, middle and end of a step to value, slope and curvature at its start, step by step.
+# From start, middle and end of a step to value, slope and curvature at its start, per step.
 _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
 
-_AT_ONCE = 1e8  # ratio of a step to a time constant from which it is taken as over at once
+_AT_ONCE = 1e8  # ratio of step to time constant from which a lag is treated as instantaneous
 
 
 class LinearStep(NamedTuple):
@@ -25,7 +25,7 @@ class LinearStep(NamedTuple):
     Attributes
     ----------
     phi, gamma : ndarray, shapes (n, n) and (n, 3)
-        Next state: ``phi x + gamma u``; `phi` is transposed, one column after another.
+        Next state: ``phi x + gamma u``; `phi` is transposed (column by column).
     rows, gains : ndarray, shapes (3, n) and (3, 3)
         Output at start, middle and end: ``rows x + gains u``.
     """
@@ -37,14 +37,14 @@ class LinearStep(NamedTuple):
 
 
 class Hold(NamedTuple):
-    """One tick of a linear system under a held input, read somewhere within it.
+    """One tick of a linear system with a held input, sampled at some instant in it.
 
     Attributes
     ----------
     phi, gamma : ndarray, shapes (n, n) and (n,)
         Next state: ``phi x + gamma u``; `phi` is transposed.
     row, gain : ndarray, shape (n,), and float
-        Reading: ``row x + gain u``.
+        Output: ``row x + gain u``.
     """
 
     phi: FloatArray
@@ -54,7 +54,7 @@ class Hold(NamedTuple):
 
 
 def in_series(systems: Sequence[System]) -> System:
-    """Return one system that stands for `systems`, one behind the other."""
+    """Return the series connection of `systems` as one system."""
     whole = System(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0)
     for each in systems:
         a = np.block(
@@ -70,15 +70,15 @@ def in_series(systems: Sequence[System]) -> System:
 
 
 def fastest(systems: Sequence[System]) -> float:
-    """Return about how fast the fastest pole of `systems` is [1/s]."""
+    """Return the approximate rate of the fastest pole of `systems` [1/s]."""
     sizes = [float(pace(each.a)) if np.all(np.isfinite(each.a)) else np.inf for each in systems]
     return max(sizes, default=0.0)
 
 
 def settled(system: System, dt: float) -> System:
-    """Return the system with lags of nearly nothing taken as over at once.
+    """Return the system with very short lags replaced by their static gain.
 
-    They would drown the rest in rounding. Their states stay where they are.
+    They would cause large rounding errors. Their states remain constant.
     """
     quick = np.abs(np.diagonal(system.a)) * dt > _AT_ONCE
     if not np.any(quick):
@@ -100,9 +100,9 @@ def settled(system: System, dt: float) -> System:
 def step_of(system: System, h: float) -> LinearStep:
     """Return the exact step over `h` [s] for an input that is a parabola.
 
-    The start of the output is chosen such that the mean of the step by Simpson's rule is the exact
-    mean of the output: for anything slow that is the start itself, and for a lag that is over
-    within the step it is the input that it has come to.
+    The start value of the output is such that Simpson's rule gives the exact mean of the output
+    over the step. For slow systems it is the start value itself; for a lag that settles within the
+    step it is the input.
     """
     system = settled(system, h)
     n = system.b.size
@@ -135,7 +135,7 @@ def step_of(system: System, h: float) -> LinearStep:
 
 
 def hold_of(system: System, dt: float, part: float) -> Hold:
-    """Return the exact hold over `dt` [s], read after `part` of it."""
+    """Return the exact hold over `dt` [s], sampled after `part` of it."""
     system = settled(system, dt)
     n = system.b.size
     wide = np.zeros((n + 1, n + 1))
@@ -165,9 +165,9 @@ def _exponential(matrix: FloatArray) -> FloatArray:
 
 @leaf
 def nonzero(phi: FloatArray, places: FloatArray, shares: FloatArray, counts: FloatArray) -> None:
-    """Fill which states move each state i, and by how much: the first counts[i] of both rows.
+    """Fill indices and values of the nonzero entries of each row i of `phi`, counts[i] of them.
 
-    Elements side by side move only themselves: most of `phi` is zero where there are many.
+    Parallel elements are not coupled, so that most of `phi` is zero if there are many.
     """
     n = phi.shape[0]
     for i in range(n):
@@ -221,8 +221,8 @@ def run_held_four(
 ) -> None:
     """Return the outputs from rest for several held inputs, `x` and `y` of shape (m, n).
 
-    Four run side by side: one recursion waits for its own last value most of the time. Each has
-    the bits of `run_held`.
+    Four recursions are interleaved, because a single one mostly waits for its own last value. The
+    results are bitwise those of `run_held`.
     """
     n, many = row.size, x.shape[0]
     buffer, places, shares, counts = (
@@ -285,7 +285,7 @@ def run_path(
     rows: FloatArray,
     gains: FloatArray,
 ) -> None:
-    """Return the output along a path, three points to a step; `state` in place."""
+    """Return the output along a path, three points per step; `state` in place."""
     n, side = state.size, 0
     places, shares, counts, states = scratch((n, n)), scratch((n, n)), scratch(n), scratch((2, n))
     nonzero(phi, places, shares, counts)
@@ -321,7 +321,7 @@ def run_path_four(
 ) -> None:
     """Return the outputs along several paths, `x` and `y` of shape (m, n); `states` in place.
 
-    Four run side by side, as in `run_held_four`, each with the bits of `run_path`.
+    Four are interleaved as in `run_held_four`; the results are bitwise those of `run_path`.
     """
     many, n = states.shape
     buffer, places, shares, counts = (

@@ -1,4 +1,4 @@
-"""A run of blocks followed between the ticks, on as fine a grid as they move."""
+"""Integration of a run of blocks between the ticks, on a grid that their dynamics require."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from piezo_hysteresis.models.simulation.state_space import (
     step_of,
 )
 
-# Most steps per tick; always a power of two, so that few changes of a parameter change the grid.
+# Largest number of steps per tick; a power of two, so that small parameter changes keep the grid.
 _MOST = 64
 _STRIDE = 0.5  # longest step in units of the fastest time constant that shapes a path
-_VALUES = 1 << 14  # values of a path that are followed at a time: what a cache holds
+_VALUES = 1 << 14  # path values integrated at a time, to fit into the cache
 
 
 class PathPiece(NamedTuple):
-    """Parts that are followed together: linear ones as one system, the others one by one."""
+    """Blocks that are integrated together: linear ones as one system, the others one at a time."""
 
     parts: tuple[PlacedBlock, ...]
     memory: slice
@@ -54,19 +54,19 @@ class PathPiece(NamedTuple):
 
 @dataclass(frozen=True)
 class PathRun:
-    """Blocks in a row behind an input that is held over the tick.
+    """Blocks in series after an input that is held over the tick.
 
-    Delays are not among what is followed: they pass through blocks that do not change with time,
-    and are a matter of when the path is read. Functions of the time know that.
+    Delays are not integrated: they commute with time-invariant blocks and only shift the instant
+    at which the path is sampled. Time-dependent blocks account for this shift.
 
     Attributes
     ----------
     parts : tuple of PlacedBlock
         Delays first, then the blocks in order.
     delays : int
-        How many of the parts are delays.
+        Number of delays among the parts.
     ahead : bool
-        Whether the chain is read at the end of the tick, and not at its start.
+        Whether the output is sampled at the end of the tick and not at its start.
     """
 
     parts: tuple[PlacedBlock, ...]
@@ -88,7 +88,7 @@ class PathRun:
 
     @cached_property
     def _groups(self) -> tuple[tuple[tuple[PlacedBlock, ...], bool, bool], ...]:
-        """Parts that are followed together, whether they are linear, whether a path turns."""
+        """Groups of blocks integrated together: linear or not, with path extrema or without."""
         groups: list[tuple[tuple[PlacedBlock, ...], bool, bool]] = []
         turns = False
         for i, part in enumerate(self._moving):
@@ -103,17 +103,17 @@ class PathRun:
 
     @cached_property
     def by_quadrature(self) -> QuadratureRun | None:
-        """The same run by quadrature, where its input approaches monotonically."""
+        """The same run by quadrature, if its input is approached monotonically."""
         return QuadratureRun.of(self._moving, self.delays, self.ahead)
 
     def layout(self, dt: float) -> Layout:
-        """Return where what the run remembers stands in its state."""
+        """Return the layout of the state of the run."""
         return layout_of(self._moving, self.delays, PAST if self._joining else 0, dt)
 
     def free_states(self, dt: float, *, memory: bool = True) -> tuple[int, ...]:
-        """Return the places in the state that an actuator in motion begins with.
+        """Return the indices of the states that are unknown for an actuator in motion.
 
-        Where the start of a tick is read, that is what was read last, too.
+        If the output is sampled at the start of a tick, the last output is one of them.
         """
         inside = [
             own.start + place
@@ -123,7 +123,7 @@ class PathRun:
         return (*(() if self.ahead or not inside else (0,)), *inside)
 
     def pieces(self, layout: Layout) -> list[PathPiece]:
-        """Return the groups with their places in the state."""
+        """Return the groups with the indices of their states."""
         memories = layout.memories
         pieces, first = [], 0
         for parts, linear, turns in self._groups:
@@ -134,7 +134,7 @@ class PathRun:
         return pieces
 
     def initial_state(self, dt: float, start: float) -> FloatArray:
-        """Return the memory at rest; its places are those of `layout`."""
+        """Return the state at rest, with the indices of `layout`."""
         layout = self.layout(dt)
         state = np.zeros(layout.size)
         for part, memory in zip(self._moving, layout.memories, strict=True):
@@ -142,7 +142,7 @@ class PathRun:
         return state
 
     def steps(self, p: FloatArray, dt: float) -> int:
-        """Return the steps per tick that these parameters need; 0 for `quadrature_run`."""
+        """Return the number of steps per tick for these parameters; 0 for `quadrature_run`."""
         key = (p.tobytes(), dt)
         known: tuple[object, int] | None = self.__dict__.get('_steps')
         if known is None or known[0] != key:
@@ -157,7 +157,7 @@ class PathRun:
             return 0
         shaping = self._groups
         if shaping[-1][1] and not self.delays:
-            # linear blocks at the end are exact for their input and read at the end of a step
+            # linear blocks at the end are exact for their input and sampled at the end of a step
             shaping = shaping[:-1]
         pace = max(_pace(parts, p) for parts, _, _ in shaping)
         if not np.isfinite(pace):
@@ -165,15 +165,15 @@ class PathRun:
         least = max(part.block.least_steps for part in self._moving)
         corners = least > Block.least_steps
         if self._moving[0].block.least_steps < least:
-            least *= 2  # a corner that a moving input makes is not known to be one
+            least *= 2  # corners of a continuous input are not detected
         if corners and self.ahead and self.delays:
-            least *= 8  # where it is read anywhere, and not at the end of a step
+            least *= 8  # if it is sampled within a step and not at its end
         stride, most = (0.5 * _STRIDE, 2 * _MOST) if corners else (_STRIDE, _MOST)
         needed = int(2 ** ceil(log2(max(dt * pace / stride, 1.0))))
         return max(least, min(needed, most))
 
     def order(self, p: FloatArray) -> float:
-        """Return how an input that is measured goes from tick to tick; 0 where it is held."""
+        """Return the interpolation order of a measured input between ticks; 0 if it is held."""
         part = self._joining
         return 0.0 if part is None or part.block.joins is None else part.block.joins(p[part.span])
 
@@ -187,7 +187,7 @@ class PathRun:
         frequency: float,
         steps: int | None = None,
     ) -> FloatArray:
-        """Return one number per tick, updating `state` in place.
+        """Return one value per tick, updating `state` in place.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class PathRun:
         state : ndarray
             From `initial_state`.
         steps : int, optional
-            Steps per tick; as many as `p` needs where it is not given.
+            Steps per tick; by default as many as `p` requires.
         """
         steps = self.steps(p, dt) if steps is None else steps
         layout = self.layout(dt)
@@ -229,14 +229,14 @@ class PathRun:
         return output
 
     def timing(self, p: FloatArray, dt: float, is_joined: bool) -> Timing:
-        """Return when the path is read; one that is joined ends at its tick."""
+        """Return the sampling instant of the path; an interpolated path ends at its tick."""
         ticks, part = delay_of(p[: self.delays], dt, self.ahead or is_joined)
         late = 1.0 - part if self.delays else 0.0
         later = is_joined or (not self.ahead and self.delays > 0)
         return Timing(ticks, part, late - 1.0 if later else late)
 
     def made(self, p: FloatArray, dt: float, steps: int) -> tuple[LinearStep | None, ...]:
-        """Return the steps of the linear pieces, made anew where the parameters are new."""
+        """Return the steps of the linear pieces, cached for the last parameters."""
         key = (p.tobytes(), dt, steps)
         known: tuple[object, tuple[LinearStep | None, ...]] | None = self.__dict__.get('_last')
         if known is not None and known[0] == key:
@@ -250,7 +250,7 @@ class PathRun:
 
 
 class Timing(NamedTuple):
-    """Ticks by which the input comes late, part of the tick to read, time ahead of it [ticks]."""
+    """Delay of the input in ticks, part of the tick to sample, time offset of the path [ticks]."""
 
     ticks: int
     part: float
@@ -258,7 +258,7 @@ class Timing(NamedTuple):
 
 
 class PathClock(NamedTuple):
-    """What blocks know of the time: interval [s], drive [Hz], points per tick, ticks ahead."""
+    """Time arguments of blocks: interval [s], drive [Hz], points per tick, ticks ahead."""
 
     dt: float
     frequency: float
@@ -267,7 +267,7 @@ class PathClock(NamedTuple):
 
 
 def _pace(parts: Sequence[PlacedBlock], p: FloatArray) -> float:
-    """Return the fastest rate at which some parts move [1/s]; 0 where they only follow."""
+    """Return the fastest rate of some parts [1/s]; 0 for parts without own dynamics."""
     inner = [part.block.pace(p[part.span]) for part in parts if part.block.pace is not None]
     return max([fastest(systems_of(parts, p)), *inner])
 
@@ -280,7 +280,7 @@ def followed(
     state: FloatArray,
     clock: PathClock,
 ) -> FloatArray:
-    """Return what a piece makes of a path, updating its `state` in place."""
+    """Return the output of a piece along a path, updating its `state` in place."""
     if step is not None:
         output = np.empty_like(path)
         run_path(path, output, state, *step)
@@ -300,7 +300,7 @@ def followed(
 def read_ticks(
     path: FloatArray, output: FloatArray, state: FloatArray, points: int, part: float
 ) -> None:
-    """Read every tick; the start of one is the end of the one before, kept in ``state[0]``."""
+    """Sample each tick; its start is the end of the previous one, stored in ``state[0]``."""
     ends = path[points - 1 :: points]
     if part == 1.0:
         output[:] = ends

@@ -1,8 +1,8 @@
-"""Derivatives of a run that is followed between the ticks, carried along its path.
+"""Derivatives of a run that is integrated between the ticks, propagated along its path.
 
-Pieces pass them on one after another: linear ones by the step that they take themselves, the
-others by the generated derivative of their kernel. A parameter costs its own piece and those
-behind it, and not the whole run.
+Each piece propagates them: linear ones with their own step, the others with the generated
+derivative of their kernel. The cost of a parameter is that of its piece and the following ones,
+not that of the whole run.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ from piezo_hysteresis.models.simulation.substep_run import (
     read_ticks,
 )
 
-_VALUES = 1 << 15  # values of path and derivatives that are followed at a time
+_VALUES = 1 << 15  # values of path and derivatives that are propagated at a time
 
 Around = Mapping[int, tuple[float, float]]
 """Values below and above, one of them the parameter itself where a bound leaves no room."""
 
 
 class _Through(Protocol):
-    """Takes a path and what is carried along through a piece, and goes on from there."""
+    """Propagates a path and its derivatives through a piece, portion by portion."""
 
     def go(self, path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return path and rows behind the piece, those by its own parameters last."""
+        """Return path and derivatives after the piece, those by its own parameters last."""
 
 
 class _Linear:
-    """Blocks that are one linear system; a parameter changes its step.
+    """Blocks that form one linear system; a parameter changes its step.
 
-    What it does to the states is a second system of the same step behind the first.
+    The derivative of the states is a second system with the same step, driven by the first.
     """
 
     def __init__(
@@ -65,14 +65,14 @@ class _Linear:
         ]
 
     def offset(self, amounts: FloatArray) -> None:
-        """Add offsets of the state to the copies of it that move with its own parameters."""
+        """Add offsets of the state to its copies for the derivatives by its own parameters."""
         for _, state in self._own:
             state[: amounts.size] += amounts
 
     def go(self, path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         output, answers = np.empty_like(path), np.empty((len(rows) + len(self._own), path.size))
         m = len(rows)
-        together = m if m % 4 == 3 else m - m % 4  # two alone are no faster side by side
+        together = m if m % 4 == 3 else m - m % 4  # two are not faster if interleaved
         run_path_four(rows[:together], answers[:together], self._states[:together], *self._step)
         for j in range(together, m):
             run_path(rows[j], answers[j], self._states[j], *self._step)
@@ -83,7 +83,7 @@ class _Linear:
 
 
 class _Nonlinear:
-    """One block, or several side by side, by the derivatives of their kernels."""
+    """One block, or parallel ones, by the derivatives of their kernels."""
 
     def __init__(
         self, piece: PathPiece, p: FloatArray, around: Around, clock: PathClock,
@@ -121,7 +121,7 @@ class _Nonlinear:
 
 
 def turned(path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a path with its turns, in which half of a step they lie, and derivatives there."""
+    """Return a path with its extrema, the half of the step of each, and derivatives there."""
     wide, late = np.empty(path.size // 3 * 4), np.empty(path.size // 3)
     with_turns(path, wide, late)
     answers, none = np.empty((len(rows), wide.size)), np.zeros((1, late.size))
@@ -134,7 +134,7 @@ def turned(path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, 
 def with_time(
     block: Block, path: FloatArray, rows: FloatArray, at: At, state: FloatArray, clock: PathClock
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the output of a function of the time and its derivatives, see `intersample`."""
+    """Return the output of a time-dependent block and its derivatives, see `intersample`."""
     count, steps = len(rows) + len(at.columns), clock.points // 3
     output, answers = np.empty_like(path), np.empty((count, path.size))
     for place, memory in moments(block, state, path.size // clock.points, steps, clock.ahead):
@@ -149,29 +149,29 @@ def carried(
     run: PathRun, signal: FloatArray, tangent: FloatArray, p: FloatArray, around: Around,
     dt: float, *, start: float, frequency: float, jump: StateJump | None = None,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Return the output of a run from rest and its derivatives, one number per tick.
+    """Return the output of a run from rest and its derivatives, one value per tick.
 
     Parameters
     ----------
     run : PathRun
-        One that is followed by steps, its input held over the tick.
+        Run that is integrated by steps, with an input held over the tick.
     signal, tangent : ndarray, shapes (n,) and (m, n)
-        Held input, and its derivatives by what is upstream.
+        Held input, and its derivatives from upstream.
     p : ndarray
         Parameters of the parts.
     around : mapping of int to pair of float
-        Which of them to differentiate by, none of them a delay; see `Around`.
+        Parameters to differentiate by, none of them a delay; see `Around`.
     dt, start, frequency : float
         Sampling interval [s], time of the first sample [s], fundamental frequency [Hz].
     jump : StateJump, optional
-        Offsets of the state on the way.
+        Offsets of the state before one sample.
 
     Returns
     -------
     output : ndarray, shape (n,)
-        As `PathRun.respond` has it.
+        As from `PathRun.respond`.
     rows : ndarray, shape (m + len(around), n)
-        Derivatives by what is upstream, then by parameters in the order of the run.
+        Derivatives from upstream, then by parameters in the order of the run.
     """
     steps, layout = run.steps(p, dt), run.layout(dt)
     timing, state = run.timing(p, dt, is_joined=False), run.initial_state(dt, start)
@@ -217,7 +217,7 @@ def _piece(
 
 
 def _columns(piece: PathPiece, around: Around) -> list[int]:
-    """Return those of `around` that are parameters of a piece."""
+    """Return the entries of `around` that are parameters of a piece."""
     inside = range(piece.parts[0].span.start, piece.parts[-1].span.stop)
     return [column for column in inside if column in around]
 
@@ -232,7 +232,7 @@ def _moved_step(
     piece: PathPiece, step: LinearStep, p: FloatArray, column: int, around: tuple[float, float],
     h: float,
 ) -> LinearStep:  # fmt: skip
-    """Return the step of states and their derivatives by a parameter, which is what it answers."""
+    """Return the step of states and of their derivatives by a parameter."""
     below, above = (
         step_of(in_series(systems_of(piece.parts, _with(p, column, value))), h) for value in around
     )
