@@ -1,7 +1,7 @@
-"""The pieces a model is made of, one file each, with their compiled kernels.
+"""The blocks of models, one file each, with their compiled kernels.
 
-Every module of this package that defines ``BLOCK`` (or several, ``BLOCKS``) is registered by
-being there; ``EFFECTS`` beside it says how discovery may add the block to a model.
+Every module of this package that defines ``BLOCK`` (or several, ``BLOCKS``) is registered
+automatically; its ``EFFECTS`` define how discovery may add the block to a model.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ BLOCKS, EFFECTS = _register()
 
 
 def named_block(name: str) -> Block:
-    """Return the registered block called `name`, or several side by side, ``first|second``.
+    """Return the registered block called `name`, or parallel blocks, ``first|second``.
 
     Raises
     ------
     ModelError
-        If there is none.
+        If there is no such block.
     """
     if SEPARATOR in name:
         return side_by_side(*(named_block(each) for each in name.split(SEPARATOR)))

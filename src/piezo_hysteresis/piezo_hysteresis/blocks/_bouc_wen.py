@@ -1,7 +1,7 @@
-"""What Bouc-Wen blocks share: their parameters in the order of the kernel, and its loop.
+"""Common parts of the Bouc-Wen blocks: parameters in the order of the kernel, and its loop.
 
-Blocks that stand for the same hysteresis (Euler step, exact step, with exponent, ...) use the
-same names for the same quantities, so that one can take the place of another and keep the values.
+Blocks of the same hysteresis (Euler step, exact step, with exponent, ...) use the same names for
+the same quantities, so that one can replace another with the same values.
 """
 
 from __future__ import annotations
@@ -64,14 +64,14 @@ PARAMETERS = (
 
 
 def check(values: Mapping[str, float]) -> str:
-    """Return '' or why these values make h grow without bound."""
+    """Return '' or the reason why h is unbounded for these values."""
     if values['beta'] == 0.0 and values['A0'] != 0.0:
         return 'A0 without decay (beta = 0) grows without bound; set beta above 0 or A0 to 0'
     return ''
 
 
 def run_of(step: Any) -> Kernel:
-    """Return the kernel of a law, given ``step(h, du, A, A0, beta, gamma)``: h after a move."""
+    """Return the kernel for ``step(h, du, A, A0, beta, gamma)``, which returns h after a move."""
 
     @jit
     def kernel(

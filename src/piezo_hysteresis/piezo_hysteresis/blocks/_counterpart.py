@@ -1,7 +1,7 @@
-"""What blocks are called in the simulator node, so that a running simulator gets what was found.
+"""Parameter names of blocks in the simulator node, to transfer an identified model to it.
 
-The simulator has its own physics and its own numbers. A block says which of them mean the same by
-its trait `counterpart`; that is a matter of names, and nothing is computed from it here.
+The simulator has separate equations and parameters. The trait `counterpart` of a block maps its
+parameters to the equivalent ones of the simulator.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ Counterpart = Callable[[Mapping[str, float]], SimulatorValues]
 
 
 def switched(effect: str, **names: str) -> Counterpart:
-    """Return a translation one to one that switches an effect of the simulator on.
+    """Return a one-to-one mapping that enables an effect of the simulator.
 
     Parameters
     ----------
     effect : str
-        Its name there.
+        Name of the effect in the simulator.
     **names : str
-        Our parameter to that of the simulator, with ``__`` for the dot.
+        Parameter of the block, and that of the simulator with ``__`` for the dot.
     """
 
     def counterpart(values: Mapping[str, float]) -> SimulatorValues:
@@ -33,7 +33,7 @@ def switched(effect: str, **names: str) -> Counterpart:
 
 
 def bouc_wen(values: Mapping[str, float]) -> SimulatorValues:
-    """Return an off-centre Bouc-Wen hysteresis, its shares over the gain."""
+    """Return the simulator parameters of an off-centre Bouc-Wen hysteresis."""
     gain = values['A1']
     found: SimulatorValues = {
         'effects.bouc_wen': True,
@@ -49,7 +49,7 @@ def bouc_wen(values: Mapping[str, float]) -> SimulatorValues:
 
 
 def first_mode(values: Mapping[str, float]) -> SimulatorValues:
-    """Return the mode that carries the whole motion."""
+    """Return the simulator parameters of the mode in series with the whole displacement."""
     return {
         'effects.resonance': True,
         'structure.natural_frequency': values['natural_frequency'],
@@ -58,7 +58,7 @@ def first_mode(values: Mapping[str, float]) -> SimulatorValues:
 
 
 def second_mode(values: Mapping[str, float]) -> SimulatorValues:
-    """Return a mode that carries a share of the motion."""
+    """Return the simulator parameters of a mode with a share of the displacement."""
     return {
         'effects.second_mode': True,
         'mode_2.frequency': values['resonance_frequency'],

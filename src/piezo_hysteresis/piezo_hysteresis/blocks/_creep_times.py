@@ -1,4 +1,4 @@
-"""How the elements of creep lie in time."""
+"""Time constants of the creep elements."""
 
 from math import sqrt
 
@@ -6,7 +6,7 @@ from piezo_hysteresis.jit import jit
 
 ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
 PER_DECADE = 2
-# Time constants of the spectrum [s]: a decade apart, so that shares in between make any curve.
+# Time constants of the spectrum [s]: one per decade, so that their shares form any creep curve.
 SPECTRUM = (0.01, 0.1, 1.0, 10.0)
 _FIRST = 1.7811  # exp(Euler's constant): the bank then follows log10(1 + t/onset)
 

@@ -1,4 +1,4 @@
-"""Kernels of a mode whose spring is not linear and whose guidance rubs."""
+"""Kernels of a mode with a nonlinear spring and friction in its guidance."""
 
 from math import ceil, exp, pi, sqrt
 
@@ -6,26 +6,26 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
 from piezo_hysteresis.jit import jit, leaf
 
-# Longest step [rad], and how many to a tick: rubbing turns round within a step.
+# Longest step [rad], and limits of the steps per tick: friction may reverse within a step.
 _STRIDE = 0.25
 _FEWEST = 4
 _MOST_PARTS = 400
-_BRIEF = 1e-6  # share of a step that is not worth one of its own
+_BRIEF = 1e-6  # share of a step below which it is not divided
 
 Transition = tuple[float, float, float, float]
-"""Of position and velocity over a time, (a11, a12, a21, a22), see `hold`."""
+"""Transition of position and velocity over a time, (a11, a12, a21, a22), see `hold`."""
 Triple = tuple[float, float, float]
 """Position, velocity and bristles, or the input at start, middle and end of a step."""
 Law = tuple[float, float, float, float, float, float, float, float]
-"""The parameters of the block, and to how much of the linear stiffness a spring is followed."""
+"""The parameters of the block, and the limit of the stiffness over the linear one."""
 
 
 @leaf
 def law_of(p: FloatArray, h: float) -> Law:
-    """Return what rules steps of `h` [s].
+    """Return the coefficients of the law for steps of `h` [s].
 
-    Numbers and not an array: the compiler keeps them in registers, where an array would be read
-    anew after every write to another. That is a factor of 4 in time.
+    They are scalars and not an array: the compiler keeps them in registers, which is 4 times
+    faster.
     """
     stiffest = 1.0 / (2.0 * pi * p[0] * h) ** 2
     return p[0], p[1], p[2], p[3], p[4], p[5], p[6], stiffest
@@ -33,7 +33,7 @@ def law_of(p: FloatArray, h: float) -> Law:
 
 @leaf
 def transitions(law: Law, h: float) -> tuple[Transition, Transition]:
-    """Return the transitions of the linear mode over half a step of `h` [s] and over the whole."""
+    """Return the transitions of the linear mode over half a step of `h` [s] and a whole step."""
     omega = 2.0 * pi * law[0]
     return hold(omega, law[1], 0.5 * h), hold(omega, law[1], h)
 
@@ -56,18 +56,18 @@ def friction_state(
 def spring(position: float, cubic: float, stiffest: float) -> float:
     """Return the cubic share of the restoring force, in metres of static displacement.
 
-    Beyond ``1/sqrt(-cubic)`` a softening spring pushes outwards and the mode would never come
-    back. There, and only there, it is slack instead: no force at all, so that a fit that strays
-    there stays finite. A hardening one is followed up to `stiffest` times the linear stiffness.
+    Beyond ``1/sqrt(-cubic)`` a softening spring is unstable. Its force is zero there, so that a
+    fit remains finite. A hardening spring is limited to `stiffest` times the linear stiffness.
     """
     return min(max(cubic * position * position, -1.0), stiffest) * position
 
 
 @leaf
 def pull(x: float, initial: Triple, time: float, law: Law) -> float:
-    """Return the force that acts back at `x`, `time` after the mode was at `initial`.
+    """Return the restoring force at `x`, `time` after the mode was at `initial`.
 
-    The bristles on the way are given by the move since then, exactly as long as it goes one way.
+    The bristle state follows from the move since then, exactly as long as its direction is
+    constant.
     """
     force = spring(x, law[2], law[7])
     if law[3] > 0.0:
@@ -82,11 +82,11 @@ def pull(x: float, initial: Triple, time: float, law: Law) -> float:
 def advance(
     f: Triple, initial: Triple, law: Law, h: float, over: tuple[Transition, Transition]
 ) -> Triple:
-    """Return where the mode is `h` [s] after `initial` with the input `f`.
+    """Return the state of the mode `h` [s] after `initial` with the input `f`.
 
-    The linear part is exact, by its transition over half and the whole of the step; what the
-    input does within the step and the forces that act back are carried by a Runge-Kutta scheme of
-    fourth order in coordinates that move with the linear part (Lawson).
+    The linear part is exact, by its transition over half and the whole step. The input within the
+    step and the restoring forces are integrated by a Runge-Kutta scheme of fourth order in the
+    coordinates of the linear solution (Lawson).
     """
     half, full = over
     square = (2.0 * pi * law[0]) ** 2
@@ -107,7 +107,7 @@ def advance(
 
 @leaf
 def turn(before: float, after: float, law: Law) -> float:
-    """Return the share of a step at which what rubs turns round; 0 where it does not.
+    """Return the share of a step at which the friction reverses; 0 if it does not.
 
     `before` and `after` are the velocities at its ends.
     """
@@ -131,7 +131,7 @@ def within(f: Triple, begin: float, end: float) -> Triple:
 
 @leaf
 def in_two(f: Triple, initial: Triple, law: Law, h: float, share: float) -> Triple:
-    """Return where the mode is after a step in two parts, the first as long as `share` says."""
+    """Return the state of the mode after a step in two parts, the first of length `share`."""
     first, second = share * h, (1.0 - share) * h
     there = advance(within(f, 0.0, share), initial, law, first, transitions(law, first))
     return advance(within(f, share, 1.0), there, law, second, transitions(law, second))
@@ -141,10 +141,10 @@ def in_two(f: Triple, initial: Triple, law: Law, h: float, share: float) -> Trip
 def turning(
     f: Triple, initial: Triple, law: Law, h: float, over: tuple[Transition, Transition]
 ) -> Triple:
-    """Return where the mode is as `advance` does; where it rubs and turns round, in two parts.
+    """Return the state of the mode as `advance` does, in two parts if the friction reverses.
 
-    The force of the bristles has a corner there. The turn is where the velocity, as far as the
-    whole step tells, runs through zero.
+    The bristle force has a corner there. The reversal is where the velocity, estimated from the
+    whole step, is zero.
     """
     there = advance(f, initial, law, h, over)
     share = turn(initial[1], there[1], law)
@@ -153,7 +153,7 @@ def turning(
 
 @leaf
 def parts_of_a_tick(p: FloatArray, dt: float) -> int:
-    """Return the steps per tick that the forces need: so many to a radian of the stiffest."""
+    """Return the steps per tick for the forces, from the largest stiffness."""
     stiff = 1.0 + p[3] * p[5] / p[4]
     turned = 2.0 * pi * p[0] * dt * sqrt(stiff)
     return int(max(_FEWEST, min(ceil(min(turned / _STRIDE, 1e6)), _MOST_PARTS)))
@@ -179,7 +179,7 @@ def kernel(
 
 @leaf
 def parts_of_a_step(p: FloatArray, dt: float, steps: int) -> int:
-    """Return into how many parts, an even number, one of `steps` per tick is divided."""
+    """Return the even number of parts of one of `steps` per tick."""
     return 2 * max(1, (parts_of_a_tick(p, dt) + 2 * steps - 1) // (2 * steps))
 
 
@@ -188,7 +188,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Return the position along a path, three points to a step; state as in the kernel."""
+    """Return the position along a path, three points per step; state as in the kernel."""
     steps = points // 3
     parts = parts_of_a_step(p, dt, steps)
     h = dt / (steps * parts)

@@ -1,4 +1,4 @@
-"""Sines locked to the drive."""
+"""Sines with a phase locked to the drive."""
 
 from math import cos, pi, sin
 

@@ -16,7 +16,7 @@ def play(x: float, memory: float, half_width: float) -> float:
 def plays(
     x: FloatArray, rows: FloatArray, state: FloatArray, spacing: float, first: float
 ) -> None:
-    """Fill `rows`, shape (len(state), n), with the plays of `bank` one by one."""
+    """Fill `rows`, shape (len(state), n), with the output of each play of `bank`."""
     for j in range(state.size):
         memory, half_width, row = state[j], (j + first) * spacing, rows[j]
         for k in range(x.size):
@@ -28,7 +28,7 @@ def plays(
 @leaf
 def bank(x: float, state: FloatArray, weights: FloatArray, spacing: float, first: float) -> float:
     """Return the weighted sum of plays at thresholds (first + j) spacing; state in place."""
-    # one after the other: plays do not wait for the sum, and are moved several at a time
+    # play by play: independent of the sum, so that the loop is vectorised
     for j in range(weights.size):
         state[j] = play(x, state[j], (j + first) * spacing)
     total = 0.0

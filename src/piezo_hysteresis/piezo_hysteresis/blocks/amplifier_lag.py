@@ -1,4 +1,4 @@
-"""An amplifier or a sensor of limited bandwidth."""
+"""Amplifier or sensor of limited bandwidth: a first-order lag."""
 
 from collections.abc import Mapping
 from math import exp, inf, pi
@@ -11,14 +11,14 @@ from piezo_hysteresis.blocks.base import Approach, Between, Block, Parameter, Sl
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
-_SHORTEST = 1e-18  # s; stands for none where the lag is a pole among others
+_SHORTEST = 1e-18  # s; equivalent to no lag if it is one of several poles
 
 
 @jit
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Return what lags behind an input that is held, at the end of each tick; state is that."""
+    """Return the low-pass filtered held input at the end of each tick; state is the output."""
     kept = exp(-dt / p[0]) if p[0] > 0.0 else 0.0
     lagging = state[0]
     for k in range(x.size):
@@ -34,7 +34,7 @@ def system(p: FloatArray) -> System:
 
 
 def approach(p: FloatArray) -> Approach:
-    """Return how a held input is approached."""
+    """Return the exponential approach to a held input."""
     return Approach(float(p[0]), inf)
 
 

@@ -1,4 +1,4 @@
-"""The papers' recursion that stands for the dynamics of the structure."""
+"""Autoregression of the papers, a model of the dynamics of the structure."""
 
 from collections.abc import Mapping
 
@@ -28,7 +28,7 @@ def kernel(
 
 
 def unstable(c1: float, c2: float, names: str) -> str:
-    """Return '' or why ``y[k] = y[k-1] + c1 y[k-2] + c2 y[k-3]`` does not decay."""
+    """Return '' or the reason why ``y[k] = y[k-1] + c1 y[k-2] + c2 y[k-3]`` does not decay."""
     radius = float(np.max(np.abs(np.roots([1.0, -1.0, -c1, -c2]))))
     if radius < 1.0:
         return ''
@@ -39,7 +39,7 @@ def unstable(c1: float, c2: float, names: str) -> str:
 
 
 def check(values: Mapping[str, float]) -> str:
-    """Return '' or why the recursion is unstable."""
+    """Return '' or the reason why the recursion is unstable."""
     return unstable(values['c1'], values['c2'], 'c1, c2')
 
 

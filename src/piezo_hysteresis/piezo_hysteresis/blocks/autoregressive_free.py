@@ -1,4 +1,4 @@
-"""The recursion that the printed regressor of Fujii 2018 identifies."""
+"""Free second-order autoregression, as identified by the printed regressor of Fujii 2018."""
 
 from collections.abc import Mapping
 
@@ -26,7 +26,7 @@ def kernel(
 
 
 def check(values: Mapping[str, float]) -> str:
-    """Return '' or why the recursion does not decay."""
+    """Return '' or the reason why the recursion does not decay."""
     a1, a2 = values['a1'], values['a2']
     radius = float(np.max(np.abs(np.roots([1.0, -a1, -a2]))))
     if radius < 1.0:

@@ -1,9 +1,8 @@
-"""What a block is: a typed, compiled piece of a model with an explicit memory.
+"""Definition of a block: a typed, compiled element of a model with an explicit state.
 
 A block is one compiled recursion ``kernel(x, y, state, p, dt, frequency)`` that reads the input
 ``x``, writes the output ``y`` of the same length and updates ``state`` in place. A whole record is
-one call, one sample is a call of length one: both give the same bits because they are the same
-code.
+one call, one sample is a call of length one; the results are bitwise equal.
 """
 
 from __future__ import annotations
@@ -47,16 +46,16 @@ class Between(StrEnum):
     INSTANT = 'instant'  # a function of the input at the same instant
     PATH = 'path'  # a rate-independent function of the path of the input
     LINEAR = 'linear'  # a linear system with a state, see `Block.system`
-    INNER = 'inner'  # moves by itself under a held input, see `Block.along`
-    CLOCK = 'clock'  # adds or multiplies by a function of the time
+    INNER = 'inner'  # has own dynamics with a held input, see `Block.along`
+    CLOCK = 'clock'  # adds or multiplies by a function of time
     DELAY = 'delay'  # the input later
     TICK = 'tick'  # a recursion from tick to tick: samples its input and holds its output
 
 
 class Part(StrEnum):
-    """What a block is to an inverse in closed form; chains of other blocks are solved numerically.
+    """Role of a block in an inverse in closed form; chains of other blocks are solved numerically.
 
-    Named after what `compensation.inverses` does with it.
+    The names are those of `compensation.inverses`.
     """
 
     EXACT = 'exact'  # Bouc-Wen by its exact step
@@ -65,8 +64,8 @@ class Part(StrEnum):
     PLAYS = 'plays'  # a bank of plays whose weights are solved segment by segment
     GAIN = 'gain'
     RECURSION = 'recursion'  # an autoregression of the displacement
-    OSCILLATOR = 'oscillator'  # the hysteresis sits in the restoring force
-    SELECTOR = 'selector'  # the law itself leads from displacement to voltage
+    OSCILLATOR = 'oscillator'  # the hysteresis is in the restoring force
+    SELECTOR = 'selector'  # the law itself is from displacement to voltage
     STRUCTURE = 'structure'  # one mode, inverted on the derivatives of the reference
     ZERO = 'zero'  # a constant of the reading
 
@@ -107,7 +106,7 @@ class Approach(NamedTuple):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a block.
+    """One parameter of a block.
 
     Attributes
     ----------
@@ -118,7 +117,7 @@ class Parameter:
     default : float
         Default value.
     low, high : float
-        Physical bounds; fits stay inside, loading refuses values outside.
+        Physical bounds of fits and of loaded values.
     description : str
         One sentence.
     scale : float
@@ -142,7 +141,7 @@ class Parameter:
 
     @property
     def held(self) -> bool:
-        """Whether the bounds leave it no room, so that fits leave it alone."""
+        """Whether the bounds coincide, so that it is not fitted."""
         return self.low == self.high
 
 
@@ -261,14 +260,14 @@ class Block:
     counterpart: Counterpart | None = field(default=None, compare=False)
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
-        """Return the memory of the block at rest, shape (state_size,).
+        """Return the state of the block at rest, shape (state_size,).
 
         Parameters
         ----------
         dt : float
             Sampling interval [s].
         start : float
-            Time of the first sample [s]; matters to clocked and phased blocks only.
+            Time of the first sample [s]; used by clocked and phased blocks only.
         """
         size = self.state_size if isinstance(self.state_size, int) else self.state_size(dt)
         state = np.zeros(size)
@@ -311,16 +310,16 @@ class Block:
         return self.between is Between.PATH and not self.unknown
 
     def defaults(self) -> dict[str, float]:
-        """Return every parameter at its default."""
+        """Return the default of every parameter."""
         return {parameter.name: parameter.default for parameter in self.parameters}
 
     def pack(self, values: Mapping[str, float]) -> FloatArray:
-        """Order `values` as the kernel reads them; missing ones take their default.
+        """Return `values` in the order of the kernel; missing ones take their default.
 
         Raises
         ------
         ModelError
-            If a value is outside its bounds, not finite, or the block refuses the combination.
+            If a value is outside its bounds or not finite, or the combination is invalid.
         """
         known = {parameter.name for parameter in self.parameters}
         stray = sorted(set(values) - known)

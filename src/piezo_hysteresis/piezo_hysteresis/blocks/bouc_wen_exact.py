@@ -35,7 +35,7 @@ def exact_step(h: float, du: float, a: float, a0: float, beta: float, gamma: flo
         return h
     if h * c < 0.0:
         kp = beta - side * gamma if c > 0.0 else beta + side * gamma
-        # h moves towards zero under both terms and reaches it after `needed`
+        # both terms reduce h, which is zero after `needed`
         ratio = kp * h / c
         if ratio < 1.0:
             needed = -h / c if abs(ratio) < 1e-12 else log1p(-ratio) / kp
@@ -75,7 +75,7 @@ EFFECTS = (
         where='of the input',
         block=BLOCK,
         replaces=('gain',),
-        inexactness=0.07,  # one loop stands for those of many domains
+        inexactness=0.07,  # one loop represents those of many domains
         holds={'A0': 0.0},
         neutral={'A': 0.0},
         start={'A': 4e-5, 'beta': 2.0, 'gamma': 0.2},

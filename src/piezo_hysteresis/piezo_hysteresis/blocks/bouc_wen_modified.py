@@ -1,4 +1,4 @@
-"""The modified Bouc-Wen law of Fang 2019 with its bias and frequency terms, in our reading."""
+"""Modified Bouc-Wen law of Fang 2019 with bias and frequency terms, as interpreted here."""
 
 from collections.abc import Mapping
 
@@ -17,8 +17,8 @@ def along(
 ) -> None:  # fmt: skip
     """Return ``A1 u - h``; state is (last voltage [V], h [m], filtered rate [V/s]).
 
-    Exact but for the voltage in the bias term, which is that of the middle of the step; the rate
-    is that of the tick.
+    Exact except for the voltage in the bias term, which is that in the middle of the step; the
+    rate is that of the tick.
     """
     a1, a, beta, gamma, epsilon, bias = p[0], p[1], p[2], p[3], p[4], p[5]
     last, h, rate = state[0], state[1], state[2]
@@ -37,7 +37,7 @@ def along(
 
 
 def check(values: Mapping[str, float]) -> str:
-    """Return '' or why these values make h grow without bound."""
+    """Return '' or the reason why h is unbounded for these values."""
     if values['beta'] == 0.0 and values['epsilon'] != 0.0:
         return 'epsilon without decay (beta = 0) grows without bound; set beta > 0 or epsilon = 0'
     return ''

@@ -1,4 +1,4 @@
-"""An oscillator whose restoring force has hysteresis: force in, displacement out."""
+"""Oscillator with a hysteretic restoring force: force as input, displacement as output."""
 
 from collections.abc import Mapping
 from math import ceil, pi, sqrt
@@ -12,17 +12,17 @@ from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.numerics.linalg import solve_square
 
 _PHASES = 20  # points between two samples at which the force is interpolated
-_TAPS = 12  # samples that the interpolation looks back
-_BAND = 0.45  # of the Nyquist frequency, up to which it is right
+_TAPS = 12  # past samples used by the interpolation
+_BAND = 0.45  # share of the Nyquist frequency up to which it is accurate
 _STRIDE = 0.15  # longest step in units of the fastest time constant
 
 
 def _interpolator() -> FloatArray:
     """Return least-squares weights, shape (_TAPS, _PHASES + 1), newest sample first.
 
-    Column i gives the value i/_PHASES of the way from the last sample but one to the last. Only
-    the past is used, so that one sample at a time and a whole record give the same; a band-limited
-    input is oversampled enough for that (1e-4 of the output at 0.4 of the Nyquist frequency).
+    Column i gives the value at i/_PHASES of the interval between the last two samples. Only past
+    samples are used, so that single samples and a whole record give the same result; for a
+    band-limited input the error is 1e-4 of the output at 0.4 of the Nyquist frequency.
     """
     frequencies = np.linspace(0.0, pi * _BAND, 400)
     basis = np.exp(-1j * np.outer(frequencies, np.arange(_TAPS)))
@@ -78,7 +78,7 @@ def advance(
     p: FloatArray,
     height: float,
 ) -> tuple[float, float, float]:
-    """Return (x, v, z) after one Runge-Kutta step, forces at its start, middle and end."""
+    """Return (x, v, z) after one Runge-Kutta step with forces at its start, middle and end."""
     a1, z1 = rates(x, v, z, f[0], p, height)
     v2 = v + 0.5 * h * a1
     a2, z2 = rates(x + 0.5 * h * v, v2, z + 0.5 * h * z1, f[1], p, height)
@@ -106,7 +106,7 @@ def kernel(
     """Return the displacement at each sample; state is (x, v, z, last inputs, newest first)."""
     scale = abs(p[4]) + abs(p[5])
     height = abs(p[3]) / scale if scale > 0.0 else 0.0
-    # as many steps between two interpolated forces as the structure needs
+    # number of steps between two interpolated forces for the structure
     finer = max(1, ceil(min(fastest(p) * dt / (_PHASES // 2 * _STRIDE), 10000.0)))
     h = dt / (_PHASES // 2 * finer)
     share = 1.0 / finer
@@ -123,7 +123,7 @@ def kernel(
         interpolate(past, p[7], forces)
         for i in range(0, _PHASES, 2):
             f0, f1, f2 = forces[i], forces[i + 1], forces[i + 2]
-            # parabola through the three, so that finer steps see no corners
+            # parabola through the three, so that finer steps have no corners
             slope, bend = f2 - f0, 2.0 * (f2 - 2.0 * f1 + f0)
             for part in range(finer):
                 t0 = part * share
@@ -145,7 +145,7 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Return the displacement along a path of the force, three points to a step."""
+    """Return the displacement along a path of the force, three points per step."""
     scale = abs(p[4]) + abs(p[5])
     height = abs(p[3]) / scale if scale > 0.0 else 0.0
     steps = points // 3
@@ -182,12 +182,12 @@ def along(
 
 
 def joins(p: FloatArray) -> float:
-    """Return how the force goes from sample to sample."""
+    """Return the interpolation order of the force between samples."""
     return float(p[7])
 
 
 def check(values: Mapping[str, float]) -> str:
-    """Return '' or why the restoring force cannot be one."""
+    """Return '' or the reason why the restoring force is invalid."""
     if values['stiffness'] + values['z_alpha'] <= 0.0:
         return 'stiffness + z_alpha must be positive, or the structure falls over; raise either'
     stiffest = values['stiffness'] + abs(values['z_alpha'])
@@ -244,7 +244,7 @@ BLOCK = Block(
 
 
 def from_linear(values: Mapping[str, float]) -> dict[str, float]:
-    """Translate a gain and a mode, ``A1 [m/N], natural_frequency, damping_ratio``."""
+    """Convert a gain and a mode, ``A1 [m/N], natural_frequency, damping_ratio``."""
     stiffness = 1.0 / max(values['A1'], 1e-12)
     omega = 2.0 * pi * values['natural_frequency']
     mass = stiffness / omega**2
@@ -256,7 +256,7 @@ def from_linear(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def guess(seen: Residual) -> list[dict[str, float]]:
-    """Return oscillators part of whose stiffness yields within the motion that is seen."""
+    """Return start values with part of the stiffness yielding within the measured motion."""
     linear = from_linear(seen.values)
     reach = float(np.max(np.abs(seen.simulated + seen.residual)))
     if reach <= 0.0:
@@ -282,7 +282,7 @@ EFFECTS = tuple(
         block=BLOCK,
         replaces=('mode',),
         absorbs=('gain',),
-        inexactness=0.07,  # one loop stands for those of many domains
+        inexactness=0.07,  # one loop represents those of many domains
         convert=from_linear,
         holds={'z_exponent': 1.0, 'interpolation': interpolation},
         neutral={'z_alpha': 0.0},

@@ -1,4 +1,4 @@
-"""Bouc-Wen hysteresis with an exponent: how abruptly h saturates."""
+"""Bouc-Wen hysteresis with an exponent, which sets how abruptly h saturates."""
 
 from collections.abc import Mapping
 from math import ceil
@@ -12,26 +12,26 @@ from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit, leaf
 
-# Longest stride in units of the memory 1/(n (beta + |gamma|)), and that of the fourth order.
+# Longest step in units of the memory 1/(n (beta + |gamma|)), and that of the fourth-order method.
 _STRIDE, _LONG_STRIDE = 0.05, 0.2
 _MOST_STRIDES = 1000
-# Exponent from which on the decay is smooth enough where h passes zero for strides of that order.
+# Exponent from which the decay is smooth enough at h = 0 for the fourth-order method.
 _SMOOTH = 1.2
-_BEYOND = 1.1  # times its height up to which h is followed in long strides
+_BEYOND = 1.1  # multiple of its height up to which h is integrated in long steps
 
 
 @leaf
 def exponent_factor(h: float, height: float, exponent: float) -> float:
-    """Return ``|h/height|^(exponent - 1)``, by which the decay of h differs from exponent 1."""
+    """Return ``|h/height|^(exponent - 1)``, the ratio of the decay of h to that for exponent 1."""
     if exponent == 1.0 or height == 0.0:
         return 1.0
-    # below a billionth of the height the decay is nothing, or infinite for exponents under 1
+    # below a billionth of the height the decay is zero, or infinite for exponents under 1
     return float(max(abs(h) / height, 1e-9) ** (exponent - 1.0))
 
 
 @leaf
 def full_height(a: float, a0: float, beta: float, gamma: float) -> float:
-    """Return where h saturates [m], the same for every exponent."""
+    """Return the saturation level of h [m], the same for every exponent."""
     rate = beta + gamma
     return (abs(a) + abs(a0)) / rate if rate > 0.0 else 0.0
 
@@ -50,12 +50,12 @@ def long_strides(
     h: float, du: float, p: tuple[float, float, float, float], height: float, exponent: float,
     strides: int,
 ) -> float:  # fmt: skip
-    """Return h after `du` in strides of a Runge-Kutta method of fourth order."""
+    """Return h after `du` in steps of a Runge-Kutta method of fourth order."""
     way = 1.0 if du > 0.0 else -1.0
     d = abs(du) / strides
     for done in range(strides):
         k1 = slope(h, way, p, height, exponent)
-        if abs(k1) * (strides - done) * d < 1e-12 * height:  # saturated: h stays where it is
+        if abs(k1) * (strides - done) * d < 1e-12 * height:  # saturated: h is constant
             break
         k2 = slope(h + 0.5 * d * k1, way, p, height, exponent)
         k3 = slope(h + 0.5 * d * k2, way, p, height, exponent)
@@ -70,9 +70,9 @@ def kernel(
 ) -> None:
     """Return ``A1 u - h``; state is (last voltage [V], h [m]).
 
-    Well above exponent 1 the decay is smooth and strides are of fourth order. Elsewhere, and where
-    h decays so fast that strides would be many, the decay is frozen at the middle of short strides
-    and each made exactly: second order, stable always, the exact step itself for exponent 1.
+    Well above exponent 1 the decay is smooth and the method is of fourth order. Otherwise, and if
+    fast decay would need many steps, the decay rate is frozen at the middle of short steps, each
+    of which is exact: second order, always stable, and the exact step for exponent 1.
     """
     a1, a, a0, beta, gamma, exponent = p[0], p[1], p[2], p[3], p[4], p[5]
     height = full_height(a, a0, beta, gamma)
@@ -82,7 +82,7 @@ def kernel(
         du = x[k] - last
         last = x[k]
         strides = max(1, ceil(min(abs(du) * rate * _STRIDE / _LONG_STRIDE, _MOST_STRIDES)))
-        # beyond its height h decays faster than the strides are made for
+        # beyond its height h decays too fast for long steps
         if exponent > _SMOOTH and strides < _MOST_STRIDES and abs(h) <= _BEYOND * height:
             h = long_strides(h, du, (a, a0, beta, gamma), height, exponent, strides)
             y[k] = a1 * last - h
@@ -124,7 +124,7 @@ def euler_kernel(
         rate = (beta + abs(gamma)) * abs(du)
         now = exponent_factor(h, height, exponent)
         if now * rate > 1.0 and exponent != 1.0:
-            now = 1.0 / rate  # a coarse step may use h up, not more
+            now = 1.0 / rate  # a coarse step may reduce h to zero, not further
         h = euler_step(h, du, a, a0, now * beta, now * gamma)
         y[k] = a1 * last - h
     state[0] = last

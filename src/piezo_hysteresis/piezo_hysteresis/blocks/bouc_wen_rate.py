@@ -1,4 +1,4 @@
-"""Bouc-Wen hysteresis whose memory depends on how fast the voltage moves."""
+"""Bouc-Wen hysteresis with a decay that depends on the rate of the voltage."""
 
 from math import expm1
 from typing import Any
@@ -14,7 +14,7 @@ from piezo_hysteresis.jit import jit, leaf
 
 @leaf
 def filtered_rate(rate: float, du: float, dt: float, memory: float) -> float:
-    """Return the rate of the voltage [V/s] as domains feel it: a low pass of |du/dt|."""
+    """Return the rate of the voltage that acts on the domains [V/s]: low-pass filtered |du/dt|."""
     now = abs(du) / dt
     return now if memory == 0.0 else rate - (now - rate) * expm1(-dt / memory)
 
@@ -26,7 +26,7 @@ def rate_factor(rate: float, corner: float, exponent: float) -> float:
 
 
 def _along(step: Any) -> Any:
-    """Return the kernel of a law whose decay depends on the rate, given its step."""
+    """Return the kernel of a law with a rate-dependent decay, for its step function."""
 
     @jit
     def along(
@@ -35,8 +35,7 @@ def _along(step: Any) -> Any:
     ) -> None:  # fmt: skip
         """Return ``A1 u - h``; state is (last voltage [V], h [m], filtered rate [V/s]).
 
-        The rate of a tick is that of the line from the last voltage to the present one: a held
-        voltage has no other.
+        The rate of a tick is the difference from the previous voltage over the interval.
         """
         a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
         last, h, rate = state[0], state[1], state[2]
@@ -122,7 +121,7 @@ EFFECTS = tuple(
         variant=block.name,
         block=block,
         replaces=(replaced,),
-        inexactness=0.07,  # one law of the rate stands for those of many relaxations
+        inexactness=0.07,  # one rate law represents those of many relaxations
         neutral={'rate_exponent': 0.0},
         start={'rate_corner': 10.0, 'rate_exponent': 0.3, 'rate_memory': 2e-3},
         alternatives=(

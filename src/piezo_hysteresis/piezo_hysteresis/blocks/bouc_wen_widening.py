@@ -1,4 +1,4 @@
-"""Bouc-Wen hysteresis whose loop widens with the logarithm or a power of the rate."""
+"""Bouc-Wen hysteresis with a loop that widens with the logarithm or a power of the rate."""
 
 from collections.abc import Mapping
 from math import log1p
@@ -18,7 +18,7 @@ def respond_widened(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, memory: float,
     power: float, points: int,
 ) -> None:  # fmt: skip
-    """Return ``A1 u - w h``, w by a power of the rate, or where that is 0 by its logarithm.
+    """Return ``A1 u - w h``, with w from a power of the rate, or its logarithm if the power is 0.
 
     State is (last voltage [V], h [m], filtered rate [V/s]); the rate is that of the tick.
     """

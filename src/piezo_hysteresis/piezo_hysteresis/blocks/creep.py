@@ -1,4 +1,4 @@
-"""Displacement that goes on growing under a constant voltage."""
+"""Creep: displacement that continues to grow at constant voltage."""
 
 from collections.abc import Mapping
 from math import expm1
@@ -12,7 +12,7 @@ from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit, leaf
 
-# Nearer than this two elements are as good as one, and a fit that has them meet stays there.
+# Smallest ratio of two time constants: closer elements are equivalent to one, where a fit stalls.
 _APART = 3.0
 
 
@@ -26,7 +26,7 @@ def element(
     tau: float,
     dt: float,
 ) -> None:
-    """Add c of ``tau c' = share v - c`` to `y`, which the first element begins with v."""
+    """Add c of ``tau c' = share v - c`` to `y`, which the first element sets to v."""
     rest = -expm1(-dt / tau)
     crept = state[place]
     for k in range(x.size):
@@ -56,7 +56,7 @@ def pair_kernel(
 def logarithmic_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Return ``v`` with a bank of elements two to the decade; state is their outputs [m]."""
+    """Return ``v`` with a bank of two elements per decade; state is their outputs [m]."""
     for i in range(ELEMENTS):
         element(x, y, state, i, p[0] / PER_DECADE, p[1] * over_onset(i), dt)
 

@@ -1,4 +1,4 @@
-"""A displacement that runs away."""
+"""Drift of the displacement: linear in time, or exponential after warming up."""
 
 from math import expm1
 

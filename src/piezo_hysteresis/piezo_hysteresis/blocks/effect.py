@@ -1,4 +1,4 @@
-"""What discovery knows about a missing effect besides the block that models it."""
+"""Definition of an effect: a block, and how discovery adds it to a model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from piezo_hysteresis.blocks.base import Block
 
 
 class Residual(NamedTuple):
-    """What a start guess may look at: one record and what the model without the effect says.
+    """Input of a start guess: one record and the response of the model without the effect.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class Residual(NamedTuple):
     dt : float
         Sampling interval [s].
     frequency : float
-        Fundamental frequency of the excitation [Hz]; 0 where there is none.
+        Fundamental frequency of the excitation [Hz]; 0 if there is none.
     start : float
         Time of the first sample [s].
     values : mapping of str to float
@@ -42,14 +42,14 @@ Guess = Callable[[Residual], Mapping[str, float] | Sequence[Mapping[str, float]]
 Convert = Callable[[Mapping[str, float]], Mapping[str, float]]
 
 
-# A gain that differs by less over the band below does not tell a lag from a delay [Hz].
+# Frequency [Hz] below which the gain does not distinguish a lag from a delay.
 HIGH_FREQUENCY = 100.0
-# So many sines tell what follows the rate.
+# Number of sines that determine a dependence on the rate.
 FEWEST_FREQUENCIES = 5
 
 
 class Coverage(Enum):
-    """What records must hold for some effects to be distinguished, and how to record it."""
+    """Content of records that is required to distinguish effects, and how to record it."""
 
     FAST = f'add a chirp above {HIGH_FREQUENCY:g} Hz: there a lag loses gain, a delay not'
     WIDE = f'sweep {FEWEST_FREQUENCIES} frequencies or more, from 1 Hz to the highest in use'
@@ -109,21 +109,21 @@ class Effect:
     refits : bool
         Whether it has no own parameters but refits those of the model.
     inexactness : float
-        Share of the effect that its law is known not to describe [1]. What is left of an actuator
-        after it is that large at least, so nothing smaller is given a name.
+        Relative error of the law of the effect [1]. The residual after the effect is at least this
+        large, so that a smaller one is not named.
     repeatable : bool
         Whether a model may have it several times (modes, tones, creep elements).
     start : mapping of str to float
-        Where a fit starts, for an input amplitude of 1 V and a displacement amplitude of 130 um.
+        Start values of a fit for an input amplitude of 1 V and a displacement amplitude of 130 um.
     alternatives : tuple of mapping
-        Further starts, each completing `start`, where several basins are to be tried (signs,
+        Further start values, each completing `start`, for several local optima (signs,
         frequencies).
     guess : callable or None
-        ``guess(residual)`` returns better start values for some of the parameters, or several
-        such mappings where several basins are to be tried.
+        ``guess(residual)`` returns better start values of some parameters, or several such
+        mappings for several local optima.
     convert : callable or None
-        ``convert(values)`` translates the values of the replaced blocks for `block`, and those of
-        other blocks that change with them; the result with `neutral` reproduces the model.
+        ``convert(values)`` converts the values of the replaced blocks for `block`, and dependent
+        values of other blocks; the result with `neutral` reproduces the model.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Strain that grows with the square of the voltage."""
+"""Electrostriction: strain proportional to the square of the voltage."""
 
 from collections.abc import Mapping
 
@@ -28,7 +28,7 @@ def input_kernel(
 
 
 def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    # A strain is counted against the gain of the actuator there.
+    # The strain is relative to the gain of the actuator there.
     return {
         'effects.electrostriction': True,
         'electrostriction.coefficient': values['electrostriction'] / values['A1'],

@@ -1,4 +1,4 @@
-"""The papers' third and fifth harmonic: a recursion driven by sines locked to the drive."""
+"""Third and fifth harmonic of the papers: a recursion driven by sines locked to the drive."""
 
 from collections.abc import Mapping
 
@@ -26,12 +26,12 @@ def kernel5(
 
 
 def check3(values: Mapping[str, float]) -> str:
-    """Return '' or why the recursion is unstable."""
+    """Return '' or the reason why the recursion is unstable."""
     return unstable(values['c3'], values['c4'], 'c3, c4')
 
 
 def check5(values: Mapping[str, float]) -> str:
-    """Return '' or why the recursion is unstable."""
+    """Return '' or the reason why the recursion is unstable."""
     return unstable(values['c5'], values['c6'], 'c5, c6')
 
 

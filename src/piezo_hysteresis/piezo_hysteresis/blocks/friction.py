@@ -24,7 +24,7 @@ def backlash_kernel(
 def stiction_kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Return the position under stick-slip; state is the last position [m]."""
+    """Return the position with stick-slip; state is the last position [m]."""
     for k in range(x.size):
         if abs(x[k] - state[0]) > p[0] or p[0] == 0.0:
             state[0] = x[k]
@@ -36,10 +36,10 @@ def stiction_along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Return the position under stick-slip along a path; state is the last position [m].
+    """Return the position with stick-slip along a path; state is the last position [m].
 
-    A drive that jumps, as it may at a tick, is caught up with; one that moves is let go by the
-    break-away distance every time it has run ahead by that.
+    After a jump of the drive at a tick the position follows it completely; a continuous drive is
+    followed in slips of the break-away distance.
     """
     reach = p[0]
     for k in range(x.size):

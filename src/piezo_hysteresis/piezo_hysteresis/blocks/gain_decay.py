@@ -1,4 +1,4 @@
-"""A stroke that shrinks with time."""
+"""Decay of the gain with time."""
 
 from math import expm1
 

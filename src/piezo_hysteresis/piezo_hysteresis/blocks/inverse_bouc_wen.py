@@ -1,4 +1,4 @@
-"""Bouc-Wen hysteresis written from displacement to voltage, answered the other way round.
+"""Bouc-Wen hysteresis from displacement to voltage, solved for the displacement.
 
 Xiao 2014 identifies the inverse directly: the voltage is a Bouc-Wen function of the displacement.
 That law is the compensator; solved for the displacement at every sample it is also a model.
@@ -26,8 +26,8 @@ def solve_step(
 ) -> float:
     """Return the move d of x for which ``gain x - h`` grows by `needed`.
 
-    Newton's method on the exact step, kept inside a bracket; the slope of ``gain x - h`` must be
-    positive, where it is not the bracket is given up after some doublings and its end returned.
+    Newton's method on the exact step, limited to a bracket. The slope of ``gain x - h`` must be
+    positive; otherwise the end of the bracket is returned after a number of doublings.
     """
     if needed == 0.0:
         return 0.0
@@ -52,7 +52,7 @@ def solve_step(
         if side * (new - low) < 0.0 or side * (high - new) < 0.0:
             new = 0.5 * (low + high)
         if abs(new - d) <= 1e-8 * abs(d):
-            return new  # quadratic: what is left is below rounding
+            return new  # quadratic convergence: the remaining error is below rounding
         d = new
     return d
 
@@ -82,7 +82,7 @@ def at_place(p: FloatArray, first: int, place: float) -> float:
 
 @leaf
 def selected_step(d: float, h: float, p: FloatArray, dt: float) -> tuple[float, float]:
-    """Return by how much the voltage grows with a move `d` within `dt`, and h behind it."""
+    """Return the increase of the voltage for a move `d` within `dt`, and h after it."""
     place = min(max(abs(d) / dt / p[0] * KNOTS - 1.0, 0.0), KNOTS - 1.0)
     a = at_place(p, 1 + KNOTS, place)
     beta = at_place(p, 1 + 2 * KNOTS, place)
@@ -94,9 +94,9 @@ def selected_step(d: float, h: float, p: FloatArray, dt: float) -> tuple[float, 
 
 @leaf
 def solve_selected(needed: float, h: float, p: FloatArray, dt: float) -> float:
-    """Return the smallest move d that lets the voltage grow by `needed`, by the row of its slope.
+    """Return the smallest move d that increases the voltage by `needed`, by the row of its slope.
 
-    It is searched for from knot to knot, and between two of them by the regula falsi (Illinois).
+    It is searched from knot to knot, and between two knots by the regula falsi (Illinois).
     """
     if needed == 0.0:
         return 0.0
@@ -135,8 +135,8 @@ def selector_along(
 ) -> None:  # fmt: skip
     """Return the displacement; state is (displacement [m], h [V], voltage of the law [V]).
 
-    A move takes the row of its own slope, as in the compensator: by the row of the move before, a
-    free run is chaotic where a table changes by more than the slope does. Voltage and h are kept
+    A move uses the row of its own slope, as in the compensator. With the row of the previous move,
+    a free run is chaotic where the table changes faster than the slope. Voltage and h are kept
     when the parameters change.
     """
     position, h, voltage = state[0], state[1], state[2]
@@ -161,7 +161,7 @@ def selector_kernel(
 
 
 def monotone(gain: float, a: float, beta: float, gamma: float) -> str:
-    """Return '' or why the voltage does not grow with the displacement."""
+    """Return '' or the reason why the voltage does not increase with the displacement."""
     if a == 0.0:
         return ''
     if beta + gamma <= 0.0:
@@ -176,7 +176,7 @@ def monotone(gain: float, a: float, beta: float, gamma: float) -> str:
 
 
 def check(values: Mapping[str, float]) -> str:
-    """Return '' or why the law cannot be solved for the displacement."""
+    """Return '' or the reason why the law cannot be solved for the displacement."""
     return monotone(
         values['inverse_gain'],
         values['inverse_A'],
@@ -186,7 +186,7 @@ def check(values: Mapping[str, float]) -> str:
 
 
 def selector_check(values: Mapping[str, float]) -> str:
-    """Return '' or why the law cannot be solved at one of the knots."""
+    """Return '' or the reason why the law cannot be solved at one of the knots."""
     for i in range(1, KNOTS + 1):
         reason = monotone(
             values[f'inverse_gain_at{i}'],

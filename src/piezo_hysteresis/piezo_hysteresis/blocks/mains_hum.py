@@ -1,4 +1,4 @@
-"""A fixed tone that does not come from the drive."""
+"""Tone of fixed frequency that is independent of the drive."""
 
 from collections.abc import Mapping
 from math import atan2, cos, hypot, pi, sin
@@ -13,7 +13,7 @@ from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.numerics.spectrum import non_harmonic_lines
 
-# Lines about one that tell how large it is among them.
+# Number of neighbouring lines for the background of a line.
 _ABOUT = 51
 
 
@@ -32,10 +32,10 @@ def kernel(
 
 
 def guess(seen: Residual) -> list[dict[str, float]]:
-    """Return the line that stands out most above its neighbours, and the largest one.
+    """Return the line with the largest ratio to its neighbours, and the largest line.
 
-    Neither is a harmonic of the drive. What a model misses of a drive that starts or grows is
-    large at low frequencies, and smooth: there the largest line need not be the tone.
+    Neither is a harmonic of the drive. The error for a drive with varying amplitude is large and
+    smooth at low frequencies, so that the largest line there need not be the tone.
     """
     _, lines = non_harmonic_lines(seen.residual, seen.dt, seen.frequency)
     above = lines / np.maximum(_background(lines), 1e-300)
@@ -44,7 +44,7 @@ def guess(seen: Residual) -> list[dict[str, float]]:
 
 
 def _background(lines: FloatArray) -> FloatArray:
-    """Return the mean of the lines about each, those that were taken out left aside."""
+    """Return the mean of the neighbours of each line, without excluded lines."""
     from scipy.ndimage import uniform_filter1d
 
     counted = uniform_filter1d((lines > 0.0).astype(np.float64), _ABOUT, mode='constant')
@@ -53,7 +53,7 @@ def _background(lines: FloatArray) -> FloatArray:
 
 
 def _tone(seen: Residual, lines: FloatArray, place: int) -> dict[str, float]:
-    """Return the tone near a line that is nearest to the residual."""
+    """Return the tone near a line that fits the residual best."""
     n = seen.residual.size
     time = seen.start + np.arange(n) * seen.dt
     # the peak of a parabola through the three largest lines, in log

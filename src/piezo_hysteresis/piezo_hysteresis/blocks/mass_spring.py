@@ -1,4 +1,4 @@
-"""The second-order structure of Zhou 2021 in mass, damping and stiffness."""
+"""Second-order structure of Zhou 2021, by mass, damping and stiffness."""
 
 from collections.abc import Mapping
 from math import pi, sqrt
@@ -34,7 +34,7 @@ def system(p: FloatArray) -> System:
 
 
 def tuned(values: Mapping[str, float], mode: Mapping[str, float]) -> dict[str, float]:
-    """Return mass and damping for a mode, beside what else is in `mode`."""
+    """Return mass and damping for a mode, in addition to the other values in `mode`."""
     others = {k: v for k, v in mode.items() if k not in ('natural_frequency', 'damping_ratio')}
     stiffness, mass = values['stiffness'], values['mass']
     ratio = mode.get('damping_ratio', 0.5 * values['damping'] / sqrt(mass * stiffness))

@@ -18,7 +18,7 @@ def kernel(
     b1, b2 = 1.0 - a11, -a21
     position, velocity = state[0], state[1]
     for k in range(x.size):
-        # sampled before the new hold acts: y[k] knows the inputs up to k - 1
+        # sampled before the new hold acts: y[k] depends on the inputs up to k - 1
         y[k] = position
         moved = a11 * position + a12 * velocity + b1 * x[k]
         velocity = a21 * position + a22 * velocity + b2 * x[k]

@@ -1,4 +1,4 @@
-"""A mode whose spring is not linear and whose guidance rubs."""
+"""Mode with a nonlinear spring and friction in its guidance."""
 
 from dataclasses import replace
 from math import inf, pi
@@ -21,7 +21,7 @@ def pace(p: FloatArray) -> float:
 def restoring(
     p: FloatArray, x: float, before: float, memory: float, dt: float
 ) -> tuple[float, float]:
-    """Return what spring and friction add to the target at `x` [m], and the bristles there."""
+    """Return the force of spring and friction at `x` [m], and the bristle state there."""
     if p[3] > 0.0 and x != before:
         memory = friction_state(memory, x - before, dt, p[4], p[5], p[6])
     return spring(x, p[2], inf) + p[3] * memory, memory
@@ -95,7 +95,7 @@ _OWN = {
 }
 _ALTERNATIVES = {
     'stiffness': ({'mode_cubic': -1e6},),
-    # from further than the true distance a fit falls to a force that reverses at once
+    # from a larger distance a fit converges to a force that reverses immediately
     'friction': ({'presliding': 5e-7},),
 }
 _NEUTRAL = {'stiffness': {'mode_cubic': 0.0}, 'friction': {'mode_friction': 0.0}}
@@ -111,7 +111,7 @@ _IN_MODE = {
         variant='in_mode',
         block=BLOCK,
         replaces=('mode',),
-        inexactness=0.07,  # Dahl's loop and a cubic spring stand for contacts of many kinds
+        inexactness=0.07,  # Dahl's loop and a cubic spring approximate contacts of many kinds
         holds=_HOLDS[name],
         neutral=_NEUTRAL[name],
         start=_OWN[name],

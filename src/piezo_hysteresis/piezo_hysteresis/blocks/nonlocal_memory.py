@@ -1,4 +1,4 @@
-"""A bank of plays beside the hysteresis: memory of more than the last reversal."""
+"""Bank of plays in parallel with the hysteresis: memory of more than the last reversal."""
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import bank, plays
@@ -75,7 +75,7 @@ EFFECTS = tuple(
         name='nonlocal_memory',
         variant=block.name,
         block=block,
-        inexactness=0.07,  # few plays stand for a continuous memory
+        inexactness=0.07,  # few plays approximate a continuous memory
         requires=(
             'bouc_wen',
             'bouc_wen_exact',

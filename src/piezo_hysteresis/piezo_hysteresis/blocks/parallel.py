@@ -1,6 +1,6 @@
-"""Blocks side by side: each answers the same signal, the answers are added.
+"""Parallel connection of blocks: they have the same input, and their outputs are added.
 
-In a chain they are one block whose name joins theirs with ``|``:
+In a chain they are one block whose name is theirs joined by ``|``:
 ``bouc_wen_exact|electrostriction``.
 """
 
@@ -20,7 +20,7 @@ SEPARATOR = '|'
 
 
 def parts_of(block: Block) -> tuple[Block, ...]:
-    """Return the blocks that stand side by side in `block`, itself where it is a single one."""
+    """Return the parallel blocks of `block`; a single block is returned itself."""
     if not block.parts:
         return (block,)
     known: tuple[Block, ...] | None = block.__dict__.get('_single')
@@ -32,12 +32,12 @@ def parts_of(block: Block) -> tuple[Block, ...]:
         last = first + len(part.parameters)
         single.append(replace(part, parameters=block.parameters[first:last]))
         first = last
-    block.__dict__['_single'] = known = tuple(single)  # as long as the block
+    block.__dict__['_single'] = known = tuple(single)  # cached as long as the block
     return known
 
 
 def _together(parts: tuple[Block, ...]) -> Between:
-    """Return what a sum of these blocks makes of its input between the ticks."""
+    """Return the intersample behaviour of the sum of these blocks."""
     kinds = {part.between for part in parts}
     if kinds <= {Between.INSTANT}:
         return Between.INSTANT
@@ -45,9 +45,9 @@ def _together(parts: tuple[Block, ...]) -> Between:
 
 
 def side_by_side(*blocks: Block) -> Block:
-    """Return one block that adds the answers of `blocks` to its input, in this order.
+    """Return the parallel connection of `blocks`, in this order, as one block.
 
-    Slot and source are those of the first.
+    Slot and source are those of the first block.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The actuator has other numbers than its model file says: no block, a rival of all of them."""
+"""Effect without a block: parameters of the actuator that differ from its model file."""
 
 from piezo_hysteresis.blocks.effect import Effect
 

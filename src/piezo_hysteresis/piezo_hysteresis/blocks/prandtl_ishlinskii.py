@@ -7,8 +7,8 @@ from piezo_hysteresis.blocks._plays import COUNT, bank, plays
 from piezo_hysteresis.blocks.base import Between, Block, Kernel, Parameter, Part, Regressors, Slot
 from piezo_hysteresis.jit import jit
 
-# Plays of the fine bank. Its thresholds lie in the middles of as many equal parts of the range:
-# the smallest one, half a part, shapes the curve behind each reversal.
+# Plays of the fine bank. Its thresholds are at the middles of as many equal parts of the range:
+# the smallest one, half a part, determines the curve after each reversal.
 FINE = 20
 
 
@@ -57,7 +57,7 @@ def _block(
     weighed: Regressors,
     part: Part | None = None,
 ) -> Block:
-    """Return a bank of plays; the weights of all banks add up to the same gain."""
+    """Return a bank of plays; the default weights of all banks have the same sum."""
     count = len(half_widths)
     return Block(
         name=name,

@@ -1,11 +1,11 @@
-"""Discretised Preisach hysteresis by its Everett function and the reversals still remembered."""
+"""Discretised Preisach hysteresis by its Everett function and the stored reversals."""
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.jit import jit, leaf, scratch
 
 LEVELS = 8  # cells along either axis of the Preisach plane
-DEPTH = 64  # reversals remembered
+DEPTH = 64  # number of stored reversals
 # state: input, output, direction, number of reversals, then reversal inputs and outputs
 _HEAD = 4
 
@@ -28,7 +28,7 @@ def everett(weights: FloatArray, table: FloatArray) -> None:
 
 @leaf
 def change(table: FloatArray, high: float, low: float) -> float:
-    """Return by how much the output changes between `low` and `high`, both in cells from below.
+    """Return the change of the output between `low` and `high`, both in cells from below.
 
     Bilinear within a cell, linear within the cells on the diagonal: continuous and, for positive
     weights, monotone.
@@ -50,7 +50,7 @@ def change(table: FloatArray, high: float, low: float) -> float:
 def wipe_out(state: FloatArray, count: int, position: float, rising: bool) -> int:
     """Return how many reversals remain when the input has reached `position`.
 
-    A reversal on the far side that is passed is wiped out together with the one after it.
+    A reversal that is exceeded is wiped out together with the one after it.
     """
     while count >= 2:
         passed = state[_HEAD + 2 * (count - 2)]
@@ -76,8 +76,8 @@ def kernel(
 ) -> None:
     """Return the displacement from the demagnetised state.
 
-    Positions are in cells from the middle. On the virgin curve (no reversal remembered beyond
-    the present extreme) the output is half the change between the mirrored inputs.
+    Positions are in cells from the middle. On the virgin curve (no stored reversal beyond the
+    current extreme) the output is half the change between the mirrored inputs.
     """
     half = 0.5 * LEVELS
     table = scratch((LEVELS + 1, LEVELS + 1))

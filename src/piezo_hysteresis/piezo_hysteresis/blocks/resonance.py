@@ -1,4 +1,4 @@
-"""A mode of which the quasi-static displacement has only a share."""
+"""Mode with a share of the quasi-static displacement."""
 
 from collections.abc import Mapping
 from math import pi
@@ -16,10 +16,10 @@ from piezo_hysteresis.blocks.mode import system as series_system
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.spectrum import windowed
 
-# A mode with a share nearer to 1 is the one that carries the whole motion.
+# A mode with a share nearer to 1 is the mode in series with the whole displacement.
 _NEARLY_WHOLE = 0.1
 
-# Frequencies in samples^-1 from which fits may start: seven octaves, six each.
+# Start frequencies of fits in samples^-1: seven octaves, six frequencies per octave.
 _GRID = tuple(0.45 * 2.0 ** (-k / 6.0) for k in range(1, 43))
 
 
@@ -64,7 +64,7 @@ def pair_kernel(
 
 
 def system(p: FloatArray) -> System:
-    """Return the mode and what goes past it as a linear system."""
+    """Return the mode and its direct feedthrough as a linear system."""
     mode = mode_system(2.0 * pi * p[0], p[1])
     return System(mode.a, mode.b, p[2] * mode.c, 1.0 - float(p[2]))
 
@@ -81,11 +81,11 @@ def pair_system(p: FloatArray) -> System:
 
 
 def guess(seen: Residual) -> list[dict[str, float]]:
-    """Return where the residual is largest against the simulated displacement, then a grid.
+    """Return the frequency with the largest ratio of residual to simulation, then a grid.
 
-    Hysteresis puts odd harmonics everywhere; a mode makes those near it stand out. Where no line
-    of the drive comes near the mode nothing does, and it shows by how what it leaves grows with
-    frequency; the share being linear, every frequency of the grid costs one simulation.
+    Hysteresis causes odd harmonics at all frequencies; a mode amplifies those near it. If no line
+    of the drive is near the mode, the residual increases with frequency, and the grid is used. The
+    share is linear, so that each frequency of the grid needs one simulation.
     """
     grid = [{'resonance_frequency': each / seen.dt, 'resonance_damping': 0.04} for each in _GRID]
     left, moved = windowed(seen.residual), windowed(seen.simulated)
@@ -98,7 +98,7 @@ def guess(seen: Residual) -> list[dict[str, float]]:
 
 
 def poles(seen: Residual) -> list[dict[str, float]]:
-    """Return the mode that the autoregression stands for, and faster ones."""
+    """Return the mode that is equivalent to the autoregression, and faster ones."""
     c1, c2 = seen.values['c1'], seen.values['c2']
     rates = np.log(np.roots([1.0, -1.0, -c1, -c2]).astype(complex)) / seen.dt
     slowest = rates[int(np.argmin(np.abs(rates)))]
@@ -111,7 +111,7 @@ def poles(seen: Residual) -> list[dict[str, float]]:
 
 
 def static_gain(values: Mapping[str, float]) -> dict[str, float]:
-    """Return the gains that the hysteresis has without the autoregression behind it."""
+    """Return the gains of the hysteresis without the autoregression after it."""
     gain = -1.0 / (values['c1'] + values['c2'])
     return {name: gain * values[name] for name in ('A1', 'A', 'A0')}
 

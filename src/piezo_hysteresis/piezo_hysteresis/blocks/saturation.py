@@ -1,4 +1,4 @@
-"""An amplifier that runs out of voltage."""
+"""Saturation of the amplifier voltage."""
 
 from collections.abc import Mapping
 
@@ -20,7 +20,7 @@ def kernel(
         y[k] = min(max(x[k], -p[1]), p[0])
 
 
-# Shares of the largest voltage at which a limit is looked for; the last one cuts next to nothing.
+# Tested limits as shares of the largest voltage; the last one has almost no effect.
 def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
     return {
         'effects.saturation': True,
@@ -50,7 +50,7 @@ BLOCK = Block(
 
 
 def guess(seen: Residual) -> dict[str, float]:
-    """Return the limits beyond which the residual follows what is cut off, on either side."""
+    """Return the limit on each side beyond which the residual follows the excess voltage."""
     found = {}
     for name, side in (('saturation_high', 1.0), ('saturation_low', -1.0)):
         reached = float((side * seen.voltage).max())
@@ -59,14 +59,14 @@ def guess(seen: Residual) -> dict[str, float]:
 
 
 def _limit(voltage: FloatArray, missing: FloatArray, reached: float) -> float:
-    """Return the level whose excess explains most of the displacement that is missing."""
+    """Return the level whose excess explains most of the missing displacement."""
     if reached <= 0.0:
         return 1e5
     best, level = 0.0, _LEVELS[-1]
     for each in _LEVELS:
         beyond = np.maximum(voltage - each * reached, 0.0)
         inside = voltage > 0.5 * reached
-        # against the rest of the tip, so that a refitted gain does not hide what is cut
+        # relative to the rest of the tip, so that a refitted gain does not hide the saturation
         shape = beyond[inside] - beyond[inside].mean()
         size = float(shape @ shape)
         share = float(shape @ (missing[inside] - missing[inside].mean()))

@@ -1,4 +1,4 @@
-"""A sensor whose curve has its own middle, wherever the stroke lies."""
+"""Nonlinear sensor with its own centre, independent of the stroke."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from piezo_hysteresis.numerics.linalg import solve_least_squares
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Return ``v + s2 d^2 + s3 d^3``, ``d = v - c``, less that at ``v = 0``; no state."""
+    """Return ``v + s2 d^2 + s3 d^3``, ``d = v - c``, minus its value at ``v = 0``; no state."""
     c = p[2]
     zero = (p[0] - p[1] * c) * c * c
     for k in range(x.size):
@@ -22,9 +22,9 @@ def kernel(
 
 
 def guess(seen: Residual) -> list[dict[str, float]]:
-    """Return the curve about the middle of the stroke that is nearest to the residual.
+    """Return the curve about the middle of the stroke that fits the residual best.
 
-    A record at rest says nothing of it.
+    A record at rest does not determine it.
     """
     middle = 0.5 * float(np.max(seen.simulated) + np.min(seen.simulated))
     d = seen.simulated - middle

@@ -1,4 +1,4 @@
-"""A sensor whose gain changes with time, about its own zero."""
+"""Drift of the sensor gain with time, about the zero of the sensor."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ def kernel(
 
 
 def guess(seen: Residual) -> dict[str, float]:
-    """Return rate and zero from how the residual grows with time times displacement."""
+    """Return rate and zero by regression of the residual on time and time times displacement."""
     n = seen.residual.size
     t = seen.dt * np.arange(n)
     size = max(float(np.max(np.abs(seen.simulated))), 1e-300)

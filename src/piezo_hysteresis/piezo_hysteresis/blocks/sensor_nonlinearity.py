@@ -1,4 +1,4 @@
-"""A sensor that is not linear."""
+"""Nonlinear sensor: polynomial of third order."""
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._counterpart import switched

@@ -1,11 +1,11 @@
-"""A sensor whose curve no polynomial of third order describes."""
+"""Nonlinear sensor: cubic spline."""
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit, leaf
 
-# Knots, as shares of the range: five pieces of equal length over the stroke.
+# Knots as shares of the range: five pieces of equal length over the stroke.
 _INNER, _OUTER = 0.2, 0.6
 
 
@@ -30,7 +30,7 @@ def _at(v: float, p: FloatArray) -> tuple[float, float]:
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Return the cubic in the middle piece with its bends beyond the knots; no state."""
+    """Return the cubic of the middle piece with additional terms beyond the knots; no state."""
     for k in range(x.size):
         y[k] = _at(x[k], p)[0]
 

@@ -1,4 +1,4 @@
-"""A sensor whose curve bends differently on either side of its middle."""
+"""Nonlinear sensor with different curvature on either side of its centre."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from piezo_hysteresis.numerics.linalg import solve_least_squares
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Return ``v + e d^2 + o d |d|``, ``d = v - c``, less that at ``v = 0``; no state."""
+    """Return ``v + e d^2 + o d |d|``, ``d = v - c``, minus its value at ``v = 0``; no state."""
     c = p[2]
     zero = p[0] * c * c - p[1] * c * abs(c)
     for k in range(x.size):
@@ -22,7 +22,7 @@ def kernel(
 
 
 def guess(seen: Residual) -> list[dict[str, float]]:
-    """Return the curve about the middle of the stroke that is nearest to the residual.
+    """Return the curve about the middle of the stroke that fits the residual best.
 
     A record at rest does not determine it.
     """

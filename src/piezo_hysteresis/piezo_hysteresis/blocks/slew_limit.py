@@ -1,4 +1,4 @@
-"""An amplifier that runs out of current."""
+"""Slew-rate limit of the amplifier."""
 
 from math import inf
 
@@ -15,14 +15,14 @@ NO_LIMIT = 1e12
 def kernel(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
 ) -> None:
-    """Return the voltage that follows no faster than the limit, at the end of each tick.
+    """Return the rate-limited voltage at the end of each tick.
 
     State is that voltage [V].
     """
     most = p[0] * dt
     last = state[0]
     for k in range(x.size):
-        # so written, a step within the limit arrives without rounding
+        # in this form, a step within the limit has no rounding error
         if abs(x[k] - last) <= most:
             last = x[k]
         else:
@@ -36,10 +36,10 @@ def along(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
     points: int,
 ) -> None:  # fmt: skip
-    """Return the output along a path, three points to a step; state is the last voltage [V].
+    """Return the output along a path, three points per step; state is the last voltage [V].
 
-    Where the limit is left behind within the first half of a step, its start is answered such
-    that the mean of the step by Simpson's rule is that of the ramp and of what follows it.
+    If the limit ceases within the first half of a step, the start value is such that Simpson's
+    rule gives the mean of the ramp and the signal after it.
     """
     limited = p[0] < NO_LIMIT
     step = 3.0 * dt / points
@@ -54,7 +54,7 @@ def along(
             y[k + 1] = x[k + 1]
             left = gap
             if limited and gap != 0.0:
-                # on a ramp of p[0] for the time that the gap takes
+                # ramp with the rate p[0] until the difference is zero
                 left = max(0.0, 1.0 - 1.5 * abs(gap) / most) * gap
             y[k] = last + left
         else:
@@ -66,7 +66,7 @@ def along(
 
 
 def approach(p: FloatArray) -> Approach:
-    """Return how a held input is approached."""
+    """Return the ramp to a held input."""
     return Approach(0.0, float(p[0]) if p[0] < NO_LIMIT else inf)
 
 
@@ -91,7 +91,7 @@ BLOCK = Block(
 
 
 def guess(seen: Residual) -> dict[str, float]:
-    """Return a limit a little below the largest rate that was commanded."""
+    """Return a limit slightly below the largest commanded rate."""
     fastest = float(abs(seen.voltage[1:] - seen.voltage[:-1]).max(initial=0.0)) / seen.dt
     return {'slew_rate': 0.8 * fastest} if fastest > 0.0 else {}
 

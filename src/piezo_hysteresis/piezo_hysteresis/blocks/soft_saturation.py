@@ -1,4 +1,4 @@
-"""A voltage or a polarisation that saturates gradually."""
+"""Gradual saturation of the voltage or the polarisation."""
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
@@ -18,7 +18,8 @@ def kernel(
         if part <= 1.0:
             y[i] = x[i] * (1.0 + part**knee) ** (-1.0 / knee)
         else:
-            # of the small number, so that a sharp knee far below the drive does not overflow
+            # power of the smaller ratio, so that a sharp knee far below the drive does not
+            # overflow
             y[i] = x[i] / part * (1.0 + part**-knee) ** (-1.0 / knee)
 
 

@@ -1,4 +1,4 @@
-"""A spring that hardens or softens with the displacement."""
+"""Nonlinear stiffness: a spring that hardens or softens with the displacement."""
 
 from math import asin, asinh, sin, sinh, sqrt
 
@@ -10,7 +10,7 @@ from piezo_hysteresis.jit import jit, leaf
 
 @leaf
 def bent(v: float, cubic: float) -> float:
-    """Return the x nearest to 0 with ``x + cubic x^3 = v``; held at the fold of a soft spring."""
+    """Return the x nearest to 0 with ``x + cubic x^3 = v``; constant past a soft spring's fold."""
     if cubic == 0.0:
         return v
     root = sqrt(3.0 * abs(cubic))

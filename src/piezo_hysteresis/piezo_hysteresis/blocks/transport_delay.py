@@ -1,4 +1,4 @@
-"""Time that passes before a command acts."""
+"""Transport delay of the voltage."""
 
 from math import ceil
 
@@ -9,19 +9,19 @@ from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
 LONGEST = 0.1  # s
-_ROUNDING = 1e-9  # of a tick, by which a delay of whole ticks may miss them
+_ROUNDING = 1e-9  # tolerance of whole ticks, as a share of a tick
 
 
 @jit
 def in_ticks(delay: float, dt: float) -> tuple[int, float]:
-    """Return the whole ticks in `delay` [s] and the part of a tick that is left, 0..1."""
+    """Return the whole ticks in `delay` [s] and the remaining part of a tick, 0..1."""
     whole = int(delay / dt + _ROUNDING)
     return whole, min(max(delay / dt - whole, 0.0), 1.0)
 
 
 @jit
 def shift(x: FloatArray, y: FloatArray, state: FloatArray, ticks: int) -> None:
-    """Return `x` some `ticks` ago; state is the place to write and a ring of past values."""
+    """Return `x` delayed by `ticks`; state is the write index and a ring buffer of past values."""
     length = state.size - 1
     place = int(state[0])
     for k in range(x.size):
@@ -38,13 +38,13 @@ def kernel(
 ) -> None:
     """Return the delayed voltage at the end of each tick; state is that of `shift` [V].
 
-    A held voltage that comes late by a part of a tick has come by its end.
+    A held voltage delayed by a part of a tick has arrived at the end of the tick.
     """
     shift(x, y, state, in_ticks(p[0], dt)[0])
 
 
 def ring_size(dt: float) -> int:
-    """Return room for the longest delay."""
+    """Return the size of the ring buffer for the longest delay."""
     return ceil(LONGEST / dt) + 4
 
 

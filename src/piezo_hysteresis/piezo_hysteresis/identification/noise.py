@@ -31,19 +31,19 @@ from piezo_hysteresis.records import Record
 # its lines are independent.
 WIDTH = 101
 RUNNING_MEDIAN = 0.704
-# Iterations of the median over a spectrum levelled by the current colour; it has converged then.
+# Iterations of the median over a spectrum levelled by its current colour, until it converges.
 _PASSES = 3
 # Records whose noise differs by less than this from the majority are treated as equal.
 AGREE = 0.02
 # Standard deviation of an rms from one line of a spectrum by its median: 1 / (2 ln 2).
 SPREAD = 0.72
-# Orders of the differences for an aperiodic record, and the length and number of their windows.
+# Orders of the differences for an aperiodic record, number and shortest length of their windows.
 _ORDERS = (4, 6, 8)
 _WINDOWS = 40
 _SHORTEST_WINDOW = 64
 # Noise with a larger correlation between samples is treated as motion.
 _SLOWEST = 0.99
-# Sum of a series that falls with the square of its index.
+# Number of terms of a series that falls with the square of its index.
 _TERMS = 400
 # Standard deviations of the confidence interval.
 SURE = 3.0
@@ -51,8 +51,8 @@ SURE = 3.0
 # 500 to 40 000 samples scatter by 11 to 1.1 %, as 0.72 / sqrt(lines) does with a tenth of them.
 _SAMPLES_A_LINE = 10
 _LOWER_HALF = 1.24  # bias of the lower half of windows of n samples, times sqrt(n)
-# Levels from which the smallest distance between two is the step of a converter, and none of a
-# drive with few levels.
+# Number of levels from which their smallest distance is the step of a converter and not of a drive
+# with few levels.
 _LEVELS = 8
 _MAD = 1.4826  # of a normal distribution: standard deviation over the median absolute deviation
 

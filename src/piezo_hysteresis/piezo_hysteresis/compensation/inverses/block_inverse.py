@@ -1,4 +1,4 @@
-"""One block with feedthrough, solved for its input sample by sample, as kernels."""
+"""Numerical inverse of one block with feedthrough, sample by sample, as compiled kernels."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.simulation.compiled import kernel_of
 from piezo_hysteresis.models.simulation.state_space import run_path, step_of
 
-# The share of the first slope below which a slope counts as none.
+# Share of the initial slope below which a slope is treated as zero.
 _LEAST_SLOPE = 0.1
 _BRACKETS = 40
 _HALVINGS = 100
-# Relative width at which a root counts as found.
+# Relative tolerance of a root.
 _CLOSE = 1e-14
 
-# Places in the memory of a block, before its state: how often its slope was too small, last input.
+# Indices in the memory of a block, before its state: count of slopes that were too small, last
+# input.
 CLAMPED, LAST, _STATE = range(3)
-# Places before its parameters: slope at rest, and the change of the input by which slopes are
-# measured.
+# Indices before its parameters: slope at rest, and the input step for slopes.
 FIRST_SLOPE, SCALE, _OWN = range(3)
 
-#: ``answer(x, memory, p, dt)``: a number for an input.
+#: ``answer(x, memory, p, dt)``: the output for an input.
 Answer = Callable[[float, FloatArray, FloatArray, float], float]
 
 
@@ -86,7 +86,7 @@ def packed_block(
     own : ndarray
         Packed parameters of the block.
     scale : float
-        Small change of the input by which slopes are measured.
+        Input step for slopes.
     """
     numbers = own
     if joined:
@@ -109,7 +109,7 @@ def from_rest(block: Block, p: FloatArray, x: float, dt: float, joined: bool) ->
 
 
 def _step(numbers: FloatArray, n: int) -> tuple[FloatArray, ...]:
-    """Return the step of a linear block from its numbers, see `state_space.Step`."""
+    """Return the step of a linear block from its packed values, see `state_space.Step`."""
     phi, gamma, rows, gains = np.split(numbers, np.cumsum([n * n, 3 * n, 3 * n]))
     return (
         phi.reshape(n, n),
@@ -121,7 +121,7 @@ def _step(numbers: FloatArray, n: int) -> tuple[FloatArray, ...]:
 
 @functools.cache
 def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, Answer]:
-    """Return trial and commit of a block whose input is held."""
+    """Return trial and commit of a block with a held input."""
     last, memory_end = _OWN + values, _STATE + size
 
     @leaf
@@ -146,7 +146,7 @@ def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, 
 
 @functools.cache
 def _joined(n: int) -> tuple[Answer, Answer]:
-    """Return trial and commit of a linear block of n states, its input joined by lines."""
+    """Return trial and commit of a linear block of n states with linearly interpolated input."""
 
     @leaf
     def along(x: float, last: float, state: FloatArray, p: FloatArray) -> float:
@@ -233,7 +233,7 @@ def _solving(trial: Answer) -> Answer:
 
 
 def _bracketing(trial: Answer) -> Callable[..., float]:
-    """Return the search for a root between two inputs: secants, kept safe by halving (Ridders)."""
+    """Return the root search between two inputs by Ridders' method."""
 
     @leaf
     def between(

@@ -1,4 +1,4 @@
-"""A numeric inverse for any chain of blocks, block by block from the reading to the voltage."""
+"""Numerical inverse of any chain of blocks, block by block from the reading to the voltage."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from piezo_hysteresis.numerics.linalg import solve_square
 
 
 class _Solver(NamedTuple):
-    """A block to be solved: whether its input is joined by lines, and its packed numbers."""
+    """A block to solve: whether its input is linearly interpolated, and its packed values."""
 
     block: Block
     joined: bool
@@ -81,7 +81,7 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
         if block.between is Between.DELAY:
             stages.lead += sum(values.values())
         elif block.slot is Slot.STRUCTURE and block.between in (Between.LINEAR, Between.INNER):
-            # read at the start of the tick that the voltage is held over, or at its end
+            # sampled at the start of the tick over which the voltage is held, or at its end
             held = 0.5 * dt if inertia else -0.5 * dt
             _take_structure(stages, block, own, values, held)
         else:
@@ -113,7 +113,7 @@ def _take_structure(
     """
     if block.restoring is not None:
         stages.restoring, stages.values = block.restoring, own
-    # what goes past a mode, straight through, is not held up
+    # the direct feedthrough past a mode has no lag
     share = 1.0 - block.system(own).d if block.system is not None and not block.inertia else 1.0
     k1, k2 = _inverse_of(block, own, values)
     stages.k1 += k1
@@ -122,10 +122,9 @@ def _take_structure(
 
 
 def _end_before_mean(lag: System, dt: float) -> float:
-    """Return how far the end of a tick is ahead of the mean that a structure sees of a lag [s].
+    """Return the lead of the end of a tick over the mean output of a lag in that tick [s].
 
-    Where the end of the tick is made to be the target, the mean over the hold comes that much
-    early.
+    If the value at the end of the tick is the target, the mean over the hold leads by this time.
     """
     rate = -float(lag.a[0, 0])
     # dt / (exp(rate dt) - 1) in a form that does not overflow for a fast lag
@@ -133,7 +132,7 @@ def _end_before_mean(lag: System, dt: float) -> float:
 
 
 def _inverse_of(block: Block, own: FloatArray, values: Mapping[str, float]) -> tuple[float, float]:
-    """Return k1 [s] and k2 [s^2] of ``v = y + k1 y' + k2 y''`` for slow motion of a block."""
+    """Return k1 [s] and k2 [s^2] of the inverse ``v = y + k1 y' + k2 y''`` for slow motion."""
     if block.system is None:
         return structure_coefficients(values)
     a, b, c, d = block.system(own)
@@ -198,7 +197,7 @@ class ChainInverse(InverseLink):
         self.settings[OFFSET] = self.packed[REST]
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
-        """Change parameters while running; the output goes over smoothly, the memory is kept."""
+        """Change parameters at run time; the output changes smoothly, the memory is kept."""
         super().set_parameters(parameters)
         self.settings[OFFSET] = self.packed[REST]
 

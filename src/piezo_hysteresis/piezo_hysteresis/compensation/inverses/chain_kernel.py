@@ -1,4 +1,4 @@
-"""The numeric inverse of a chain as one kernel, put together from those of its blocks."""
+"""Numerical inverse of a chain as one kernel, composed of the kernels of its blocks."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from piezo_hysteresis.compensation.inverses.structure_inverse import (
 )
 from piezo_hysteresis.jit import jit, leaf, scratch
 
-# Places in the parameters: structure, lead, reading at rest; what acts back and the blocks follow.
+# Indices in the parameters: structure, lead, reading at rest; restoring force and blocks follow.
 _K1, _K2, _LEAD, REST, _BACK = range(5)
-# Places in the memory: the counters, the structure, memory of what acts back, and where that was.
+# Indices in the memory: counters, structure, memory of the restoring force, last displacement.
 _CLAMPED, _STROKE, STRUCTURE = range(3)
 _FORCE = STRUCTURE + STATE_SIZE
 _MOVED = _FORCE + 1
@@ -33,14 +33,14 @@ _MEMORIES = _MOVED + 1
 
 
 class Motion(NamedTuple):
-    """A displacement [m] with its first two derivatives, or a signal that has none."""
+    """A displacement [m] with its first two derivatives, or a signal without derivatives."""
 
     displacement: float
     velocity: float
     acceleration: float
 
 
-#: ``through(motion, memory, p, dt)``: a row of blocks on a motion.
+#: ``through(motion, memory, p, dt)``: blocks in series, applied to a motion.
 _Through = Callable[[Motion, FloatArray, FloatArray, float], Motion]
 
 
@@ -63,11 +63,11 @@ def chain_kernel(
     Parameters
     ----------
     front, back : sequence of (Block, bool)
-        What stands before and behind the structure, and whether its input is joined by lines.
+        Blocks before and after the structure, and whether the input is linearly interpolated.
     sizes : sequence of int
-        How many packed numbers each has, see `packed_block`.
+        Number of packed values of each, see `packed_block`.
     restoring : (Restoring or None, int)
-        What acts back on a mode, and how many parameters it has.
+        Restoring force on a mode, and the number of its parameters.
     dt : float
         Sampling interval [s].
     """
@@ -129,7 +129,7 @@ def _nothing_back(x: float, memory: FloatArray, p: FloatArray, dt: float) -> flo
 
 
 def _acting_back(restoring: Any, count: int) -> Any:
-    """Return what acts back on the mode, to be added to the target at `x` [m]."""
+    """Return the restoring force on the mode, to be added to the target at `x` [m]."""
     last = _BACK + count
 
     @leaf
@@ -188,7 +188,7 @@ def _solve(inverse: BlockInverse, place: int, numbers: int) -> _Through:
 
 
 def _keep(inverse: BlockInverse, place: int, numbers: int) -> _Through:
-    """Return the step from the input of a block to its output, which it remembers."""
+    """Return the step from the input of a block to its output, with an update of its memory."""
     commit = inverse.commit
 
     @leaf

@@ -15,7 +15,7 @@ from piezo_hysteresis.jit import jit
 
 NAMES = ('A1', 'A', 'A0', 'beta', 'gamma', 'c1', 'c2')
 
-# Places in the memory; the counters come first.
+# Indices in the memory; the counters are first.
 _CLAMPED, _STROKE, _U, _H, _D1, _D2, _D3 = range(7)
 
 
@@ -65,7 +65,7 @@ def _invert_printed(
     low: float,
     high: float,
 ) -> None:
-    """Divide the rest of (7) by A1, y = d, h of the previous sample: Tatebatake 2017 (12)."""
+    """Divide the remainder of (7) by A1, y = d, h of the previous sample: Tatebatake 2017 (12)."""
     a1, a, a0, beta, gamma, c1, c2 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
     u, h = memory[_U], memory[_H]
     d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
@@ -96,18 +96,18 @@ class ExtendedInverse(InverseLink):
 
     Fujii 2018 (15), (16), (17) are one law: with ``r = d[k] - d[k-1] - c1 d[k-2] - c2 d[k-3]
     + h[k-1] - A1 u[k-1]`` the increment of the voltage is ``r / D``, where D is the slope of the
-    branch that has the sign of r. Where D is not above `minimum_slope` the model has no inverse
-    there; D is then clamped and counted, its sign never flipped.
+    branch with the sign of r. If D is not above `minimum_slope`, the model has no inverse; D is
+    then clamped and counted, and its sign is kept.
 
     Parameters
     ----------
     parameters : mapping of str to float
-        ``A1, A`` [m/V], ``beta, gamma`` [1/V], ``c1, c2`` [1] and, where they are not 0, ``A0``
-        [m/V] and ``offset`` [m].
+        ``A1, A`` [m/V], ``beta, gamma`` [1/V], ``c1, c2`` [1] and, if not 0, ``A0`` [m/V] and
+        ``offset`` [m].
     dt : float
         Sampling interval [s].
     minimum_slope : float, optional
-        Smallest slope D that is used [m/V]; a tenth of A1 where it is not given.
+        Smallest slope D [m/V]; default a tenth of A1.
     law : {'solved', 'printed'}
         See above.
     limits, start, transition

@@ -1,4 +1,4 @@
-"""One feedforward for slow and one for fast drives: Fang et al. 2019 divide them at 1 Hz."""
+"""Switch between a feedforward for slow and one for fast drives; Fang et al. 2019 use 1 Hz."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 
-# Places in the memory: whether the fast one is in charge (-1 before the first tick), the changes
-# so far; then that of a change.
+# Indices in the memory: whether the fast one is active (-1 before the first tick), number of
+# changes; then the memory of the transition.
 _FAST, SWITCHES, _FADING = range(3)
 SWITCH_SIZE = _FADING + FADE_SIZE
 
-# Places in the settings.
+# Indices in the settings.
 DT, BORDER, DURATION, SLEW = range(4)
 
 
@@ -38,7 +38,7 @@ def choose(
     slow: float, fast: float, received: float, frequency: float,
     memory: FloatArray, settings: FloatArray,
 ) -> float:  # fmt: skip
-    """Return the voltage of the one in charge [V]; a change goes over smoothly."""
+    """Return the voltage of the active inverse [V], with a smooth transition after a change."""
     now = 1.0 if frequency > settings[BORDER] else 0.0
     changing = memory[_FADING:]
     if memory[_FAST] >= 0.0 and now != memory[_FAST]:
@@ -51,7 +51,7 @@ def choose(
 
 @functools.cache
 def stepping(slow: Run, fast: Run) -> Callable[..., float]:
-    """Return the kernel for two inverses: their memories, settings and numbers, slow first."""
+    """Return the kernel for two inverses: memories, settings and parameters, slow first."""
     step_slow, step_fast = inverse_link.stepping(slow), inverse_link.stepping(fast)
 
     @jit
@@ -68,23 +68,23 @@ def stepping(slow: Run, fast: Run) -> Callable[..., float]:
 
 
 class FrequencySwitch:
-    """A link that passes on the answer of one of two inverses, by frequency: Fang 2019 (switch).
+    """A link with one of two inverses active, selected by frequency: Fang 2019 (switch).
 
-    Both run all the time, so that the hysteresis of either has the whole history; a change of the
-    one in charge goes over along a smooth step.
+    Both run continuously, so that each hysteresis has the whole history; a change of the active
+    one is a smooth transition.
 
     Parameters
     ----------
     slow, fast : InverseLink
-        In charge up to `frequency`, and above it.
+        Active up to `frequency`, and above it.
     frequency : float
-        Of the fundamental of the reference [Hz]; 1 in the paper.
+        Switching frequency of the fundamental of the reference [Hz]; 1 in the paper.
     dt : float
         Sampling interval [s].
     transition : float
-        Seconds that a change takes [s].
+        Duration of a transition [s].
     limits : Limits, optional
-        Their slew bounds the pace of the change.
+        Their slew limits the rate of the transition.
 
     Raises
     ------
@@ -116,7 +116,7 @@ class FrequencySwitch:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Return what the link in charge passes on [V]; both take part."""
+        """Return the voltage of the active link [V]; both are updated."""
         write_point(self._point, point)
         slow, fast = self.slow, self.fast
         return self._step(
@@ -125,7 +125,7 @@ class FrequencySwitch:
         )  # fmt: skip
 
     def counters(self) -> dict[str, int]:
-        """Return the changes so far and the counters of both links."""
+        """Return the number of changes and the counters of both links."""
         slow, fast = self.slow.counters(), self.fast.counters()
         both = {name: slow.get(name, 0) + fast.get(name, 0) for name in {**slow, **fast}}
         return {'switches': int(self._memory[SWITCHES]), **both}

@@ -1,8 +1,8 @@
 """Inverses of the hysteresis blocks, sample by sample: from w = A1 u - h to u.
 
 Every kernel is ``kernel(w, u, memory, p, minimum, low, high)``. The memory begins with the
-counters (clamped slopes, samples out of the stroke), the last voltage and h. A slope below
-`minimum` is clamped and counted; its sign is never flipped. The memory follows the voltage as
+counters (clamped slopes, samples outside the stroke), the last voltage and h. A slope below
+`minimum` is clamped and counted, and its sign is kept. The memory is updated with the voltage as
 limited to low..high.
 """
 
@@ -22,7 +22,7 @@ _ITERATIONS = 60
 
 @leaf
 def within_stroke(new: float, low: float, high: float, memory: FloatArray) -> float:
-    """Return the voltage as limited to low..high [V], counted where that is another one."""
+    """Return the voltage limited to low..high [V], and count limited samples."""
     if new > high or new < low:
         memory[STROKE] += 1.0
         return min(max(new, low), high)
@@ -53,7 +53,7 @@ def invert_euler(
     low: float,
     high: float,
 ) -> None:
-    """Solve the Euler step for the voltage by the branch with the sign of what is missing."""
+    """Solve the Euler step for the voltage, on the branch with the sign of the difference."""
     last, h = memory[U], memory[H]
     for k in range(w.size):
         missing = w[k] - p[0] * last + h
@@ -96,8 +96,8 @@ def invert_delayed(
 def solve_exact(missing: float, h: float, p: FloatArray, minimum: float) -> float:
     """Return the voltage step that moves the exact model by `missing` [m].
 
-    Newton steps from the Euler guess, kept inside a bracket. Where the slope is nowhere positive
-    enough to reach the goal within ``missing / minimum`` that step is the answer.
+    Newton steps from the Euler guess, limited to a bracket. If the slope is too small to reach the
+    target within ``missing / minimum``, that step is returned.
     """
     side = 1.0 if missing > 0.0 else -1.0
     low, high = 0.0, abs(missing) / minimum
@@ -172,7 +172,7 @@ def invert_gain(
 def next_segment(
     u: float, side: float, plays: FloatArray, weights: FloatArray, spacing: float
 ) -> tuple[float, float]:
-    """Return what the engaged plays weigh and how far it is until the next one engages [V]."""
+    """Return the total weight of the engaged plays, and the distance to the next one [V]."""
     weight, nearest = 0.0, np.inf
     slack = 1e-13 * (1.0 + abs(u))
     for j in range(plays.size):
@@ -196,8 +196,8 @@ def solve_plays(
 ) -> tuple[float, bool]:
     """Return the voltage at which a bank of plays has moved by `missing` [m].
 
-    The bank is piecewise linear in the voltage, so the answer is found segment by segment. The
-    flag says that the slope of a segment was clamped to `minimum`.
+    The bank is piecewise linear in the voltage and is solved segment by segment. The flag is set
+    if the slope of a segment was clamped to `minimum`.
     """
     side = 1.0 if missing > 0.0 else -1.0
     left = abs(missing)

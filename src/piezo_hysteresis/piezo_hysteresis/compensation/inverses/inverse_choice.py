@@ -1,4 +1,4 @@
-"""Which inverse and which plant gain belong to a model; the laws of the papers by name."""
+"""Selection of the inverse and the plant gain of a model; the laws of the papers by name."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
-# Hystereses that `PhysicalInverse` solves in closed form.
+# Hysteresis blocks that `PhysicalInverse` solves in closed form.
 _LAWS: dict[Part | None, Law] = {
     Part.EXACT: 'exact',
     Part.EULER: 'euler',
@@ -43,16 +43,16 @@ _EXTENDED = (Part.EULER, Part.RECURSION)
 
 
 class _Anatomy(NamedTuple):
-    """What a chain consists of to an inverse in closed form.
+    """Structure of a chain for the choice of an inverse in closed form.
 
     Attributes
     ----------
     core : tuple of Part or None
-        Its blocks without added tones, delays and the zero of the reading.
+        Roles of its blocks without added tones, delays and the zero of the reading.
     delayed : bool
         Whether it has a delay.
     simple : bool
-        Whether its zero, where it has one, is one constant at the end.
+        Whether its zero, if it has one, is one constant at the end.
     """
 
     core: tuple[Part | None, ...]
@@ -79,11 +79,11 @@ def inverse_for(
     scale: float = 1.0,
     law: str = 'auto',
 ) -> InverseLink:
-    """Return the inverse of `model` by a law, by default the best that there is for it.
+    """Return the inverse of `model` by a law, by default the most accurate one for the model.
 
-    The extended model gets Fujii 2018 (16), (17); one hysteresis with or without a mode the
-    physical inverse; an oscillator and Xiao 2014's law their own; every other chain the numeric
-    one. Added tones are ignored.
+    The extended model has Fujii 2018 (16), (17); one hysteresis with or without a mode the
+    physical inverse; an oscillator and the law of Xiao 2014 their own; every other chain the
+    numerical one. Added tones are ignored.
 
     Parameters
     ----------
@@ -96,18 +96,18 @@ def inverse_for(
     limits, start, transition
         As in `InverseLink`.
     scale : float
-        Typical voltage [V], for the numeric inverse.
+        Typical voltage [V], for the numerical inverse.
     law : str
         One of `INVERSES`. ``fujii2018`` is Fujii 2018 (16), (17), ``tatebatake2017`` Tatebatake
-        2017 (12) as printed, both for the extended model; ``zhou2021`` Zhou 2021 (8), h of the
-        sample before, for one Bouc-Wen block with or without a structure; ``xiao2014`` Xiao 2014's
-        selector; ``fang2019`` the modified or the classical model of Fang 2019, solved exactly, as
-        the equation of its feedforward is missing from the text.
+        2017 (12) as printed, both for the extended model; ``zhou2021`` Zhou 2021 (8), with h of
+        the previous sample, for one Bouc-Wen block with or without a structure; ``xiao2014`` the
+        selector of Xiao 2014; ``fang2019`` the modified or the classical model of Fang 2019,
+        solved exactly, because the equation of its feedforward is missing from the text.
 
     Raises
     ------
     CompensationError
-        If the model has no inverse, or none by that law.
+        If the model has no inverse, or not by that law.
     """
     if law not in INVERSES:
         raise CompensationError(
@@ -144,14 +144,14 @@ def inverse_for(
 
 
 class _Options(TypedDict):
-    """What every inverse takes."""
+    """Arguments common to all inverses."""
 
     limits: Limits | None
     start: float
     transition: float
 
 
-# Blocks of the chain, without delay, offset and structure, that a law is for.
+# Blocks of the chain, without delay, offset and structure, to which a law applies.
 _FOR: dict[str, tuple[tuple[Part, ...], ...]] = {
     'fujii2018': (_EXTENDED,),
     'tatebatake2017': (_EXTENDED,),
@@ -163,7 +163,7 @@ _FOR: dict[str, tuple[tuple[Part, ...], ...]] = {
 
 
 def _called(part: Part) -> str:
-    """Return the names of the blocks that are such a part."""
+    """Return the names of the blocks with a given role."""
     return ' or '.join(block.name for block in BLOCKS.values() if block.part is part)
 
 
@@ -206,8 +206,8 @@ def _by_law(
 class ModelGain:
     """Complex gain [m/V] of a model for a small tone on top of a large drive.
 
-    The hysteresis counts by its mean local slope along a full loop; the rest of the chain by the
-    response to a small pulse. Added tones, friction, drift and offset have no part in it.
+    The hysteresis contributes its mean local slope along a full loop, the rest of the chain its
+    response to a small pulse. Added tones, friction, drift and offset are ignored.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ class ModelGain:
 
     @property
     def packed(self) -> FloatArray:
-        """Numbers that `gain_at` reads."""
+        """Packed values for `gain_at`."""
         return packed_pulse(self._pulse, self._dt)
 
     def __call__(self, frequency: float) -> complex:
@@ -289,7 +289,7 @@ def model_gain(
 
 
 def mode_of(values: Mapping[str, float], gain: float, dt: float) -> ModeGain:
-    """Return a model as nodes have it without its file: a gain, a mode and a delay.
+    """Return the model of a node without a model file: a gain, a mode and a delay.
 
     Parameters
     ----------

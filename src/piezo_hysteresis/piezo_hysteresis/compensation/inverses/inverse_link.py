@@ -1,7 +1,7 @@
-"""What every feedforward inverse shares: conditioning of the reference, counting, bumpless change.
+"""Base of the feedforward inverses: conditioned reference, counters, bumpless parameter change.
 
-An inverse is one compiled kernel over the conditioned reference with an explicit state, so the
-array version and the one-sample version give the same bits.
+An inverse is one compiled kernel over the conditioned reference with an explicit state, so that
+arrays and single samples give bitwise equal results.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from piezo_hysteresis.numerics.smooth import smooth_step
 #: reference displacement, velocity and acceleration.
 Run = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
 
-# Places in the state of the conditioning kernel, which comes first in the memory of a link; that
-# of a change follows, then that of the inverse.
+# Indices in the state of the conditioning kernel, the first part of the memory of a link; the
+# memory of a transition follows, then that of the inverse.
 _TICK, _LAST, REFUSED = 0, 1, 2
 FADING = 3
 OWN = FADING + FADE_SIZE
 
-# Places in the settings.
+# Indices in the settings.
 DT, LOW, HIGH, OFFSET, EASING, DURATION, SLEW = range(7)
 
-# No actuator moves by kilometres; beyond these sizes the arithmetic would overflow.
+# Limits beyond the range of any actuator, at which the arithmetic does not overflow.
 _ABSURD, _ABSURD_RATE = 1e3, 1e9
 
 
@@ -47,10 +47,10 @@ def condition(
     ticks: float,
     dt: float,
 ) -> None:
-    """Refer the reference to the rest position and ease it in over the first `ticks`.
+    """Refer the reference to the rest position, with a smooth start over the first `ticks`.
 
-    Rows of both arrays are displacement, velocity and acceleration.
-    What is not a number, or absurd, is replaced by the last displacement at rest.
+    Rows of both arrays are displacement, velocity and acceleration. Values that are not finite or
+    out of range are replaced by the last displacement at rest.
     """
     for k in range(reference.shape[1]):
         d, v, a = reference[0, k], reference[1, k], reference[2, k]
@@ -83,7 +83,7 @@ def conditioned_point(
 
 @leaf
 def faded_answer(answer: float, memory: FloatArray, settings: FloatArray) -> float:
-    """Return the voltage of an inverse, smooth where its parameters change."""
+    """Return the voltage of an inverse, smooth after a change of its parameters."""
     changing = memory[FADING:OWN]
     return float(fade(answer, changing, settings[DT], settings[DURATION], settings[SLEW]))
 
@@ -92,7 +92,7 @@ def faded_answer(answer: float, memory: FloatArray, settings: FloatArray) -> flo
 def stepping(run: Run) -> Callable[..., float]:
     """Return the kernel of a link: ``step(point, received, memory, settings, p)``.
 
-    It answers `received` plus the voltage of the inverse [V].
+    It returns `received` plus the voltage of the inverse [V].
     """
 
     @jit
@@ -110,7 +110,7 @@ def stepping(run: Run) -> Callable[..., float]:
 class InverseLink:
     """Base of the feedforward links; the first of a chain.
 
-    Subclasses set `counter_names` and their kernel, give the size of its memory and order its
+    Subclasses define `counter_names`, their kernel, the size of its memory and the order of its
     parameters.
 
     Parameters
@@ -120,12 +120,12 @@ class InverseLink:
     dt : float
         Sampling interval [s].
     limits : Limits, optional
-        Range that the plant will be held to [V]; the memory of the inverse follows the limited
-        voltage, so that a reference beyond the stroke leaves no wrong hysteresis behind.
+        Range of the plant voltage [V]; the memory of the inverse follows the limited voltage, so
+        that a reference beyond the stroke does not corrupt the hysteresis.
     start : float
-        Seconds over which the reference is eased in from the rest position [s].
+        Duration of the smooth start from the rest position [s].
     transition : float
-        Seconds over which the output follows a change of the parameters [s].
+        Duration of the transition after a change of the parameters [s].
 
     Raises
     ------
@@ -166,7 +166,7 @@ class InverseLink:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Parameters in force, by name."""
+        """Current parameters by name."""
         return dict(self._parameters)
 
     def step(
@@ -182,17 +182,17 @@ class InverseLink:
         velocity: FloatArray | None = None,
         acceleration: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the voltage [V] to a whole reference from rest; the link itself is untouched.
+        """Return the voltage [V] for a whole reference from rest, without changing the link.
 
-        Gives the same bits as stepping a link that was reset.
+        The result is bitwise that of stepping a link after a reset.
 
         Parameters
         ----------
         displacement : ndarray, shape (n,)
             Reference [m].
         velocity, acceleration : ndarray, shape (n,), optional
-            Its analytic derivatives [m/s], [m/s^2]; taken as 0 where they are not given, which
-            is right only for inverses that do not use them.
+            Its analytic derivatives [m/s], [m/s^2]; default 0, which is correct only for inverses
+            that do not use them.
         """
         reference = np.zeros((3, len(displacement)))
         for row, column in enumerate((displacement, velocity, acceleration)):
@@ -206,17 +206,17 @@ class InverseLink:
         return voltage
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
-        """Change parameters while running; the output goes over smoothly.
+        """Change parameters at run time; the output changes smoothly.
 
         Parameters
         ----------
         parameters : mapping of str to float
-            New values by name; the others stay.
+            New values by name; the others are unchanged.
 
         Raises
         ------
         CompensationError
-            If the new set cannot be inverted; the old one then stays in force.
+            If the new set cannot be inverted; the previous one is kept.
         """
         merged = {**self._parameters, **parameters}
         packed = self._pack(merged)
@@ -227,14 +227,14 @@ class InverseLink:
         self._transition.start()
 
     def counters(self) -> dict[str, int]:
-        """Return what went wrong so far, by name."""
+        """Return the error counters by name."""
         own = self.memory[OWN : OWN + len(self.counter_names)]
         counts = {name: int(n) for name, n in zip(self.counter_names, own, strict=True)}
         counts['refused_references'] = int(self.memory[REFUSED])
         return counts
 
     def reset(self) -> None:
-        """Forget everything but the parameters."""
+        """Reset the memory; the parameters are kept."""
         self.memory[:FADING] = 0.0
         self.memory[OWN:] = self.initial_memory()
         self._transition.reset()
@@ -252,7 +252,7 @@ class InverseLink:
         raise NotImplementedError
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        """Translate the memory to new parameters; by default it stays as it is."""
+        """Convert the memory for new parameters; by default it is unchanged."""
 
 
 def take(parameters: Mapping[str, float], required: tuple[str, ...], what: str) -> list[float]:
@@ -261,7 +261,7 @@ def take(parameters: Mapping[str, float], required: tuple[str, ...], what: str) 
     Raises
     ------
     CompensationError
-        If one is missing or not finite.
+        If a parameter is missing or not finite.
     """
     missing = [name for name in required if name not in parameters]
     if missing:

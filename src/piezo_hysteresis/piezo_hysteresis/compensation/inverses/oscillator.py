@@ -61,15 +61,15 @@ def invert_oscillator(
 class OscillatorInverse(InverseLink):
     """Feedforward for ``m x'' + c x' + k x + z = F`` with z a Bouc-Wen force of x.
 
-    The hysteresis is driven by the displacement itself, so its inverse is the model: no equation
-    has to be solved.
+    The input of the hysteresis is the displacement, so the inverse evaluates the model directly
+    and solves no equation.
 
     Parameters
     ----------
     parameters : mapping of str to float
         ``mass`` [kg], ``damping`` [N s/m], ``stiffness`` [N/m], ``z_alpha`` [N/m], ``z_beta``,
-        ``z_gamma`` [1/m], ``z_exponent`` and, where it is not 0, ``offset`` [m]. With
-        ``interpolation`` 0 the force is held over the sample and the inverse leads by half.
+        ``z_gamma`` [1/m], ``z_exponent`` and, if not 0, ``offset`` [m]. With ``interpolation`` 0
+        the force is held over the sample and the inverse leads by half a sample.
     dt, limits, start, transition
         As in `InverseLink`; the limits are in N.
 

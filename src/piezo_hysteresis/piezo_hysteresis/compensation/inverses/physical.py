@@ -1,4 +1,4 @@
-"""Feedforward for models made of a hysteresis and a structure: Zhou 2021 (8) and better."""
+"""Feedforward for models of a hysteresis and a structure: Zhou 2021 (8) and exact laws."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ _KERNELS: dict[str, _Kernel] = {
 BOUC_WEN = ('A1', 'A', 'A0', 'beta', 'gamma')
 PLAYS = ('pi_range', 'w0', *(f'w{j}' for j in range(1, COUNT + 1)))
 
-# Places of the numbers before those of the hysteresis, and in the memory: that of the structure
-# comes behind that of the hysteresis.
+# Indices of the values before those of the hysteresis, and in the memory, where the structure
+# follows the hysteresis.
 MINIMUM, K1, K2, LEAD, FIRST = range(5)
 
 
 def _behind_structure(invert: _Kernel, size: int) -> Run:
-    """Return the inverse of a hysteresis, whose memory is so large, behind a structure."""
+    """Return the inverse of a hysteresis with a given memory size, followed by a structure."""
 
     @jit
     def run(
@@ -62,36 +62,36 @@ _RUNS = {law: _behind_structure(kernel, _SIZES[law]) for law, kernel in _KERNELS
 
 
 class PhysicalInverse(InverseLink):
-    """Feedforward by inverting a hysteresis behind a structure, Zhou 2021 (8).
+    """Feedforward by inversion of a hysteresis and a structure in series, Zhou 2021 (8).
 
-    The structure (one mode, or none) is inverted on the reference's analytic derivatives in the
-    middle of the interval of the hold; the hysteresis sample by sample.
+    The structure (one mode, or none) is inverted with the analytic derivatives of the reference in
+    the middle of the hold interval; the hysteresis sample by sample.
 
     Parameters
     ----------
     parameters : mapping of str to float
-        Of the hysteresis: ``A1, A`` [m/V], ``beta, gamma`` [1/V] and, where it is not 0, ``A0``
-        [m/V]; for the law ``plays`` ``pi_range`` [V], ``w0`` .. ``w9`` [m/V]; for ``gain`` only
-        ``A1``. Of the structure: ``natural_frequency`` [Hz] and ``damping_ratio``, or ``mass``,
-        ``damping``, ``stiffness``, or nothing. And where they apply ``delay`` [s], ``offset`` [m].
+        Hysteresis: ``A1, A`` [m/V], ``beta, gamma`` [1/V] and, if not 0, ``A0`` [m/V]; for the law
+        ``plays`` ``pi_range`` [V], ``w0`` .. ``w9`` [m/V]; for ``gain`` only ``A1``. Structure:
+        ``natural_frequency`` [Hz] and ``damping_ratio``, or ``mass``, ``damping``, ``stiffness``,
+        or none. Optional: ``delay`` [s], ``offset`` [m].
     dt : float
         Sampling interval [s].
     law : {'exact', 'euler', 'delayed', 'plays', 'gain'}
         ``exact``: Bouc-Wen by its exact step; ``euler``: by the papers' step and branch rule;
-        ``delayed``: with h of the sample before, Rakotondrabe's multiplicative form and Zhou 2021
-        (8) as printed; ``plays``: Prandtl-Ishlinskii; ``gain``: no hysteresis.
+        ``delayed``: with h of the previous sample, Rakotondrabe's multiplicative form and Zhou
+        2021 (8) as printed; ``plays``: Prandtl-Ishlinskii; ``gain``: no hysteresis.
     minimum_slope : float, optional
-        Smallest slope that is used [m/V]; a tenth of A1 (w0) where it is not given.
+        Smallest slope [m/V]; default a tenth of A1 (w0).
     lead : float, optional
-        Seconds from the tick to the middle of the effect of the voltage [s]; half a sample for a
-        model with a mode and 0 for one without where it is not given. The delay comes on top.
+        Time from the tick to the middle of the effect of the voltage [s]; default half a sample
+        for a model with a mode and 0 for one without. The delay is added.
     limits, start, transition
         As in `InverseLink`.
 
     Raises
     ------
     CompensationError
-        If a parameter is missing or not finite, or the model falls where the voltage rises.
+        If a parameter is missing or not finite, or the slope of the model is not positive.
     """
 
     def __init__(
@@ -145,18 +145,18 @@ class PhysicalInverse(InverseLink):
             packed += [0.0] * 4
         else:
             packed = take({'A0': 0.0, **parameters}, BOUC_WEN, what)
-        # The delayed law solves no slope; it only divides by A1.
+        # The delayed law only divides by A1.
         check_rising(packed if self.law != 'delayed' else [packed[0], 0.0, 0.0])
         return packed
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        # The plays remember voltages, which stay what they were.
+        # The states of the plays are voltages, which are unchanged.
         if self.law != 'plays':
             ratio = saturation(new[FIRST:]) / max(saturation(old[FIRST:]), 1e-300)
             self.own[hysteresis.H] *= ratio
 
     def counters(self) -> dict[str, int]:
-        """Return what went wrong so far; ``corners`` tell of a reference that is not smooth."""
+        """Return the error counters; ``corners`` counts steps of the slope of the reference."""
         return {**super().counters(), 'corners': int(self.own[_SIZES[self.law] + CORNERS])}
 
 
@@ -172,7 +172,7 @@ def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, floa
     Raises
     ------
     CompensationError
-        If they are not positive and finite.
+        If a value is not positive and finite.
     """
     if 'mass' in parameters:
         mass, damping, stiffness = take(
@@ -191,13 +191,13 @@ def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, floa
 
 @jit
 def saturation(bouc_wen: FloatArray) -> float:
-    """Return the level at which h saturates [m], with which h is scaled on a change."""
+    """Return the saturation level of h [m], by which h is scaled after a change."""
     a, a0, beta, gamma = bouc_wen[1], bouc_wen[2], bouc_wen[3], bouc_wen[4]
     return float(max(abs(a) + abs(a0), 1e-15) / max(beta + gamma, 1e-3))
 
 
 def check_rising(bouc_wen: list[float]) -> None:
-    """Refuse A1, A, A0, ... of a model that falls where the voltage rises from rest.
+    """Raise an error for A1, A, A0, ... of a model whose slope from rest is not positive.
 
     Raises
     ------
@@ -220,13 +220,13 @@ def check_rising(bouc_wen: list[float]) -> None:
 def least_slope(parameters: Mapping[str, float]) -> float:
     """Return the smallest slope dw/du that a Bouc-Wen model can take [m/V].
 
-    It is that just behind a reversal of a saturated h: A1 - A - |A0| - (beta - gamma) h_max. A
-    model where it is not positive has no inverse near the tips of its largest loops.
+    It is the slope just after a reversal of a saturated h: A1 - A - |A0| - (beta - gamma) h_max.
+    If it is not positive, the model has no inverse near the tips of its largest loops.
 
     Parameters
     ----------
     parameters : mapping of str to float
-        ``A1, A, beta, gamma`` and, where it is not 0, ``A0``.
+        ``A1, A, beta, gamma`` and, if not 0, ``A0``.
     """
     a1, a, a0, beta, gamma = take({'A0': 0.0, **parameters}, BOUC_WEN, 'the slope')
     highest = (a + abs(a0)) / (beta + gamma) if beta + gamma > 0 else math.inf

@@ -1,4 +1,4 @@
-"""How far a model goes within the limits of the voltage, and whether a reference lies within."""
+"""Stroke of a model within the voltage limits, and whether a reference is within it."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import Model
 
-_SLOW = 20.0  # two periods of a triangle that excites no mode [s]
+_SLOW = 20.0  # duration of two periods of a triangle that excites no mode [s]
 _MOST_SAMPLES = 400_000
-# A model is not exact, and a limited voltage costs the tips only.
+# Tolerance: a model is not exact, and a limited voltage affects only the tips.
 _TOLERANCE = 1.1
-_LINES = 24  # frequencies at which the gain of a reference is looked at
-_LOOKED_AT = 1 << 18  # samples of it
+_LINES = 24  # number of frequencies at which the gain is evaluated
+_LOOKED_AT = 1 << 18  # its number of samples
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Displacements between which a model moves, slowly.
+    """Quasi-static range of the displacement of a model.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Reach:
 
     @property
     def middle(self) -> float:
-        """Where it moves about [m]."""
+        """Centre of the range [m]."""
         return 0.5 * (self.low + self.high)
 
     @property
@@ -46,7 +46,7 @@ class Reach:
 
 
 def reach_of(model: Model, values: Mapping[str, float], dt: float, limits: Limits) -> Reach:
-    """Return how far a model goes when the voltage goes slowly from limit to limit.
+    """Return the range of the displacement for a slow voltage from limit to limit.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ def reach_of(model: Model, values: Mapping[str, float], dt: float, limits: Limit
     dt : float
         Sampling interval [s].
     limits : Limits
-        Of the voltage.
+        Voltage limits.
 
     Returns
     -------
     Reach
-        Not finite where the model diverges.
+        Not finite if the model diverges.
     """
     samples = int(np.clip(_SLOW / dt, 400, _MOST_SAMPLES))
     turn = 2.0 * np.arange(samples) / samples
@@ -74,7 +74,7 @@ def reach_of(model: Model, values: Mapping[str, float], dt: float, limits: Limit
 def require_reachable(
     reference: FloatArray, model: Model, values: Mapping[str, float], dt: float, limits: Limits
 ) -> None:
-    """Refuse a reference that the model cannot follow whatever the voltage.
+    """Raise an error for a reference outside the range of the model.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ def require_reachable(
     Raises
     ------
     CompensationError
-        If it leaves what the model reaches, where its resonance helps too.
+        If it exceeds the range of the model, including the amplification by its resonance.
     """
     low, high = float(np.min(reference)), float(np.max(reference))
     reach = reach_of(model, values, dt, limits)
     if not np.isfinite(reach.half):
-        return  # the study itself shows a model that diverges
+        return  # the study reports a divergent model
     offset = abs(0.5 * (low + high) - reach.middle)
     amplitude = 0.5 * (high - low)
     if amplitude + offset <= _TOLERANCE * reach.half:
@@ -109,7 +109,7 @@ def require_reachable(
 def _amplification(
     reference: FloatArray, model: Model, values: Mapping[str, float], dt: float, limits: Limits
 ) -> float:
-    """Return how much further than slowly the model goes at the frequencies of a reference."""
+    """Return the dynamic amplification of the model at the frequencies of a reference."""
     seen = reference[:_LOOKED_AT] - np.mean(reference[:_LOOKED_AT])
     power = np.cumsum(np.abs(np.fft.rfft(seen * np.hanning(seen.size))) ** 2)
     if not power[-1] > 0.0:

@@ -1,4 +1,4 @@
-"""Xiao 2014's inverse Bouc-Wen model whose parameters follow the slope of the reference."""
+"""Inverse Bouc-Wen model of Xiao 2014, with parameters selected by the slope of the reference."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _select(
     low: float,
     high: float,
 ) -> None:
-    """Add up Xiao 2014's segments; `p` holds rows of slope, c, a, b, g, slopes ascending."""
+    """Sum the segments of Xiao 2014; `p` holds rows of slope, c, a, b, g, by increasing slope."""
     last, u, h = memory[_D], memory[_U], memory[_H]
     rows = p.size // 5
     for k in range(voltage.size):
@@ -65,8 +65,8 @@ class SlopeSelectedInverse(InverseLink):
     Parameters
     ----------
     parameters : mapping of str to float
-        Those of the blocks ``inverse_selector`` or ``inverse_bouc_wen`` and, where it is not 0,
-        ``offset`` [m]; `identification.inverse_rows` has them from records.
+        Those of the blocks ``inverse_selector`` or ``inverse_bouc_wen`` and, if not 0, ``offset``
+        [m]; `identification.inverse_rows` identifies them from records.
     dt, limits, start, transition
         As in `InverseLink`.
 

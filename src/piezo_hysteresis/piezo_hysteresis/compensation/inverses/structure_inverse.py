@@ -1,8 +1,8 @@
-"""A mode inverted in continuous form on the analytic derivatives of the reference.
+"""Continuous-time inverse of a mode with the analytic derivatives of the reference.
 
-The zero-order-hold model of a mode has a zero near z = -1, whose inverse rings at the Nyquist
+The zero-order-hold model of a mode has a zero near z = -1, whose inverse oscillates at the Nyquist
 frequency. The continuous form has none: ``w = d + k1 d' + k2 d''``, evaluated half a sample ahead,
-in the middle of the interval over which the voltage is held.
+in the middle of the hold interval.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import math
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit, leaf, scratch
 
-# Places in the state; the number of corners comes first.
+# Indices in the state; the number of corners is first.
 CORNERS, _SEEN, _D, _V, _A, _SMOOTH, _W1, _W2 = range(8)
 STATE_SIZE = 8
 
-# A change of velocity is smooth if the accelerations explain it but for this share of them.
+# Relative deviation from the integrated acceleration up to which a change of velocity is smooth.
 _TOLERANCE = 0.25
 
 
@@ -24,12 +24,12 @@ _TOLERANCE = 0.25
 def carry_ahead(
     reference: FloatArray, ahead: FloatArray, state: FloatArray, lead: float, dt: float
 ) -> None:
-    """Write the reference `lead` seconds later into `ahead`.
+    """Extrapolate the reference by `lead` seconds into `ahead`.
 
     Rows of both are displacement, velocity and acceleration. The polynomial of fifth degree
-    through the last two ticks is carried on; behind a corner, which is counted, the derivatives
-    at the tick alone. Displacement and derivatives must belong together: a derivative that is
-    off by a thousandth is amplified by the polynomial.
+    through the last two ticks is extrapolated; after a corner, which is counted, only the
+    derivatives at the tick are used. Displacement and derivatives must be consistent: the
+    polynomial amplifies an error of a derivative of a thousandth.
     """
     for k in range(reference.shape[1]):
         d, v, a = reference[0, k], reference[1, k], reference[2, k]
@@ -38,7 +38,7 @@ def carry_ahead(
             d0, v0, a0 = state[_D], state[_V], state[_A]
             miss = abs(v - v0 - 0.5 * dt * (a + a0))
             if miss > _TOLERANCE * dt * max(abs(a), abs(a0)) + 1e-9 * (abs(v) + abs(v0)):
-                # The first ticks of a reference that starts from rest are no corner.
+                # The first ticks of a reference from rest are not a corner.
                 if state[_SEEN] > 2.0:
                     state[CORNERS] += 1.0
                 state[_SEEN] = state[_SMOOTH] = 0.0
@@ -60,7 +60,7 @@ def carry_ahead(
 
 @leaf
 def lift_droop(target: FloatArray, state: FloatArray) -> None:
-    """Lift a target by the droop of the hold, ``(w dt)^2 / 24``, where it has been smooth."""
+    """Compensate the droop of the hold, ``(w dt)^2 / 24``, if the target has been smooth."""
     for k in range(target.size):
         w = target[k]
         if state[_SMOOTH] >= 3.0:
@@ -81,8 +81,8 @@ def invert_structure(
 ) -> None:
     """Return the quasi-static displacement [m] that moves the structure along the reference.
 
-    The reference, rows displacement, velocity and acceleration, is carried ahead by `lead`
-    seconds; where there is a lead the droop of the hold is lifted too.
+    The reference, with rows displacement, velocity and acceleration, is extrapolated by `lead`
+    seconds; with a lead, the droop of the hold is compensated, too.
     """
     ahead = scratch((3, 1))
     for k in range(target.size):
