@@ -1,4 +1,4 @@
-"""Which jobs there are, where their results lie, and whether these still belong to their data."""
+"""Jobs of a batch: their data, their folders, and whether existing results are still valid."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from piezo_hysteresis.records.bag_content import READERS
 from piezo_hysteresis.records.formats.reading import FORMATS
 from piezo_hysteresis.reporting.folder import clear, write_folder
 
-NOTE = 'job.json'  # written last: where it names the fingerprint, the folder is whole
+NOTE = 'job.json'  # written last: if it has the fingerprint, the folder is complete
 
-#: Endings of files of columns that are looked for in folders.
+#: Extensions of column files that are searched in folders.
 COLUMNS = ('.csv', *FORMATS)
 
 
 @dataclass(frozen=True)
 class Job:
-    """One set of data and where its results go.
+    """One set of data and the folder of its results.
 
     Attributes
     ----------
     name : str
-        Of its folder and its row.
+        Name of its folder and its row.
     data : str
         Absolute path of a bag or a file of columns.
     folder : str
@@ -46,7 +46,7 @@ class Job:
     fingerprint: str
 
     def finished(self) -> dict[str, Any] | None:
-        """Return the row of an earlier run that still holds, None where there is none."""
+        """Return the row of a valid earlier run, None if there is none."""
         try:
             note = json.loads((Path(self.folder) / NOTE).read_text(encoding='utf-8'))
         except (OSError, ValueError):
@@ -54,22 +54,22 @@ class Job:
         if not isinstance(note, dict) or note.get('fingerprint') != self.fingerprint:
             return None
         row = note.get('row')
-        # a refusal of the data is a result; any other failure may have been of the machine
+        # rejected data are a result; any other failure may be one of the machine
         return row if isinstance(row, dict) and row.get('state') in ('done', 'refused') else None
 
     def begin(self, verb: str) -> None:
-        """Take away what an earlier run left, and that alone.
+        """Delete the results of an earlier run, and nothing else.
 
         Raises
         ------
         PiezoError
-            If the folder holds something that no batch has put there.
+            If the folder has other content.
         """
         clear(self.folder, verb)
         self.note({})
 
     def note(self, row: dict[str, Any]) -> None:
-        """Write down how the job ended; an empty row says that it has started."""
+        """Store the result of the job; an empty row states that it has started."""
         entry = {'fingerprint': self.fingerprint if row else None, 'row': row}
         write_folder(self.folder, {NOTE: json.dumps(entry, indent=2, allow_nan=False) + '\n'})
 
@@ -80,16 +80,16 @@ def jobs_of(task: Task, data: Sequence[str | Path], out: str | Path) -> list[Job
     Parameters
     ----------
     task : Task
-        What to do with each.
+        Work on each set of data.
     data : sequence of str or Path
-        Bags and files of columns; a folder that is no bag stands for all that lie in it.
+        Bags and column files; a folder that is no bag stands for all of them in it.
     out : str or Path
-        Folder of the results; never searched for data.
+        Folder of the results, which is not searched for data.
 
     Raises
     ------
     RecordError
-        If a folder holds nothing of the kind, or nothing was given.
+        If a folder contains no data, or no path is given.
     """
     root = Path(out).resolve()
     paths = list(dict.fromkeys(p for given in data for p in expanded(Path(given), root)))
@@ -107,16 +107,16 @@ def jobs_of(task: Task, data: Sequence[str | Path], out: str | Path) -> list[Job
 
 
 def expanded(path: Path, out: Path) -> list[Path]:
-    """Return the bags and files of columns that a path stands for, as absolute paths in order.
+    """Return the absolute paths of the bags and column files of a path, in order.
 
     Raises
     ------
     RecordError
-        If the path is a folder without any.
+        If the path is a folder without data.
     """
     path = path.resolve()
     if not path.is_dir() or _is_bag(path):
-        return [path]  # what is not there becomes a row that says so
+        return [path]  # a missing path results in a row with the error
     found = sorted(_search(path, out))
     if not found:
         raise RecordError(f'{path} holds no bag and no file of columns; name the folder that does')
@@ -141,7 +141,7 @@ def _is_bag(folder: Path) -> bool:
 
 
 def _contents(path: Path) -> list[Any]:
-    """Return name, size and time of change of all files of some data."""
+    """Return name, size and modification time of all files of some data."""
     if path.is_dir():
         return [_state_of(each) for each in sorted(path.rglob('*')) if each.is_file()]
     return [_state_of(each) for each in (path, path.with_name('records.yaml')) if each.is_file()]

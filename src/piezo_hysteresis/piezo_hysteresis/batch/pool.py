@@ -1,4 +1,4 @@
-"""Processes of our own to work in: none outlives its owner, and a broken pool is replaced."""
+"""Pool of worker processes that end with their owner and can be replaced after a failure."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from piezo_hysteresis.threads import one_for_linear_algebra
 
 
 class OwnPool:
-    """A process pool that can be renewed; leaving it by an exception ends its processes.
+    """A process pool that can be renewed; an exception in its context ends its processes.
 
     Parameters
     ----------
     workers : int
-        Processes, 1 or more.
+        Number of processes, 1 or more.
     task : object
-        What the processes have to load before they can work.
+        Object that each process loads before it works.
 
     Raises
     ------
     PiezoError
-        If no process starts, or none can load the task.
+        If no process can start and load the task.
     """
 
     def __init__(self, workers: int, task: object) -> None:
@@ -38,7 +38,7 @@ class OwnPool:
         self.executor = self._new()
 
     def _new(self) -> Executor:
-        # fresh processes: forking one in which numba or a BLAS has threads can hang
+        # new processes: forking one with threads of numba or BLAS can block
         context = multiprocessing.get_context('spawn')
         pool = ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin)
         try:
@@ -51,7 +51,7 @@ class OwnPool:
         return pool
 
     def renew(self) -> None:
-        """Replace the pool, after it broke."""
+        """Replace the pool after a failure."""
         self.executor.shutdown(wait=True, cancel_futures=True)
         self.executor = self._new()
 
@@ -72,11 +72,11 @@ class OwnPool:
 
 
 def _load(task: object) -> None:
-    """Do nothing: to be called, a process has to start and to load the task."""
+    """Do nothing; the call requires that the process has started and loaded the task."""
 
 
 def _begin() -> None:
-    """Prepare a worker: the owner alone answers Ctrl-C, and the worker ends when the owner has."""
+    """Prepare a worker: only the owner handles Ctrl-C, and the worker ends with its owner."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     owner = multiprocessing.parent_process()
     if owner is not None:

@@ -16,7 +16,7 @@ from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
 from piezo_hysteresis.reporting.plots import Curve, xy_figure
 
-_SHOWN = 1000  # rows of the page; the table has all
+_SHOWN = 1000  # largest number of rows of the page; the table has all
 
 
 def write_tables(out: str | Path, verb: str, rows: Sequence[Row]) -> list[str]:
@@ -27,14 +27,14 @@ def write_tables(out: str | Path, verb: str, rows: Sequence[Row]) -> list[str]:
     out : str or Path
         Folder.
     verb : str
-        What was done.
+        Name of the verb.
     rows : sequence of dict
         One per job.
 
     Returns
     -------
     list of str
-        What a user should know.
+        Remarks for the user.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def write_tables(out: str | Path, verb: str, rows: Sequence[Row]) -> list[str]:
 
 
 def as_csv(columns: Sequence[str], rows: Sequence[Row]) -> str:
-    """Return the table as CSV; what is not known is empty."""
+    """Return the table as CSV; unknown values are empty."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, restval='', lineterminator='\n')
     writer.writeheader()
@@ -63,7 +63,7 @@ def as_csv(columns: Sequence[str], rows: Sequence[Row]) -> str:
 
 
 def as_parquet(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
-    """Return the table as a Parquet file; what is not known is null.
+    """Return the table as a Parquet file; unknown values are null.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def as_parquet(columns: Sequence[str], rows: Sequence[Row]) -> bytes:
 
 
 def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
-    """Return the page: how many, how good, what went wrong, links to every report."""
+    """Return the page: numbers of jobs, errors, failures, links to every report."""
     done = [row for row in rows if row['state'] == 'done']
     bad = [row for row in rows if row['state'] != 'done']
     summarized = _identified if verb == 'identify' else _discovered

@@ -1,4 +1,4 @@
-"""Runs the jobs of a batch on any executor, keeps what is finished, never stops for one."""
+"""Runs the jobs of a batch on any executor; failures of single jobs become rows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Collect = Callable[[Job, Row], None]
 
 @dataclass(frozen=True)
 class Batch:
-    """What came out.
+    """Result of a batch.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Batch:
         ``refused`` for data that cannot be used, ``failed`` for all else), ``error``,
         ``seconds``, ``report`` (relative path) and the columns of the task.
     resumed : int
-        How many of them were finished before.
+        Number of jobs that were already finished.
     notes : list of str
-        What a user should know, such as a format that could not be written.
+        Remarks for the user, such as a format that could not be written.
     """
 
     rows: list[Row]
@@ -51,37 +51,36 @@ def run_batch(
 ) -> Batch:
     """Run a task over many bags and CSV files.
 
-    Every job has a folder of its own in `out`, with all that the verb leaves and a note that it
-    is finished. A job whose note still belongs to its data and settings is not run again.
+    Every job has its own folder in `out`, with the results of the verb and a note that it is
+    finished. A job with a valid note for its data and settings is not run again.
 
     Parameters
     ----------
     task : Task
-        `Identify`, `Discover`, or anything alike.
+        `Identify`, `Discover`, or a similar object.
     data : sequence of str or Path
         Bags and CSV files, or folders of them.
     out : str or Path
         Folder of the results: a folder per job, ``results.csv``, ``results.parquet`` and
         ``index.html``.
     executor : Executor, optional
-        Where the jobs run: threads, processes, a Dask cluster (``Client.get_executor()``). Its
-        workers must see `data` and `out` under the same paths.
+        Executor of the jobs: threads, processes, a Dask cluster (``Client.get_executor()``). Its
+        workers need `data` and `out` under the same paths.
     workers : int
-        Without an executor: 1 works in this process, more in processes of their own; 0 is one
-        per core.
+        Number of processes without an executor: 1 is this process; 0 is one per core.
     progress : callable
         Called with ``(fraction, words)``.
 
     Returns
     -------
     Batch
-        Rows of all jobs; a job that could not be done is a row that says why.
+        Rows of all jobs; the row of a failed job has its error.
 
     Raises
     ------
     PiezoError
-        If there are no data, `out` cannot be written or holds the results of another verb, no
-        process can start, or the given executor broke down; what is finished is kept.
+        If there are no data, `out` cannot be written or contains results of another verb, no
+        process can start, or the given executor fails; finished results are kept.
     """
     from piezo_hysteresis.batch.results_table import write_tables  # draws: not for the workers
 
@@ -109,13 +108,13 @@ def run_batch(
 
 
 def work(task: Task, job: Job) -> Row:
-    """Do one job in this process; whatever happens is a row."""
+    """Do one job in this process; any failure becomes a row."""
     started = time.perf_counter()
-    if (known := job.finished()) is not None:  # a cluster lost the answer, not the work
+    if (known := job.finished()) is not None:  # a cluster lost the result, but the work is done
         return known
     try:
         job.begin(task.verb)
-    except PiezoError as error:  # a folder that is not ours gets no note either
+    except PiezoError as error:  # no note in a folder of another origin
         return _row(job, 'failed', str(error), started)
     try:
         done = {'report': f'{job.name}/report.html', **task([job.data], job.folder)}
@@ -137,7 +136,7 @@ def _row(job: Job, state: str, error: str, started: float) -> Row:
 
 
 def _in_own_pools(task: Task, jobs: Sequence[Job], workers: int, collect: Collect) -> None:
-    """Work in processes; a pool that loses one is replaced, and the culprit found alone."""
+    """Work in processes; a broken pool is replaced, and the job that broke it is found singly."""
     with OwnPool(workers, task) as pool:
         suspects: list[Job] = []
         while jobs:
@@ -155,7 +154,7 @@ def _in_own_pools(task: Task, jobs: Sequence[Job], workers: int, collect: Collec
 
 @dataclass(frozen=True)
 class _Lost:
-    """Jobs without a row because their executor broke: on which it worked, and the rest."""
+    """Jobs without a row after a failure of the executor: those in work, and the rest."""
 
     running: list[Job]
     waiting: list[Job]
@@ -190,6 +189,6 @@ def _round(
 
 
 def settled(rows: Sequence[Row]) -> dict[str, int]:
-    """Return how many rows are in which state."""
+    """Return the number of rows in each state."""
     states = ('done', 'refused', 'failed')
     return {state: sum(row['state'] == state for row in rows) for state in states}

@@ -1,7 +1,7 @@
-"""What a verb does with one set of data: load, work, write; returns its row of the table.
+"""Work of a verb on one set of data: load, compute, write; returns its row of the table.
 
-The verbs `identify` and `discover` themselves run these, so that a batch does the same by
-construction. A task is a frozen description that any process or cluster worker can be sent.
+The verbs `identify` and `discover` run these tasks, so that a batch gives the same results. A task
+is an immutable description that can be sent to any process or cluster worker.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ if TYPE_CHECKING:
     from piezo_hysteresis.identification import Identification
     from piezo_hysteresis.records import Record
 
-# What a task needs is imported when it works: a process that only sends tasks starts faster.
+# A task imports its modules when it works: a process that only sends tasks starts faster.
 
 Progress = Callable[[float, str], None]
 Row = dict[str, Any]
 
 
 def silent(fraction: float, words: str) -> None:
-    """Tell nobody."""
+    """Ignore the progress."""
 
 
 class Task(Protocol):
-    """Work on one set of data; anything that can be pickled and has these."""
+    """Interface of work on one set of data; it must be picklable."""
 
     @property
     def verb(self) -> str:
-        """Its name in titles."""
+        """Name in titles."""
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files besides the data on which the result depends."""
+        """Further files on which the result depends."""
 
     def settings(self) -> dict[str, Any]:
-        """Everything else on which the result depends, fit for JSON."""
+        """Return all other settings on which the result depends, for JSON."""
 
     def __call__(self, data: Sequence[str], out: str) -> Row:
         """Work, write into the folder `out`, return columns of the table.
@@ -65,21 +65,21 @@ class Identify:
     method : str
         One of `piezo_hysteresis.identification.METHODS`.
     seed : int
-        Of the searches.
+        Seed of the searches.
     hold, start : mapping of str to float
         Parameters to fix, and start values, in SI units.
     before : sequence of float
         Extremes of the voltage before each record [V].
     warm_up : float, optional
-        Seconds that errors leave out; those of the records where not given.
+        Warm-up [s]; default that of the records.
     frequency : float, optional
-        Of the drive [Hz], for records that do not say theirs.
+        Frequency of the drive [Hz], for records without one.
     held_out : sequence of str
-        Data that are not fitted: the discrepancy of the model is judged on them.
+        Data that are not fitted, on which the discrepancy of the model is evaluated.
     options : mapping
         Further arguments of the method.
     actuator : str, optional
-        Which one, where a bag holds several.
+        Name of the actuator, if a bag has several.
     """
 
     model: str
@@ -98,7 +98,7 @@ class Identify:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The model file, where the model is one, and what is held out."""
+        """The model file, if one is given, and the held-out data."""
         return (*((self.model,) if _is_file(self.model) else ()), *self.held_out)
 
     def settings(self) -> dict[str, Any]:
@@ -154,30 +154,31 @@ class Identify:
 
 @dataclass(frozen=True)
 class Discover:
-    """Find what a model misses.
+    """Find effects that a model lacks.
 
     Attributes
     ----------
     baseline : str
         ``NAME[+BLOCK...]`` of a model, or the path of a ``model.yaml``.
     seed : int
-        Of every random choice.
+        Seed of every random choice.
     workers : int
         Threads; the verdict does not depend on it.
     warm_up : float, optional
-        Seconds that errors leave out; those of the records where not given.
+        Warm-up [s]; default that of the records.
     actuator : str, optional
-        Which one, where a bag holds several.
+        Name of the actuator, if a bag has several.
     salvage : bool
-        Use what is readable of damaged data.
+        Whether the readable part of damaged data is used.
     reference : tuple of str
-        Data of the actuator as it was: what the baseline misses there is no news.
+        Data of the unchanged actuator, on which the discrepancy of the baseline is known.
     begins, zero : str
-        How records begin and where their zeros lie, see `identification.circumstances.Choices`.
+        Initial conditions and zeros of the records, see
+        `identification.initial_conditions.revision.Choices`.
     policy : mapping of str to float
-        Numbers that decide, where they are not those of `discovery.selection.policy`.
+        Thresholds that differ from those of `discovery.selection.policy`.
     time_limit : float
-        After which nothing more is started; 0 for none [s].
+        Time after which no further step is started; 0 for none [s].
     """
 
     baseline: str
@@ -196,7 +197,7 @@ class Discover:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The baseline, where it is a file, and the reference."""
+        """The baseline, if it is a file, and the reference."""
         return (*((self.baseline,) if _is_file(self.baseline) else ()), *self.reference)
 
     def settings(self) -> dict[str, Any]:
@@ -253,7 +254,7 @@ class Discover:
 
 
 def identification_row(found: Identification) -> Row:
-    """Return what a table says of an identification; parameters last, in SI units."""
+    """Return the row of an identification; parameters last, in SI units."""
     worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
     row: Row = {
         'model': found.model.name,
@@ -275,7 +276,7 @@ def identification_row(found: Identification) -> Row:
 
 
 def discovery_row(found: Discovery) -> Row:
-    """Return what a table says of a discovery."""
+    """Return the row of a discovery."""
     verdict = found.verdict
     return {
         'baseline': verdict.baseline,
@@ -293,7 +294,7 @@ def discovery_row(found: Discovery) -> Row:
 def _require_apart(
     data: Sequence[str], held_out: Sequence[str], both_text: str = 'is fitted and held out'
 ) -> None:
-    """Refuse data that are given twice, for two ends that exclude each other."""
+    """Raise an error for data that are given for two exclusive purposes."""
     both = {Path(each).resolve() for each in data} & {Path(each).resolve() for each in held_out}
     if both:
         raise IdentificationError(f'{min(both).name} {both_text}; give it once')

@@ -19,7 +19,7 @@ LINEAR_GAIN = Parameter(
     1.5e-4,
     -1e-2,
     1e-2,
-    'Linear gain from voltage to displacement before the hysteretic share h is taken off.',
+    'Linear gain from voltage to displacement before the hysteretic share h is subtracted.',
     1e-4,
 )
 PARAMETERS = (

@@ -189,7 +189,7 @@ def joins(p: FloatArray) -> float:
 def check(values: Mapping[str, float]) -> str:
     """Return '' or the reason why the restoring force is invalid."""
     if values['stiffness'] + values['z_alpha'] <= 0.0:
-        return 'stiffness + z_alpha must be positive, or the structure falls over; raise either'
+        return 'stiffness + z_alpha must be positive, or it is unstable; increase either'
     stiffest = values['stiffness'] + abs(values['z_alpha'])
     if values['damping'] > 100.0 * sqrt(stiffest * values['mass']):
         return 'the damping is over 50 times critical; use a model without inertia'

@@ -170,7 +170,7 @@ BLOCKS = (
         state_size=2,
         between=Between.LINEAR,
         system=pair_system,
-        description='Two Kelvin-Voigt elements in series, each of which sees the displacement.',
+        description='Two Kelvin-Voigt elements in series, both driven by the displacement.',
         source='Kelvin-Voigt creep',
     ),
     Block(
@@ -192,7 +192,7 @@ BLOCKS = (
         state_size=len(SPECTRUM),
         between=Between.LINEAR,
         system=spectrum_system,
-        description='Kelvin-Voigt elements a decade apart, of shares of their own.',
+        description='Kelvin-Voigt elements, one per decade, with independent shares.',
         source='generalised Kelvin-Voigt creep: a spectrum of retardation',
     ),
     Block(

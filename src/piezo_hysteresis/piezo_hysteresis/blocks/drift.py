@@ -60,7 +60,7 @@ BLOCKS = (
         name='warming',
         slot=Slot.SLOW,
         parameters=(
-            Parameter('warming_shift', 'm', 0.0, -1.0, 1.0, 'Shift in the end.', 1e-6),
+            Parameter('warming_shift', 'm', 0.0, -1.0, 1.0, 'Final shift.', 1e-6),
             Parameter('warming_time', 's', 30.0, 1e-2, 1e7, 'Time constant of the shift.', 30.0),
         ),
         kernel=warming_kernel,

@@ -30,7 +30,9 @@ BLOCK = Block(
     ),
     slot=Slot.SLOW,
     parameters=(
-        Parameter('gain_loss', '1', 0.0, -1.0, 1.0, 'Share of the stroke lost in the end.', 0.05),
+        Parameter(
+            'gain_loss', '1', 0.0, -1.0, 1.0, 'Final share of the stroke that is lost.', 0.05
+        ),
         Parameter(
             'gain_loss_time',
             's',

@@ -44,11 +44,23 @@ BLOCK = Block(
         ),
         Parameter('mode_friction', 'm', 0.0, 0.0, 1.0, 'Friction force over stiffness.', 1e-6),
         Parameter(
-            'presliding', 'm', 1e-6, 1e-10, 1.0, 'Move after which friction is fully up.', 1e-6
+            'presliding',
+            'm',
+            1e-6,
+            1e-10,
+            1.0,
+            'Displacement after which the friction is fully developed.',
+            1e-6,
         ),
         Parameter('breakaway', '1', 1.0, 1.0, 5.0, 'Friction at rest over that when fast.', 0.1),
         Parameter(
-            'stribeck_speed', 'm/s', 1e-3, 1e-9, 10.0, 'Speed from which friction is less.', 1e-3
+            'stribeck_speed',
+            'm/s',
+            1e-3,
+            1e-9,
+            10.0,
+            'Speed above which the friction decreases.',
+            1e-3,
         ),
     ),
     kernel=_friction_mode.kernel,

@@ -144,7 +144,7 @@ _DAMPING = Parameter(
     0.02,
     1e-5,
     0.3,
-    'Damping over critical; beyond 0.3 hardly anything stands out.',
+    'Damping over critical damping; above 0.3 there is no distinct peak.',
     0.02,
 )
 
@@ -195,7 +195,7 @@ _PAIR = Block(
     between=Between.LINEAR,
     inertia=True,
     system=pair_system,
-    description='Two modes side by side that share the static displacement.',
+    description='Two parallel modes that share the static displacement.',
     source='Zhou 2021 (3), two of them driven by the same force',
 )
 

@@ -36,9 +36,9 @@ BLOCK = Block(
     counterpart=_counterpart,
     slot=Slot.INPUT,
     parameters=(
-        Parameter('saturation_high', 'V', 1e5, 0.0, 1e5, 'Largest voltage that arrives.', 1.0),
+        Parameter('saturation_high', 'V', 1e5, 0.0, 1e5, 'Largest voltage at the actuator.', 1.0),
         Parameter(
-            'saturation_low', 'V', 1e5, 0.0, 1e5, 'Largest negative voltage that arrives.', 1.0
+            'saturation_low', 'V', 1e5, 0.0, 1e5, 'Largest negative voltage at the actuator.', 1.0
         ),
     ),
     kernel=kernel,

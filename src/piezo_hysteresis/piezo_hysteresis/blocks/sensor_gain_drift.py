@@ -37,7 +37,7 @@ BLOCK = Block(
     slot=Slot.SENSOR,
     parameters=(
         Parameter('gain_rate', '1/s', 0.0, -1e3, 1e3, 'Share of the gain lost per second.', 1e-3),
-        Parameter('gain_centre', 'm', 0.0, -1.0, 1.0, 'Displacement that stays put.', 1e-5),
+        Parameter('gain_centre', 'm', 0.0, -1.0, 1.0, 'Displacement that does not change.', 1e-5),
     ),
     kernel=kernel,
     state_size=1,

@@ -1,7 +1,7 @@
 """Access control of the page: host names, origins, an optional token.
 
-A page of another site can have its own name point to this machine (DNS rebinding). Its requests
-then reach the server, and its browser calls them same-origin; only the name in them gives it away.
+A page of another site can direct its own host name to this machine (DNS rebinding). Its requests
+then reach the server as same-origin requests; only their host name shows that they are foreign.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from piezo_hysteresis.errors import PiezoError
 
 # Names of this machine as a browser on it writes them.
 LOCAL_NAMES = ('localhost', '127.0.0.1', '[::1]')
-# Addresses that mean all of this machine's: nobody calls it that.
+# Wildcard addresses, which are no host name of a browser.
 _EVERY_ADDRESS = ('', '0.0.0.0', '::')
-# What a browser leaves out of a name.
+# Default ports, which a browser omits from a name.
 _USUAL_PORT = re.compile(r':(80|443)$')
 _NAME = re.compile(r'^(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(:\d{1,5})?$')
-# Shorter words can be found by trying [characters].
+# Shorter tokens can be guessed [characters].
 SHORTEST_TOKEN = 16
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a request gets no answer.
+    """Reason for the rejection of a request.
 
     Attributes
     ----------
     status : int
-        Of the HTTP answer.
+        HTTP status.
     reason : str
-        What is wrong and what to do, without a word of the request in it.
+        Problem and remedy, without any text of the request.
     """
 
     status: int
@@ -44,21 +44,21 @@ class Refusal:
 
 
 class AccessPolicy:
-    """Judges a request by its headers, before anything else looks at it.
+    """Access control of a request by its headers, before any handler.
 
     Parameters
     ----------
     address, port : str, int
-        Where the server listens.
+        Address and port of the server.
     origins : sequence of str
-        Further ``HOST[:PORT]`` that browsers may open the page as.
+        Further ``HOST[:PORT]`` under which browsers may open the page.
     token : str
-        What a reader has to show once, '' for nothing.
+        Token that a client must send once, '' for none.
 
     Raises
     ------
     PiezoError
-        If an origin is no name with a port, or the token can be guessed.
+        If an origin is not a name with a port, or the token is too short.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class AccessPolicy:
         self._token = token
         # A proof of the token, so that the token itself is in no later request.
         self._proof = hmac.new(token.encode(), b'piezo page', hashlib.sha256).hexdigest()
-        # Browsers do not tell the cookies of two ports apart.
+        # Browsers share cookies between ports.
         self.cookie = f'piezo_page_{port}'
 
     @property
@@ -87,9 +87,9 @@ class AccessPolicy:
         return self._proof
 
     def refusal(self, headers: Mapping[str, str]) -> Refusal | None:
-        """Return why a request of these headers is foreign, None where it is not.
+        """Return the reason to reject a request with these headers, None to accept it.
 
-        A request without an origin comes from a program or from a link that somebody followed.
+        A request without an origin comes from a program or from a followed link.
         """
         if _canonical(headers.get('Host', '')) not in self.names:
             return Refusal(

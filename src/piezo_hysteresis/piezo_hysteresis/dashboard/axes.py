@@ -1,4 +1,4 @@
-"""Axes that follow what is drawn, calmly, and leave alone what a person has zoomed."""
+"""Axis ranges that follow the data with hysteresis and keep a zoom of the user."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ HEIGHT = 230
 
 
 class Follower:
-    """Keeps a range around the data: grows at once, shrinks only where much is empty.
+    """Range around the data: it grows immediately and shrinks only if much of it is empty.
 
     Parameters
     ----------
     logarithmic : bool
-        Whether the axis is; its ends are then powers of ten.
+        Whether the axis is logarithmic; its ends are then powers of ten.
     floor : float
         Smallest span (linear) or smallest end (logarithmic).
     """
@@ -31,11 +31,11 @@ class Follower:
         self._set = (start, end)
 
     def fit(self, low: float, high: float) -> None:
-        """Make room for `low` .. `high`."""
+        """Extend the range to `low` .. `high`."""
         if not (math.isfinite(low) and math.isfinite(high)):
             return
         if (self.range.start, self.range.end) != self._set:
-            return  # somebody looks closer; the reset tool gives the axis back
+            return  # the user has zoomed; the reset tool restores the automatic range
         limits = self._decades(low, high) if self._logarithmic else self._linear(low, high)
         if limits != self._set:
             self._set = limits
@@ -58,7 +58,7 @@ class Follower:
 
 
 def live_axes(title: str, x_label: str, y_label: str, x: Any, y: Any, **options: Any) -> Any:
-    """Return an empty plot in the look of the reports, a bit lower, whose tools start idle."""
+    """Return an empty plot in the style of the reports, with less height and inactive tools."""
     plot = new_axes(title, x_label, y_label, x_range=x, y_range=y, **options)
     plot.frame_height = HEIGHT
     plot.toolbar.active_drag = None  # a finger on a plot scrolls the page
@@ -68,7 +68,7 @@ def live_axes(title: str, x_label: str, y_label: str, x: Any, y: Any, **options:
 
 
 def columns_of(plot: Any) -> int:
-    """Return how many pixel columns the plot has on the screen of its reader."""
+    """Return the number of pixel columns of the plot in the browser."""
     try:
         width = int(plot.inner_width)
     except UnsetValueError:  # not on a screen yet

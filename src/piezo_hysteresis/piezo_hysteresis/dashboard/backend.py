@@ -1,4 +1,4 @@
-"""What the page asks of its backend; ROS stands behind it, or a test."""
+"""Interface between the page and its backend, which is ROS or a test."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from piezo_hysteresis.dashboard.live_state import Live
 
 
 class Answer:
-    """The answer of a node, which comes later.
+    """The asynchronous response of a node.
 
     Attributes
     ----------
     done : bool
-        Whether it has come.
+        Whether it has been received.
     reason : str
-        Why it was refused, '' where it was not.
+        Reason of a rejection, '' if accepted.
     """
 
     def __init__(self) -> None:
@@ -26,23 +26,23 @@ class Answer:
         self.reason = ''
 
     def give(self, reason: str = '') -> None:
-        """Let it come."""
+        """Set the response."""
         self.reason = reason
         self.done = True
 
 
 @dataclass(frozen=True)
 class SweepOrder:
-    """A sweep that the page asks for.
+    """A sweep requested by the page.
 
     Attributes
     ----------
     frequencies, amplitudes : tuple of float
         Every frequency [Hz] at every amplitude [V].
     seconds, warm_up, pause : float
-        Of each record, and between them [s].
+        Durations of each record, its warm-up and the pause after it [s].
     name : str
-        Bag that it is recorded into, below ``sweeps`` in the folder.
+        Bag of the records, below ``sweeps`` in the folder.
     """
 
     frequencies: tuple[float, ...]
@@ -55,7 +55,7 @@ class SweepOrder:
 
 @dataclass(frozen=True)
 class DiscoveryOrder:
-    """A discovery that the page asks for.
+    """A discovery requested by the page.
 
     Attributes
     ----------
@@ -71,16 +71,16 @@ class DiscoveryOrder:
 
 @dataclass(frozen=True)
 class InvestigationOrder:
-    """An investigation that the page asks for.
+    """An investigation requested by the page.
 
     Attributes
     ----------
     low, high : float
-        Range of the voltage [V]; twice 0 for what the actuator takes and the model knows.
+        Range of the voltage [V]; both 0 for the range of the actuator and the model.
     slew : float
-        Fastest change of the voltage [V/s], 0 for no limit.
+        Largest rate of the voltage [V/s], 0 for no limit.
     budget : float
-        Actuator time [s], 0 for the usual one.
+        Actuator time [s], 0 for the default.
     name : str
         Folder of journal and bags, below ``investigations`` in the folder.
     """
@@ -93,37 +93,37 @@ class InvestigationOrder:
 
 
 class Backend(Protocol):
-    """Speaks to the nodes of any actuator; every call returns at once."""
+    """Interface to the nodes of any actuator; every call returns immediately."""
 
     def actuators(self) -> list[str]:
-        """Return the namespaces there are, never an empty list."""
+        """Return the existing namespaces, never an empty list."""
 
     def allows(self, actuator: str) -> bool:
-        """Return whether a namespace that a reader asks for may be looked at."""
+        """Return whether a requested namespace may be shown."""
 
     def live(self, actuator: str) -> Live:
-        """Return what is known of an actuator; what is not yet listened to is from now on."""
+        """Return the state of an actuator, and subscribe to it if necessary."""
 
     def set_parameters(self, actuator: str, node: str, values: Mapping[str, Value]) -> Answer:
-        """Set parameters of a node, one after another; the first refusal ends it."""
+        """Set parameters of a node in sequence, until one is rejected."""
 
     def start_sweep(self, actuator: str, order: SweepOrder) -> None:
         """Run a sweep and record it; `Live.sweep` has its state."""
 
     def cancel_sweep(self, actuator: str) -> None:
-        """Let the actuator return to rest."""
+        """Cancel the sweep; the actuator returns to rest."""
 
     def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
         """Run a discovery on recorded data; `Live.discovery` has its state."""
 
     def cancel_discovery(self, actuator: str) -> None:
-        """Give a discovery up."""
+        """Cancel the discovery."""
 
     def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
         """Run an investigation of the active model; `Live.investigation` has its state."""
 
     def cancel_investigation(self, actuator: str) -> None:
-        """Give an investigation up; the actuator returns to rest."""
+        """Cancel the investigation; the actuator returns to rest."""
 
     def bags(self, actuator: str) -> list[str]:
-        """Return the bags that were recorded, the newest first."""
+        """Return the recorded bags, the newest first."""

@@ -15,7 +15,7 @@ Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str
 # sentence, then the unit in brackets, then the words that are allowed
 _DESCRIPTION = re.compile(r'^(?P<sentence>.*?)(?: \[(?P<unit>[^\[\]]+)\])?(?: One of .*)?$', re.S)
 _CHOICES = re.compile(r'^one of (.*)$')
-# A slider reaches so many times as far as the value it is at.
+# Range of a slider as a multiple of the current value.
 _REACH = 3.0
 _STEPS = 200
 
@@ -27,19 +27,19 @@ class ParameterState:
     Attributes
     ----------
     node, name : str
-        Whose it is and what it is called.
+        Node and name of the parameter.
     value : bool, int, float, str or list
-        Present value, in SI units.
+        Current value, in SI units.
     sentence : str
-        What it is.
+        Description.
     unit : str
         SI unit, '' for none.
     low, high : float
         Allowed range.
     choices : tuple of str
-        Allowed words, empty for any.
+        Allowed values, empty for any.
     read_only : bool
-        Whether the node refuses every change.
+        Whether the node rejects every change.
     """
 
     node: str
@@ -59,7 +59,7 @@ class ParameterState:
 
     @property
     def is_switch(self) -> bool:
-        """Whether it is true or false."""
+        """Whether it is boolean."""
         return isinstance(self.value, bool)
 
     @property
@@ -69,22 +69,22 @@ class ParameterState:
 
     @property
     def shown_unit(self) -> str:
-        """Unit that people read."""
+        """Displayed unit."""
         return shown(self.unit)[0]
 
     @property
     def factor(self) -> float:
-        """From the SI unit to the one that people read."""
+        """Factor from the SI unit to the displayed one."""
         return shown(self.unit)[1]
 
     def with_value(self, value: Value) -> ParameterState:
-        """Return the parameter at another value."""
+        """Return the parameter with another value."""
         return replace(self, value=value)
 
     def parse(self, text: str) -> Value:
-        """Return the value that a typed text means; a text that is none stays one.
+        """Return the value of an entered text; an invalid text is returned unchanged.
 
-        The node then refuses it with its own reason.
+        The node then rejects it with its own reason.
         """
         if not isinstance(self.value, list):
             return text
@@ -113,17 +113,17 @@ def described(
     Parameters
     ----------
     node, name : str
-        Whose it is and what it is called.
+        Node and name of the parameter.
     value : bool, int, float, str or list
-        Present value.
+        Current value.
     description : str
         ``Sentence. [unit] One of a, b.``
     constraints : str
-        ``one of a, b`` where only these words are allowed.
+        ``one of a, b`` if only these values are allowed.
     bounds : tuple of float, optional
         Allowed range.
     read_only : bool
-        Whether it is fixed.
+        Whether it cannot be changed.
     """
     found = _DESCRIPTION.match(description)
     listed = _CHOICES.match(constraints)
@@ -142,9 +142,9 @@ def described(
 
 
 def refusal_text(parameter: ParameterState, reason: str) -> str:
-    """Return why a value was refused, in the unit that the page shows.
+    """Return the reason of a rejected value, in the displayed unit.
 
-    Nodes say it in metres where the page has micrometres, those of others without a unit.
+    Nodes report it in metres where the page has micrometres, and other nodes without a unit.
     """
     ours = reason.startswith(f'{parameter.name} = ') and ' is outside ' in reason
     if not parameter.is_number or not (ours or 'out of range' in reason):
@@ -155,12 +155,12 @@ def refusal_text(parameter: ParameterState, reason: str) -> str:
 
 @dataclass(frozen=True)
 class SliderRange:
-    """What a slider spans, in the unit that people read.
+    """Range of a slider, in the displayed unit.
 
     Attributes
     ----------
     start, end, step : float
-        As the slider wants them.
+        Arguments of the slider.
     """
 
     start: float
@@ -168,23 +168,23 @@ class SliderRange:
     step: float
 
     def nearest(self, value: float) -> float:
-        """Return `value` [shown unit], or the end of the slider that is next to it."""
+        """Return `value` [displayed unit], limited to the range of the slider."""
         return min(max(value, self.start), self.end)
 
 
 def reach(parameter: ParameterState, siblings: Iterable[ParameterState] = ()) -> SliderRange:
-    """Return a useful range of a slider: the allowed one, cut to the size of what is usual.
+    """Return a useful range of a slider: the allowed one, limited to typical values.
 
-    Ranges such as 0 .. 500 V hold for any actuator; a slider over all of it would be useless. It
-    therefore goes to a round number beyond three times the present value, or, where that is zero,
-    of the largest relative of the same unit. The field beside the slider takes the whole range.
+    Ranges such as 0 .. 500 V apply to any actuator and are too wide for a slider. The slider ends
+    at a round number above three times the current value, or, if that is zero, of the largest
+    parameter of the group with the same unit. The field next to it accepts the whole range.
 
     Parameters
     ----------
     parameter : ParameterState
         A number.
     siblings : iterable of Parameter
-        Of the same group.
+        Parameters of the same group.
     """
     assert isinstance(parameter.value, int | float)
     factor = parameter.factor
@@ -212,7 +212,7 @@ def round_up(value: float) -> float:
     return next(k * size for k in (1.0, 2.0, 5.0, 10.0) if k * size >= value * (1 - 1e-9))
 
 
-# What a person at the bench reaches for first; whatever of it is running is shown.
+# Parameters of the excitation, shown first if their node is running.
 DRIVE = (
     ('excitation', 'mode'),
     ('excitation', 'waveform'),
@@ -231,12 +231,12 @@ EFFECTS = 'effects'
 
 
 def drive_parameters(nodes: Mapping[str, Mapping[str, ParameterState]]) -> list[ParameterState]:
-    """Return what is reached for first, of the nodes that are there."""
+    """Return the parameters of the excitation, of the nodes that are running."""
     return [nodes[node][name] for node, name in DRIVE if name in nodes.get(node, {})]
 
 
 def effect_parameters(nodes: Mapping[str, Mapping[str, ParameterState]]) -> list[ParameterState]:
-    """Return the effect switches of whatever simulates the actuator."""
+    """Return the effect switches of the simulated actuator."""
     return [
         parameter
         for parameters in nodes.values()

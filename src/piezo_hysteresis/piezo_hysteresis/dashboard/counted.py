@@ -1,4 +1,4 @@
-"""What the counters of nodes count, for the page and its documentation."""
+"""Descriptions of the counters of nodes, for the page and its documentation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals made fit for a screen without hiding anything: the extremes of every pixel column."""
+"""Decimation of signals for display that keeps the extremes of every pixel column."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from piezo_hysteresis.arrays import FloatArray, IntArray
 
 
 def columns(first: int, values: FloatArray, pixels: int) -> tuple[IntArray, FloatArray]:
-    """Return the smallest and the largest value of every pixel column, where they occurred.
+    """Return the smallest and the largest value of every pixel column with their positions.
 
-    Columns hold equally many samples and begin at multiples of that number, whatever part of the
-    signal is shown: a peak keeps its height while it moves across the screen.
+    Columns hold equal numbers of samples and begin at multiples of that number, for any part of
+    the signal: a peak keeps its height while it moves across the screen.
 
     Parameters
     ----------
@@ -22,18 +22,18 @@ def columns(first: int, values: FloatArray, pixels: int) -> tuple[IntArray, Floa
     values : ndarray, shape (n,)
         One value per sample, NaN where there is none.
     pixels : int
-        Columns there are room for.
+        Number of available columns.
 
     Returns
     -------
     tuple of ndarray
-        Sample numbers, in order, and values: two per column, or all where there are no more
-        samples than that. A column without any value is NaN, which breaks the line.
+        Sample numbers, in order, and values: two per column, or all samples if there are not more.
+        A column without any value is NaN, which interrupts the line.
 
     Raises
     ------
     ValueError
-        If there is no room for even one column.
+        If `pixels` is less than one.
     """
     if pixels < 1:
         raise ValueError(f'{pixels} pixel columns: give at least 1')
@@ -64,7 +64,7 @@ def path(x: FloatArray, y: FloatArray, points: int) -> tuple[FloatArray, FloatAr
     x, y : ndarray, shape (n,)
         In the order in which they are joined; NaN where there is no point.
     points : int
-        How many to keep at most, 4 or more.
+        Largest number of points, 4 or more.
     """
     if x.size <= points:
         return x, y

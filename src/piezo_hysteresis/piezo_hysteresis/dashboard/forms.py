@@ -1,4 +1,4 @@
-"""Starts of a sweep and of a discovery, with progress, cancel and what came out."""
+"""Forms to start a sweep and a discovery, with progress, cancel and result."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def numbers(text: str, what: str) -> tuple[float, ...]:
     Raises
     ------
     PiezoError
-        If there is none, or a word is no number.
+        If the list is empty, or an entry is no number.
     """
     items = [item for item in re.split(r'[\s,;]+', text) if item]
     if not items:
@@ -54,7 +54,7 @@ class JobBox:
     name : str
         Prefix of the names of its parts.
     start, cancel : callable
-        What the buttons do.
+        Callbacks of the buttons.
     """
 
     def __init__(self, name: str, start: Callable[[], None], cancel: Callable[[], None]) -> None:
@@ -100,7 +100,7 @@ class JobBox:
 
 
 class SweepForm:
-    """Frequencies and amplitudes of a sweep, and the bag that it is recorded into."""
+    """Frequencies and amplitudes of a sweep, and the bag of its records."""
 
     def __init__(
         self,
@@ -157,7 +157,7 @@ class SweepForm:
         )
 
     def refresh(self, job: BackgroundJob, offered: bool, now: float) -> None:
-        """Show how the sweep stands; a new one gets a new name."""
+        """Show the state of the sweep; a new one gets a new name."""
         ended = self.box.bar.visible and not job.busy
         self.box.refresh(job, offered, self._hint, now)
         if ended:
@@ -165,7 +165,7 @@ class SweepForm:
 
 
 class DiscoveryForm:
-    """Which records against which baseline."""
+    """Records and baseline of a discovery."""
 
     def __init__(
         self,
@@ -198,7 +198,7 @@ class DiscoveryForm:
         self._order(DiscoveryOrder(tuple(self._data.value), self._baseline.value))
 
     def look(self) -> None:
-        """Offer what has been recorded since; the newest is chosen by itself."""
+        """Update the list of recorded bags; the newest is selected automatically."""
         found = self._bags()
         if found == list(self._data.options):
             return
@@ -207,5 +207,5 @@ class DiscoveryForm:
         self._data.update(options=found, value=new[:1] or kept)
 
     def refresh(self, job: BackgroundJob, offered: bool, now: float) -> None:
-        """Show how the discovery stands."""
+        """Show the state of the discovery."""
         self.box.refresh(job, offered, self._hint, now)

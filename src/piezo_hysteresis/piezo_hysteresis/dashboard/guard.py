@@ -1,4 +1,4 @@
-"""Bokeh's application behind one door: no handler, its own or ours, is reached past it."""
+"""Bokeh application with access control of every request, for all handlers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tornado.web import OutputTransform, RequestHandler
 from piezo_hysteresis.dashboard.access import AccessPolicy, Refusal
 
 _NO_TOKEN = Refusal(401, 'This page asks for its token: open it once with ?token=... behind.')
-# Every answer carries them: no frame of another page shows this one, no address leaves with it.
+# Headers of every response: no embedding in other pages, no referrer.
 _HEADERS = {
     'Content-Security-Policy': "frame-ancestors 'none'",
     'X-Frame-Options': 'DENY',
@@ -22,16 +22,16 @@ _HEADERS = {
 
 
 class GuardedApplication(BokehTornado):
-    """Bokeh's application that asks an `AccessPolicy` first.
+    """Bokeh application that checks an `AccessPolicy` first.
 
     Parameters
     ----------
     applications : dict
-        As Bokeh takes them.
+        Applications of Bokeh.
     access : AccessPolicy
-        Judges every request.
+        Check of every request.
     **settings
-        As Bokeh takes them.
+        Further arguments of Bokeh.
     """
 
     def __init__(self, applications: Any, *, access: AccessPolicy, **settings: Any) -> None:
@@ -46,8 +46,8 @@ class GuardedApplication(BokehTornado):
         return found
 
     def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
-        """Return what answers a request; every one, a WebSocket's too, comes through here."""
-        request.uri = request.path  # what is logged of it; a token may stand behind
+        """Return the handler of a request; all requests, WebSockets included, pass here."""
+        request.uri = request.path  # the logged part of the address; a token may follow it
         refusal = self._access.refusal(request.headers)
         if refusal is None and self._shows_token(request):
             cookie = f'{self._access.cookie}={self._access.proof}; HttpOnly; SameSite=Lax; Path=/'
@@ -82,26 +82,26 @@ def _without_token(request: HTTPServerRequest) -> str:
 
 
 class _Headers(OutputTransform):
-    """Writes the headers of every answer."""
+    """Adds the headers to every response."""
 
     def transform_first_chunk(
         self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
     ) -> tuple[int, HTTPHeaders, bytes]:
-        """Add them."""
+        """Add the headers to the first chunk."""
         for name, value in _HEADERS.items():
             headers[name] = value
         return status_code, headers, chunk
 
 
 class _Refused(RequestHandler):
-    """Answers with the reason, whatever was asked."""
+    """Handler that responds with the reason of a rejection."""
 
     def initialize(self, refusal: Refusal) -> None:
-        """Take the reason."""
+        """Store the reason."""
         self._refusal = refusal
 
     def prepare(self) -> None:
-        """Reply before the method is looked at."""
+        """Respond before the method is evaluated."""
         self.set_status(self._refusal.status)
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish(self._refusal.reason + '\n')
@@ -111,18 +111,18 @@ class _Admission(RequestHandler):
     """Stores an accepted token in a cookie, and removes it from the address."""
 
     def initialize(self, cookie: str, target: str) -> None:
-        """Take what is remembered, and where the reader goes on."""
+        """Store the cookie, and the address to redirect to."""
         self._cookie, self._target = cookie, target
 
     def get(self) -> None:
-        """Send the reader on."""
+        """Redirect the client."""
         self.add_header('Set-Cookie', self._cookie)
         self.redirect(self._target)
 
 
 class _Head(RequestHandler):
-    """Answers that the page exists, without opening it."""
+    """Handler of HEAD requests, which do not open the page."""
 
     def head(self) -> None:
-        """Return what the page would begin with."""
+        """Return the headers of the page."""
         self.set_header('Content-Type', 'text/html; charset=UTF-8')

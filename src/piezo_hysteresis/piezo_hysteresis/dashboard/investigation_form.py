@@ -1,4 +1,4 @@
-"""Start of an investigation; what it asks next and why; beliefs over actuator time."""
+"""Form of an investigation: start, next experiment with its reason, probabilities over time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from piezo_hysteresis.dashboard.texts import set_text, start_text, text_div
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.reporting.plot_parts import PALETTE
 
-# Explanations that are drawn: those that were ever the likeliest.
+# Number of plotted explanations: those that have been the most probable.
 SHOWN = 5
 
 
@@ -62,7 +62,7 @@ class InvestigationForm:
     def refresh(
         self, job: BackgroundJob, states: Sequence[InvestigationState], offered: bool, now: float
     ) -> None:
-        """Show how the investigation stands."""
+        """Show the state of the investigation."""
         self.box.refresh(job, offered, self._hint, now)
         every = tuple(states)
         if every != self._drawn:
@@ -72,7 +72,7 @@ class InvestigationForm:
 
 
 def _number(title: str, name: str, value: float | None = None) -> NumericInput:
-    """Return a field that may stay empty: what the actuator takes, or no limit."""
+    """Return an optional field; empty is the range of the actuator, or no limit."""
     return NumericInput(
         title=title, value=value, placeholder='auto', mode='float', name=name,
         sizing_mode='stretch_width', min_width=60,
@@ -80,7 +80,7 @@ def _number(title: str, name: str, value: float | None = None) -> NumericInput:
 
 
 def steps_text(states: Sequence[InvestigationState]) -> str:
-    """Return what was asked and why, and what it answered, the newest first."""
+    """Return the experiments with reason and result, the newest first."""
     rows = []
     for place, belief in enumerate(states):
         if belief.stage not in ('run', 'apply'):
@@ -97,7 +97,7 @@ def steps_text(states: Sequence[InvestigationState]) -> str:
 
 
 class ChancesPlot:
-    """How likely each explanation is, over the time for which the actuator was driven."""
+    """Probability of each explanation over the actuator time."""
 
     def __init__(self) -> None:
         self._x = Range1d(0.0, 10.0)

@@ -1,4 +1,4 @@
-"""One reader's page, kept up to date as fast as his browser draws it."""
+"""The page of one client, updated at the rate at which its browser draws."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from piezo_hysteresis.dashboard.pictures import Pictures
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE, page_template
 from piezo_hysteresis.dashboard.texts import set_text, text_div
 
-SLOWLY = 0.3  # words and spectra change no faster [s]
-TIMEOUT = 10.0  # after which a picture counts as lost on its way [s]
+SLOWLY = 0.3  # shortest interval of updates of texts and spectra [s]
+TIMEOUT = 10.0  # time after which an update is treated as lost [s]
 
-# Runs in the browser once the picture is on the screen; in a tab that nobody sees it waits.
+# Runs in the browser after an update is drawn; in a hidden tab it waits.
 SEEN = (
     'const tags = cb_obj.tags; requestAnimationFrame(() => setTimeout(() => {seen.tags = tags}))'
 )
 
 
 class Flow:
-    """Sends the next picture only when the browser has drawn the one before.
+    """Flow control: the next update is sent only after the browser has drawn the previous one.
 
-    Otherwise a slow browser would lag behind, further and further.
+    Otherwise a slow browser would accumulate a delay.
 
     Parameters
     ----------
     beat : Div
-        On the page; its tags number the pictures.
+        Element of the page whose tags number the updates.
     """
 
     def __init__(self, beat: Div) -> None:
@@ -42,32 +42,32 @@ class Flow:
         beat.js_on_change('tags', CustomJS(args={'seen': self.seen}, code=SEEN))
 
     def ready(self) -> bool:
-        """Return whether the browser waits for a picture."""
+        """Return whether the browser waits for an update."""
         late = time.monotonic() - self._sent_at > TIMEOUT
         return late or list(self.seen.tags) == list(self._beat.tags)
 
     def sent(self) -> None:
-        """Note that a picture is on its way."""
+        """Note that an update is sent."""
         self._number += 1
         self._sent_at = time.monotonic()
         self._beat.tags = [self._number]
 
 
 class Page:
-    """The document of one reader.
+    """The document of one client.
 
     Parameters
     ----------
     document : Document
-        Empty so far.
+        Empty document.
     backend : Backend
-        Speaks to the nodes.
+        Interface to the nodes.
     actuator : str
         Namespace of the actuator.
     chosen : bool
-        Whether the reader asked for this one; otherwise the page goes over to one that is found.
+        Whether the client selected it; otherwise the page changes to a namespace that exists.
     refresh : float
-        How often it is drawn [Hz].
+        Rate of updates [Hz].
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Page:
         self._slow = 0.0
         document.title = f'Actuator {actuator}'.strip()
         document.template = page_template()
-        with document.models.freeze():  # or every root would have all models counted anew
+        with document.models.freeze():  # otherwise each root would count all models again
             for root in (
                 self._actuator, self._pulse, self._banner, *self._pictures.roots,
                 *self._controls.roots,
@@ -106,7 +106,7 @@ class Page:
         document.add_periodic_callback(self.refresh, round(1000 / refresh))
 
     def refresh(self) -> None:
-        """Bring everything up to date."""
+        """Update all parts of the page."""
         self._controls.refresh()
         if self._flow.ready():
             self._draw(self._is_slow())

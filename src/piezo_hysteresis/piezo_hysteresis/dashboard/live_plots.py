@@ -1,4 +1,4 @@
-"""The signals of this moment: loop, traces and spectrum. Metres in, µm drawn."""
+"""Plots of the current signals: loop, traces and spectrum. Input in metres, display in µm."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ SMALLEST = 1e-13  # drawn on logarithmic axes instead of zero [m]
 
 @dataclass(frozen=True)
 class PageState:
-    """What all plots of one moment are drawn from.
+    """Common data of all plots at one instant.
 
     Attributes
     ----------
     window : Window
         The last samples, longer than any plot needs.
     seconds : float
-        Time that the traces show [s].
+        Time span of the traces [s].
     fundamental, resonance : float
-        [Hz], 0 where there is none.
+        Frequencies [Hz], 0 if there is none.
     """
 
     window: Window
@@ -52,7 +52,7 @@ def _ends(*signals: FloatArray) -> tuple[float, float]:
 
 
 class LoopPlot:
-    """Displacement over voltage or reference; the last period on top of those before it."""
+    """Displacement over voltage or reference; the last period is drawn on top of earlier ones."""
 
     def __init__(self) -> None:
         self.input = 'voltage'
@@ -95,7 +95,7 @@ class TracePlot:
     Parameters
     ----------
     title, y_label : str
-        Words around it.
+        Title and axis label.
     lines : sequence of (str, str, str, float)
         Name in the window, label, colour and width of each line.
     factor : float
@@ -103,7 +103,7 @@ class TracePlot:
     time : Range1d
         Shared by all traces.
     name : str
-        Of the figure.
+        Name of the figure.
     """
 
     def __init__(
@@ -186,7 +186,7 @@ class SpectrumPlot:
         self._line.data = {'x': spectrum.frequency[inside][places], 'y': np.exp(drawn)}
         peaks = MICRO * np.maximum(spectrum.harmonics, SMALLEST)
         high = max(float(y.max()), float(peaks.max(initial=0.0)))
-        # the deepest lines are chance: the tenth percentile tells where the noise lies
+        # the lowest lines are random: the tenth percentile shows the noise level
         self._y.fit(float(np.percentile(y, 10)), high * 3)
         self._mark(scene, spectrum.orders, peaks, end)
 

@@ -1,4 +1,4 @@
-"""The newest samples of one actuator, put together by their numbers from several topics."""
+"""Newest samples of one actuator, merged from several topics by sample number."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
 
-# Messages of one writer come in order; further back than this it was started anew.
+# Messages of one writer are ordered; a larger step back is a restart of the writer.
 REORDERED = 64
 CAPACITY = 1 << 17
 NANO = 1e-9
-# Samples over which the sampling interval is measured, at the least.
+# Smallest number of samples over which the sampling interval is measured.
 INTERVALS = 1000
 
 
@@ -29,7 +29,7 @@ class State:
     stamp : int
         Its time [ns].
     voltage, displacement : float
-        [V] and [m].
+        Voltage [V] and displacement [m].
     """
 
     sample: int
@@ -40,7 +40,7 @@ class State:
 
 @dataclass(frozen=True)
 class Window:
-    """The last samples, one per tick; what did not arrive is NaN.
+    """The last samples, one per tick; missing ones are NaN.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Window:
     dt : float
         Sampling interval [s].
     voltage, displacement, reference : ndarray, shape (n,)
-        [V], [m] and [m].
+        Signals [V], [m] and [m].
     """
 
     first: int
@@ -91,12 +91,12 @@ class Window:
 
 
 class Signals:
-    """Keeps the newest samples; filled by one thread, read by others.
+    """Buffer of the newest samples, written by one thread and read by others.
 
     Parameters
     ----------
     capacity : int
-        Samples that are kept.
+        Number of stored samples.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -143,7 +143,7 @@ class Signals:
                 self._measure_interval()
 
     def add_references(self, samples: Sequence[int], displacements: Sequence[float]) -> None:
-        """Take in desired displacements [m]; they come a tick before their states."""
+        """Add desired displacements [m], which arrive a tick before their states."""
         with self._lock:
             for sample, displacement in zip(samples, displacements, strict=True):
                 slot = sample % self._capacity
@@ -151,7 +151,7 @@ class Signals:
                 self._reference[slot] = displacement
 
     def _measure_interval(self) -> None:
-        """Compare the stamp of the newest sample with one that lies 1000 to 2000 back."""
+        """Measure the interval from the newest stamp and one 1000 to 2000 samples before it."""
         newest = self._newest, int(self._stamp[self._newest % self._capacity])
         (sample, stamp), later = self._anchors
         if newest[0] > sample and newest[1] > stamp:
@@ -160,7 +160,7 @@ class Signals:
             self._anchors = [later, newest]
 
     def window(self, seconds: float) -> Window:
-        """Return the last `seconds`, or what there is of them; at most half of what is kept."""
+        """Return the last `seconds`, as far as available; at most half of the buffer."""
         with self._lock:
             size = min(max(1, round(seconds / self._dt)), self._capacity // 2)
             count = min(size, self._newest + 1)

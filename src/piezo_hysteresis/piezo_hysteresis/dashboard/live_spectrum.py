@@ -1,4 +1,4 @@
-"""Amplitude spectrum of what was measured last, with the harmonics of the drive in it."""
+"""Amplitude spectrum of the last samples, with the harmonics of the drive."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Spectrum:
     Attributes
     ----------
     frequency, amplitude : ndarray, shape (n,)
-        Of each line [Hz], [m].
+        Frequency [Hz] and amplitude [m] of each line.
     orders : tuple of int
         Harmonic orders below half the sampling rate.
     harmonics : ndarray
@@ -36,10 +36,10 @@ class Spectrum:
 
 
 def unbroken_end(signal: FloatArray) -> FloatArray:
-    """Return the end of `signal` from behind the last sample that is missing."""
+    """Return the end of `signal` after the last missing sample."""
     missing = np.flatnonzero(np.isnan(signal))
     if missing.size and missing[-1] == signal.size - 1:
-        # of a tick whose reference is still on its way
+        # the reference of the last tick may not have arrived
         return unbroken_end(signal[:-1]) if signal.size > 1 else signal[:0]
     return signal[missing[-1] + 1 :] if missing.size else signal
 
@@ -47,7 +47,7 @@ def unbroken_end(signal: FloatArray) -> FloatArray:
 def live_spectrum(
     signal: FloatArray, dt: float, fundamental: float, orders: tuple[int, ...] = ORDERS
 ) -> Spectrum | None:
-    """Return the spectrum of the last whole periods of `signal`, None where it is too short.
+    """Return the spectrum of the last whole periods of `signal`, None if it is too short.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def live_spectrum(
     fundamental : float
         Frequency of the drive [Hz], 0 for none.
     orders : tuple of int
-        Harmonics that are wanted.
+        Harmonics to evaluate.
     """
     end = unbroken_end(signal)[-LONGEST:]
     end = end[end.size - whole_periods(end.size, fundamental, dt) :]
@@ -70,7 +70,7 @@ def live_spectrum(
 
 
 def whole_periods(n: int, frequency: float, dt: float) -> int:
-    """Return how many of `n` samples are whole periods; all where not even one is."""
+    """Return the number of samples in whole periods among `n`; all if there is no whole period."""
     periods = math.floor(n * frequency * dt + 1e-9)
     return min(n, round(periods / (frequency * dt))) if periods > 0 else n
 
@@ -78,10 +78,10 @@ def whole_periods(n: int, frequency: float, dt: float) -> int:
 def _projected(
     signal: FloatArray, dt: float, fundamental: float, orders: tuple[int, ...]
 ) -> FloatArray:
-    """Amplitude at each order: the signal seen through its own phasor.
+    """Return the amplitude at each order by projection on its phasor.
 
-    A period need not be a whole number of samples. From two periods on a Hann window therefore
-    keeps the orders apart; its zeros fall on the other orders. A single period is seen as it is.
+    A period need not be a whole number of samples. From two periods on, a Hann window separates
+    the orders, because its zeros are at the other orders. A single period has no window.
     """
     turn = fundamental * dt * np.arange(signal.size)
     window = np.ones(signal.size)

@@ -10,29 +10,29 @@ from dataclasses import dataclass, field
 from piezo_hysteresis.dashboard.controls import ParameterState
 from piezo_hysteresis.dashboard.live_signals import Signals
 
-# Silence after which something counts as lost [s].
+# Time without messages after which a source is lost [s].
 SILENCE = 2.0
 KEPT = 600
 
 
 @dataclass(frozen=True)
 class Gap:
-    """How far model and measurement are apart.
+    """Gap between model and measurement.
 
     Attributes
     ----------
     at : float
-        When it was received [s, monotonic].
+        Time of reception [s, monotonic].
     rms, floor : float
-        [m]; their ratio is `floors`.
+        Gap and noise floor [m]; their ratio is `floors`.
     floors : float
         Multiples of the noise floor.
     frequency : float
-        Of the drive [Hz].
+        Frequency of the drive [Hz].
     orders, harmonics : tuple
         Rms at each harmonic order [m].
     beyond : bool
-        Whether it is significantly above the floor and what the model is known to miss.
+        Whether it is significantly above the noise floor and the known discrepancy of the model.
     family : str
         Possible causes of the gap.
     """
@@ -57,15 +57,15 @@ class ShownEstimate:
     at : float
         When it was received [s, monotonic].
     model, method, message : str
-        Of what, how, and warnings.
+        Model, method and warnings.
     names, units : tuple of str
-        Of the parameters, SI.
+        Names and SI units of the parameters.
     values, deviations : tuple of float
-        And their standard deviations.
+        Values and standard deviations.
     one_step, free_run : float
         Rms errors [m].
     converged : bool
-        Whether it has settled.
+        Whether it has converged.
     """
 
     at: float
@@ -94,7 +94,7 @@ class Counters:
     rate : float
         Ticks per second.
     counts : dict of str to int
-        Late, missed, refused and so on.
+        Counters such as late, missed, refused.
     """
 
     at: float
@@ -112,11 +112,11 @@ class LogLine:
     at : float
         When it was received [s, monotonic].
     node : str
-        Who.
+        Name of the node.
     level : str
         ``ok``, ``warning`` or ``error``.
     text : str
-        What.
+        Text of the message.
     """
 
     at: float
@@ -134,19 +134,19 @@ class BackgroundJob:
     phase : str
         ``none``, ``asked``, ``running``, ``done`` or ``failed``.
     fraction : float
-        Of the whole work.
+        Completed share of the work.
     text : str
-        What is being done, what came out, or why not.
+        Current step, result, or reason of the failure.
     effects : tuple of (str, float)
-        Of a discovery: what was named, with its probability.
+        Named effects of a discovery with their probabilities.
     before, after : float
-        Of a discovery: held-out gap in multiples of the noise floor.
+        Held-out gap of a discovery in multiples of the noise floor.
     report : str
-        Path of the report below the folder that is served, '' where there is none.
+        Path of the report below the served folder, '' if there is none.
     records : tuple of str
-        Of a sweep: its records.
+        Records of a sweep.
     since : float
-        When it was started [s, monotonic], NaN where that is not known.
+        Time of the start [s, monotonic], NaN if unknown.
     """
 
     phase: str = 'none'
@@ -161,7 +161,7 @@ class BackgroundJob:
 
     @property
     def busy(self) -> bool:
-        """Whether it goes on."""
+        """Whether it is running."""
         return self.phase in ('asked', 'running')
 
 
@@ -174,11 +174,11 @@ class InvestigationState:
     stage : str
         ``run``, ``judge`` or ``apply``.
     number : int
-        Of the experiment.
+        Number of the experiment.
     experiment, why, answer : str
-        Which, why it was chosen, and what the one before answered.
+        Experiment, reason of its selection, and result of the previous one.
     chances : tuple of (str, float)
-        How likely each explanation is.
+        Probability of each explanation.
     seconds : float
         Actuator time so far [s].
     """
@@ -199,13 +199,13 @@ class NodeState:
     Attributes
     ----------
     name : str
-        Without its namespace.
+        Name without the namespace.
     present : bool
-        Whether it is there now.
+        Whether it is running.
     since : float
-        Since when it is, or is not [s, monotonic].
+        Time of the last change of `present` [s, monotonic].
     parameters : dict of str to ParameterState
-        By name; replaced as a whole, never changed.
+        Parameters by name; replaced as a whole, never changed.
     """
 
     name: str
@@ -215,14 +215,14 @@ class NodeState:
 
 
 class Live:
-    """What is known of the actuator in one namespace.
+    """State of the actuator in one namespace.
 
     Parameters
     ----------
     actuator : str
         Its namespace, '' for none.
     clock : callable
-        Seconds that only grow.
+        Monotonic time [s].
     """
 
     def __init__(self, actuator: str, clock: Callable[[], float] = time.monotonic) -> None:
@@ -233,12 +233,12 @@ class Live:
         self.record_frequency = 0.0  # of the record of a sweep that runs
         self.record = ''
         self.received: dict[str, float] = {}
-        self.published = False  # whether somebody publishes the state
+        self.published = False  # whether the state is published
         self.gaps: deque[Gap] = deque(maxlen=KEPT)
         self.estimates: deque[ShownEstimate] = deque(maxlen=KEPT)
         self.counters: dict[str, Counters] = {}
         self.diagnostics: dict[str, LogLine] = {}
-        self.working: dict[str, float] = {}  # when a node last said that it starts or compiles
+        self.working: dict[str, float] = {}  # when a node last reported that it starts or compiles
         self.words: deque[LogLine] = deque(maxlen=50)
         self.nodes: dict[str, NodeState] = {}
         self.sweep = BackgroundJob()
@@ -252,21 +252,21 @@ class Live:
         self.received[topic] = self.clock()
 
     def silence(self, topic: str) -> float:
-        """Return for how long nothing was received [s], infinite where it never was."""
+        """Return the time since the last message [s], infinite if there was none."""
         return self.clock() - self.received.get(topic, -float('inf'))
 
     @property
     def parameters(self) -> dict[str, dict[str, ParameterState]]:
-        """Parameters by node, of those that are there."""
+        """Parameters by node, of the running nodes."""
         return {n.name: n.parameters for n in list(self.nodes.values()) if n.present}
 
     def parameter(self, node: str, name: str) -> ParameterState | None:
-        """Return one parameter of a node that is there."""
+        """Return one parameter of a running node."""
         return self.parameters.get(node, {}).get(name)
 
     @property
     def fundamental(self) -> float:
-        """Frequency of the drive [Hz]: of the reference, the record or the voltage; 0 for none."""
+        """Frequency of the drive [Hz], of the reference, the record or the voltage; 0 for none."""
         if self.silence('reference') < SILENCE:
             return self.frequency
         if self.record:

@@ -8,17 +8,17 @@ from html import escape
 
 from piezo_hysteresis.dashboard.live_state import SILENCE, Gap, Live, NodeState
 
-LOST_SHOWN = 600.0  # a node that left is shown for so long [s]
-UNTRACKED = 0.2  # tracking error, in parts of the reference, beyond which it is not followed
-CORRECTED = 0.1  # tracking error, in parts of the gap, below which a correction takes it off
+LOST_SHOWN = 600.0  # time for which a node that has ended is shown [s]
+UNTRACKED = 0.2  # relative tracking error above which the reference is not followed
+CORRECTED = 0.1  # tracking error relative to the gap below which the gap is compensated
 #: Nodes that watch the loop and are not part of it: what they report does not change its light.
 WATCHERS = {
     'gap_monitor', 'identification', 'discovery', 'observer', 'recorder', 'dashboard_listener',
     'player',
 }  # fmt: skip
-MUTE = 5.0  # a node that has not said how it is for so long does not count as fine [s]
+MUTE = 5.0  # time without a status after which a node is not ok [s]
 
-# What a link says of its input, which is no fault while nobody sends any.
+# Status of a link on its input, which is no fault while there is no input.
 _NO_INPUT = 'no input since'
 _NO_COMMAND = 'no command'
 
@@ -80,9 +80,9 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
     Parameters
     ----------
     live : Live
-        What is known.
+        State of the actuator.
     tracking : tuple of float
-        Rms of the tracking error and of the reference [m], NaN where nothing is tracked.
+        Rms of the tracking error and of the reference [m], NaN without a reference.
     """
     if live.silence('state') > SILENCE:
         return OverallStatus('gone', 'no signal')

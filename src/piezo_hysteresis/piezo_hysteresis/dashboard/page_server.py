@@ -1,4 +1,4 @@
-"""Serves the page and the reports to this machine, from a thread of its own."""
+"""Web server of the page and the reports on this machine, in its own thread."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from piezo_hysteresis.dashboard.guard import GuardedApplication
 from piezo_hysteresis.dashboard.live_page import Page
 from piezo_hysteresis.errors import PiezoError
 
-# A reader who went away is forgotten after so long [ms].
+# Time after which the session of a disconnected client is removed [ms].
 OLDEST = 5000
 _NAMESPACE = re.compile(r'^[A-Za-z]\w*(/[A-Za-z]\w*)*$', re.ASCII)
 
 
 class ReportHandler(StaticFileHandler):
-    """Hands out reports, and nothing else, from one folder."""
+    """Handler that serves only reports from one folder."""
 
     def validate_absolute_path(self, root: str, absolute_path: str) -> str | None:
-        """Refuse what is no report or leads out of the folder, links followed."""
+        """Reject a path that is no report or is outside the folder, with links resolved."""
         target = Path(absolute_path).resolve()
         if Path(root).resolve() not in target.parents or target.suffix != '.html':
             raise HTTPError(404)
@@ -47,23 +47,23 @@ class DashboardServer:
     Parameters
     ----------
     backend : Backend
-        Speaks to the nodes.
+        Interface to the nodes.
     address, port : str, int
-        Where it listens; port 0 takes a free one.
+        Address and port of the server; port 0 selects a free one.
     folder : str
-        Whose reports are served.
+        Folder of the served reports.
     origins : sequence of str
-        Further ``HOST:PORT`` that browsers may open the page as.
+        Further ``HOST:PORT`` under which browsers may open the page.
     token : str
-        What a reader has to show once, '' for nothing.
+        Token that a client must send once, '' for none.
     refresh : float
-        How often pages are drawn [Hz].
+        Rate of updates of the pages [Hz].
 
     Raises
     ------
     PiezoError
-        If the port is taken, the address is not of this machine, an origin is none or the token
-        can be guessed.
+        If the port is in use, the address is not of this machine, an origin is invalid or the
+        token is too short.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class DashboardServer:
         token: str = '',
         refresh: float = 10.0,
     ) -> None:
-        AccessPolicy(address, port, origins, token)  # refused before anything is listened to
+        AccessPolicy(address, port, origins, token)  # checked before the port is opened
         self._backend = backend
         self._refresh = refresh
         try:
@@ -101,16 +101,16 @@ class DashboardServer:
 
     @property
     def local(self) -> bool:
-        """Whether only this machine reaches it."""
+        """Whether it is accessible only from this machine."""
         return all(s.getsockname()[0].startswith(('127.', '::1')) for s in self._sockets)
 
     @property
     def running(self) -> bool:
-        """Whether it serves."""
+        """Whether it is running."""
         return self._thread.is_alive()
 
     def start(self) -> None:
-        """Begin to serve."""
+        """Start the server."""
         self._thread.start()
         self._ready.wait(10.0)
 
@@ -121,7 +121,7 @@ class DashboardServer:
         self._thread.join(5.0)
 
     def _serve(self) -> None:
-        # a reader who goes away is nothing to warn of
+        # a disconnected client needs no warning
         logging.getLogger('bokeh').setLevel(logging.ERROR)
         asyncio.set_event_loop(asyncio.new_event_loop())
         loop = IOLoop.current()

@@ -62,7 +62,7 @@ class Controls:
         ]  # fmt: skip
 
     def refresh(self) -> None:
-        """Follow the nodes."""
+        """Update the controls from the nodes."""
         live = self._live
         parameters = live.parameters
         self._drive.refresh(drive_parameters(parameters), parameters)

@@ -92,7 +92,7 @@ class Pictures:
         self._time.update(start=start, end=0.0, reset_start=start, reset_end=0.0)
 
     def refresh(self, live: Live, slowly: bool) -> None:
-        """Draw what is known now."""
+        """Draw the current state."""
         if slowly:
             self._slow_text(live)
         newest = live.signals.newest

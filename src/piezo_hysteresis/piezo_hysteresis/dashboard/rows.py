@@ -20,7 +20,7 @@ REFUSAL_SHOWN = 20.0  # [s]
 
 
 def reason_div(name: str) -> Div:
-    """Return the empty place of a refusal."""
+    """Return the empty element for the reason of a rejection."""
     return Div(
         text='', name=name, css_classes=['refusal'], stylesheets=[WIDGET_STYLE], visible=False
     )
@@ -32,16 +32,16 @@ class ParameterRow:
     Parameters
     ----------
     parameter : ParameterState
-        As it is now.
+        Current state.
     send : callable
         Sets it: node, name, value.
     siblings : iterable of Parameter
-        Of the same group; they tell the usual size of a number that is zero.
+        Parameters of the same group, for the typical size of a number that is zero.
     shared : Div, optional
-        Where a refusal is said, if not below the control; only a switch with its name is then
-        shown, and the sentence on hovering.
+        Element for rejections, if not below the control; then only a switch with its name is
+        shown, and the description as a tooltip.
     prefix : str
-        Before the names of its widgets.
+        Prefix of the names of its widgets.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class ParameterRow:
         self._answer: Answer | None = None
         self._waiting: list[Value] = []
         self._quiet = False
-        self._refused: float | None = None  # when, where it is said
+        self._refused: float | None = None  # time of the rejection, and its element
         self._reason = shared or reason_div(f'{self.key}.reason')
         self._slider: Slider | None = None
         self._field: Any = None
@@ -72,7 +72,7 @@ class ParameterRow:
 
     @property
     def _called(self) -> str:
-        """What it is called on the page; with its node where several stand in one list."""
+        """Displayed name; with its node in a list of several nodes."""
         p = self._parameter
         name = escape(p.name)
         return name if self._prefix else f'<span class="soft">{escape(p.node)}</span> {name}'
@@ -163,14 +163,14 @@ class ParameterRow:
         self._send_next()
 
     def _send_next(self) -> None:
-        """Send the newest wish once the one before is answered."""
+        """Send the newest request after the previous one is answered."""
         if self._answer is None and self._waiting:
             self._parameter_wanted = self._waiting.pop()
             p = self._parameter
             self._answer = self._send(p.node, p.name, self._parameter_wanted)
 
     def refresh(self, find: Find) -> None:
-        """Take the answer in, and what was changed by others."""
+        """Process the response, and changes by other clients."""
         if self._answer is not None:
             if not self._answer.done:
                 return
@@ -202,7 +202,7 @@ class ParameterRow:
             self._quiet = False
 
     def _show(self) -> None:
-        """Put the widgets where the node is."""
+        """Set the widgets to the value of the node."""
         p = self._parameter
         with self._silently():
             if p.is_switch:
@@ -233,20 +233,20 @@ def _text(value: Value) -> str:
 
 
 class RowList:
-    """A list of parameters that is built anew only where other parameters are wanted.
+    """A list of parameters that is rebuilt only for other parameters.
 
     Parameters
     ----------
     send, find : callable
         Set a parameter; look one up.
     name : str
-        Of the root.
+        Name of the root.
     empty : str
-        What is said where there is nothing.
+        Text of an empty list.
     brief : bool
-        Whether sentences are only shown on hovering.
+        Whether descriptions are shown only as tooltips.
     prefix : str
-        Before the names of its widgets.
+        Prefix of the names of its widgets.
     """
 
     def __init__(
@@ -274,7 +274,7 @@ class RowList:
     def refresh(self, parameters: Iterable[ParameterState], all_of: Mapping[str, Any]) -> None:
         """Show `parameters`; `all_of` holds the parameters by node and name."""
         listed = list(parameters)
-        # what a control looks like depends on these, not on the value
+        # the form of a control depends on these and not on the value
         keys = [(p.node, p.name, type(p.value), p.low, p.high, p.choices) for p in listed]
         if keys != self._keys:
             self._keys = keys

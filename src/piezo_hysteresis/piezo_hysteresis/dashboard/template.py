@@ -7,7 +7,7 @@ from jinja2 import Environment, Template
 from piezo_hysteresis.reporting.page_export import EXPORT_SCRIPT, EXPORT_STYLE
 from piezo_hysteresis.reporting.page_style import STYLE
 
-# Bokeh's widgets live in shadow trees, which no style of the page reaches.
+# Widgets of Bokeh are in shadow trees, which styles of the page do not affect.
 WIDGET_STYLE = """
 :host { font: 14px/1.45 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif;
   color: #1b1f24; overflow-wrap: anywhere; }
@@ -123,7 +123,7 @@ figure { margin-bottom: .4rem; }
 """
 )
 
-# Nothing from elsewhere; Bokeh makes functions of the callbacks that come with the page.
+# No external content; Bokeh compiles the callbacks of the page to functions.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; "

@@ -21,9 +21,9 @@ from piezo_hysteresis.reporting.display_units import (
     with_deviation,
 )
 
-# What was logged is shown for so long [s].
+# Time for which log messages are shown [s].
 LOG_SHOWN = 60.0
-# Part of a job that tells its pace.
+# Share of a job after which its rate is estimated.
 ENOUGH = 0.05
 
 
@@ -97,7 +97,7 @@ def estimate_text(
         newest.names, newest.units, newest.values, newest.deviations, strict=False
     ):
         unit_text, factor = shown(unit)
-        # a parameter that the method holds has no deviation
+        # a held parameter has no deviation
         known = None if std == 0.0 else math.inf if math.isnan(std) else abs(factor) * std
         number, deviation = with_deviation(factor * value, known)
         sign = '± ' if deviation[0].isdigit() else ''
@@ -112,7 +112,7 @@ def estimate_text(
 
 
 def status_text(live: Live) -> str:
-    """Return the nodes with their health and counters, and what was logged last."""
+    """Return the nodes with their status and counters, and the last log messages."""
     now = live.clock()
     rows = []
     for node in sorted(live.nodes.values(), key=lambda n: n.name):
@@ -139,14 +139,14 @@ def _counted(counters: Counters | None) -> str:
 
 
 def _counter(name: str, count: int) -> str:
-    """Return a counter, with what it counts as a tooltip."""
+    """Return a counter, with its description as a tooltip."""
     text = f'{escape(name)} {count}'
     meaning = COUNTED.get(name)
     return text if meaning is None else f'<abbr title="{escape(meaning)}">{text}</abbr>'
 
 
 def time_text(job: BackgroundJob, now: float) -> str:
-    """Return how long a job has run, and how long it will if it goes on at its pace."""
+    """Return the elapsed time of a job, and the remaining time at its current rate."""
     if not job.busy or not math.isfinite(job.since):
         return ''
     spent = max(now - job.since, 0.0)
@@ -157,7 +157,7 @@ def time_text(job: BackgroundJob, now: float) -> str:
 
 
 def job_text(job: BackgroundJob) -> str:
-    """Return what a job does, brought out or failed with."""
+    """Return the state of a job, its result or its error."""
     if job.phase == 'none':
         return ''
     kind = {'failed': 'error', 'done': 'good'}.get(job.phase, 'soft')
@@ -189,7 +189,7 @@ def _table(headers: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _raw_table(headers: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of cells that are HTML already."""
+    """Return a table of cells that contain HTML."""
     head = ''.join(f'<th>{escape(header)}</th>' for header in headers)
     body = ''.join('<tr>' + ''.join(f'<td>{cell}</td>' for cell in row) + '</tr>' for row in rows)
     return (

@@ -1,4 +1,4 @@
-"""What changes slowly: the gap in floors, and the estimates with their bands."""
+"""Trends: the gap in multiples of the noise floor, and the estimates with their bands."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class GapPlot:
             Range1d(-SECONDS, 1.0), self._y.range, y_axis_type='log',
         )  # fmt: skip
         self.figure.name = 'gap'
-        self.figure.yaxis.ticker.mantissas = [1]  # of powers of ten; others would overlap
+        self.figure.yaxis.ticker.mantissas = [1]  # only powers of ten; others would overlap
         self._source = ColumnDataSource(
             {'x': [], 'y': [], 'colour': [], 'marker': []}, name='gap.floors'
         )
@@ -92,6 +92,6 @@ class EstimatePlot:
             'high': value + spread,
         }
         self.figure.yaxis.axis_label = f'{name} [{unit}]' if unit else name
-        tail = slice(-max(3, len(recent) // 2), None)  # the wild start is not what matters
+        tail = slice(-max(3, len(recent) // 2), None)  # the range excludes the initial transient
         low, high = float(np.min((value - spread)[tail])), float(np.max((value + spread)[tail]))
         self._y.fit(low, max(high, low + 1e-3 * abs(low)))

@@ -22,24 +22,24 @@ from piezo_hysteresis.export.fields import (
 from piezo_hysteresis.export.sections import Section
 from piezo_hysteresis.jit import leaf, scratch
 
-# Places in the memory: the mark of one that is initialised, ticks so far, the last voltage, the
-# last displacement that was asked for; then the sections.
+# Indices in the memory: mark of initialisation, number of ticks, last voltage, last reference;
+# then the sections.
 _MARK, _TICK, _VOLTAGE, _ASKED = range(4)
 HEAD = 4
-# Places in the input: reference and its derivatives, frequency, phase, measurement, its age
+# Indices in the input: reference and its derivatives, frequency, phase, measurement, its age
 # [ticks].
 D, V, A, F, PHI, MEASURED, AGE = range(7)
 INPUT_SIZE = 7
 
-# What a step reports, as bits.
+# Status bits of a step.
 REFERENCE_REFUSED, NOT_USED, OUT_OF_RANGE, SLEW_LIMITED, NOT_FINITE = 1, 2, 4, 8, 16
 ENERGY_LIMITED = 32
 
-# Places of the limits, which are the first fields of the struct.
+# Indices of the limits, which are the first fields of the struct.
 LOW, HIGH, SLEW, POWER, CAPACITANCE, WINDOW = range(6)
 LIMITS = 6
 
-# As in `condition`: no actuator moves so far or so fast.
+# As in `condition`: beyond the range of any actuator.
 _ABSURD, _ABSURD_RATE = 1e3, 1e9
 
 
@@ -48,18 +48,18 @@ def compensator_of(
 ) -> Component:
     """Return the chain of `sections`, of which the last is the limiter.
 
-    Its ``step(s, x, voltage)`` answers the bits above.
+    Its ``step(s, x, voltage)`` returns the bits above.
 
     Parameters
     ----------
     sections : sequence of Section
         First to last.
     limits : sequence of Field
-        As `limits_fields` answers them; the first fields of the struct.
+        Fields from `limits_fields`, the first of the struct.
     dt : float
         Sampling interval [s].
     mark : float
-        By which the library knows a state that it has initialised.
+        Value that marks an initialised state.
     """
     fields = (*limits, *(field for section in sections for field in section.fields))
     step: Any = _pass
@@ -130,7 +130,7 @@ def _taking(
 
     @leaf
     def both(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
-        # a section that refuses comes first: the model; what follows takes everything
+        # only the model can reject values, so it is first
         code = before(values, bounds, s, first)
         if code != OK:
             return int(code)
@@ -140,7 +140,7 @@ def _taking(
 
 
 def _judging(fields: Sequence[Field], dt: float) -> Callable[[FloatArray], int]:
-    """Return whether values are accepted: 0, or why not."""
+    """Return the kernel of the check of values: 0, or the reason of a rejection."""
     check = checking(fields)
 
     @leaf
@@ -204,7 +204,7 @@ def _stepping(
 def _beginning(
     judge: Any, reset: Any, take: Any, sections: Sequence[Section], size: int, mark: float
 ) -> Callable[[FloatArray, FloatArray], int]:
-    """Return what begins a state; the packed numbers of every section are copied."""
+    """Return the kernel that initialises a state; the packed values of all sections are copied."""
     copies = [np.trim_zeros(np.concatenate([section.start, [0.0]]), 'b') for section in sections]
     starts = np.cumsum([HEAD, *(section.start.size for section in sections)])[:-1]
     places = np.concatenate(

@@ -1,4 +1,4 @@
-"""The functions of a library as C calls them: arrays as pointers, defaults as constants."""
+"""The C functions of a library: arrays as pointers, defaults as constants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The numbers that a user may set, with units and ranges of the suite's tables, and of what."""
+"""Settable fields of a C struct, with units and ranges of the parameter tables."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.jit import leaf
 from piezo_hysteresis.models.chain import Model
 
-# Answers of `set` and `init`; a number that is refused is returned as REFUSED - its place.
+# Return values of `set` and `init`; a rejected field is returned as REFUSED - its index.
 OK, UNINITIALISED, IMPOSSIBLE, REFUSED = 0, -2, -3, -100
 
 
 @dataclass(frozen=True)
 class Field:
-    """One number of a struct.
+    """One field of a struct.
 
     Attributes
     ----------
     name : str
         Its C name.
     unit : str
-        SI, ``1`` where there is none.
+        SI unit, ``1`` if there is none.
     value : float
-        What it is set to at export.
+        Value at export.
     low, high : float
-        Range; infinite where there is no bound.
+        Range; infinite if there is no bound.
     text : str
         One sentence.
     above : bool
         Whether `low` itself is out of range.
     fixed : bool
-        Whether it is worked into the code, so that only a new export changes it.
+        Whether it is a constant in the code, which only a new export changes.
     """
 
     name: str
@@ -81,12 +81,12 @@ def of_model(model: Model, packed: FloatArray, live: Sequence[int]) -> list[Fiel
 
 
 def c_identifier(name: str) -> str:
-    """Return a name as C takes it."""
+    """Return a name as a C identifier."""
     return re.sub(r'\W', '_', name)
 
 
 def checking(fields: Sequence[Field]) -> Callable[[FloatArray], int]:
-    """Return the kernel ``check(values)``: 0, or which number is refused first."""
+    """Return the kernel ``check(values)``: 0, or the first rejected field."""
     count = len(fields)
     low = np.array([f.value if f.fixed else f.low for f in fields] or [0.0])
     high = np.array([f.value if f.fixed else f.high for f in fields] or [0.0])
@@ -112,15 +112,15 @@ class Component(NamedTuple):
     ----------
     step : callable
         One tick: ``step(s, x, voltage)`` of a loop, ``step(s, voltage, displacement)`` of a plant;
-        answers bits, see the module that makes it.
+        returns bits, see the module that creates it.
     begin, change : callable
-        ``begin(s, values)`` and ``change(s, values)``: 0, or why not.
+        ``begin(s, values)`` and ``change(s, values)``: 0, or the reason of a rejection.
     reset : callable
         ``reset(s)``.
     size : int
-        Numbers in the state.
+        Size of the state.
     fields : tuple of Field
-        What may be set.
+        Settable fields.
     rows : tuple of (str, int)
         Sections of the state and their sizes.
     """

@@ -12,26 +12,26 @@ from piezo_hysteresis.export.programs import filled
 
 @dataclass(frozen=True)
 class About:
-    """What a library says of itself.
+    """Description of a library for its header.
 
     Attributes
     ----------
     name : str
-        Of the library, and the beginning of every name in it.
+        Name of the library, and prefix of every name in it.
     model : str
-        Of the model.
+        Name of the model.
     chain : str
         Its blocks.
     fingerprint : str
-        Of the model file.
+        Fingerprint of the model file.
     version : str
-        Of the suite.
+        Version of the suite.
     rate : float
         Sampling rate [Hz].
     target : str
-        Machine.
+        Target machine.
     links : str
-        What the loop is made of, in words.
+        Description of the links.
     """
 
     name: str
@@ -74,7 +74,7 @@ def header(about: About, chain: Component | None, plant: Component) -> str:
 
 
 def _harmless(value: object) -> str:
-    """Return a word that cannot end a comment."""
+    """Return a text that cannot end a C comment."""
     return ' '.join(str(value).replace('*/', '* /').split())
 
 

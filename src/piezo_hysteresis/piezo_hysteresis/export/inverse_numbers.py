@@ -1,4 +1,4 @@
-"""How the packed numbers of an inverse follow from the parameters of its model, as kernels."""
+"""Kernels that compute the packed values of an inverse from the parameters of its model."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from piezo_hysteresis.compensation.inverses.structure_inverse import mode_coeffi
 from piezo_hysteresis.export.fields import IMPOSSIBLE, OK
 from piezo_hysteresis.jit import leaf, scratch
 
-#: ``repack(values, p, own, first)``: fills the packed numbers `p` from the parameters of the model
-#: and carries the memory `own` over where it is not the `first` time; answers 0 or why not.
+#: ``repack(values, p, own, first)``: fills the packed values `p` from the parameters of the model
+#: and converts the memory `own` unless `first`; returns 0 or the reason of a rejection.
 Repack = Callable[[FloatArray, FloatArray, FloatArray, bool], int]
 
 _MODE, _MASS, _RIGID = range(3)
 
 
 class Numbers(NamedTuple):
-    """What an inverse makes of parameters.
+    """Packed values of an inverse as a function of parameters.
 
     Attributes
     ----------
     repack : callable
         See `Repack`.
     live : tuple of str
-        Parameters that it follows; the others are worked into the code.
+        Parameters that can change; the others are constants in the code.
     """
 
     repack: Repack
@@ -48,7 +48,7 @@ class Numbers(NamedTuple):
 
 
 def numbers_of(link: InverseLink, names: Sequence[str], dt: float) -> Numbers:
-    """Return how the numbers of `link` follow from parameters in the order of `names`."""
+    """Return the packed values of `link` as a function of parameters in the order of `names`."""
     place = {name: k for k, name in enumerate(names)}
     if isinstance(link, PhysicalInverse) and link.law != 'gain':
         return _physical(link.law, place, dt)

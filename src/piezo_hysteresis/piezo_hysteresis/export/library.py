@@ -50,32 +50,32 @@ from piezo_hysteresis.export.sections import (
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.waveforms import Sine
 
-#: Ticks that the vectors hold, and the seconds over which their sine is eased in.
+#: Number of ticks of the test vectors, and duration of the smooth start of their sine [s].
 _VECTORS = 4000
 
 
 @dataclass(frozen=True)
 class Request:
-    """What a library shall be.
+    """Specification of a library.
 
     Attributes
     ----------
     name : str
-        Of the library.
+        Name of the library.
     model : ModelFile
-        Plant, and what is inverted.
+        Model of the plant, which is also inverted.
     links : callable
-        Answers the chain at rest, first to last; none for the plant alone.
+        Returns the chain at rest, first to last; empty for a plant only.
     limits, energy : Limits, EnergyLimits
-        Of the voltage.
+        Limits of the voltage.
     dt : float
         Sampling interval [s].
     target : str
         One of `TARGETS`.
     drive : Drive
-        Sine of the example and the vectors.
+        Sine of the example and the test vectors.
     slow : ModelFile or None
-        What is inverted for slow drives, where it is another model.
+        Model to invert for slow drives, if it is another one.
     """
 
     name: str
@@ -95,7 +95,7 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
     Raises
     ------
     ExportError
-        If the target is unknown, a link has no kernel, or the model does not know the rate.
+        If the target is unknown, a link has no kernel, or the model is invalid at the rate.
     """
     known_target(asked.target)
     texts = {'model.yaml': asked.model.text()}
@@ -135,12 +135,12 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
 
 
 def require_rate(model: ModelFile, dt: float) -> None:
-    """Refuse a rate at which a recursion from sample to sample means nothing.
+    """Raise an error for a rate at which a discrete recursion is invalid.
 
     Raises
     ------
     ExportError
-        If the model has one and was identified at another rate.
+        If the model has a recursion and was identified at another rate.
     """
     known = model.provenance.rate
     recursions = [b.name for b in model.model.blocks if b.between is Between.TICK]
@@ -175,7 +175,7 @@ def _sections(asked: Request, links: Sequence[Link], packed: FloatArray) -> list
 
 
 def _vectors(asked: Request, links: Sequence[Link]) -> str:
-    """Return what the links and the model answer in Python, as a C table of exact numbers."""
+    """Return the outputs of links and model in Python as a C table of exact numbers."""
     drive, limits = asked.drive, asked.limits
     time = np.arange(_VECTORS, dtype=np.float64) * asked.dt
     sine = Sine(drive.amplitude, drive.frequency, _VECTORS * asked.dt, offset=drive.middle)

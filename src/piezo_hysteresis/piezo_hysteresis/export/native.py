@@ -1,9 +1,9 @@
-"""Kernels as machine code without Python: what numba compiles, freed of everything but the sums.
+"""Kernels as machine code without Python, from the LLVM code of numba.
 
-Numba's code for a kernel is LLVM code like that of a C compiler, wrapped for Python. The wrapping
-is left out: a plain C function calls the kernel, all else becomes private, and what nobody calls
-any more is dropped. Optimised for nothing but the baseline of the target, and without contraction
-of products and sums, so that the bits are those of the kernels in Python.
+Numba compiles a kernel to LLVM code like a C compiler, with a wrapper for Python. The wrapper is
+omitted: a C function calls the kernel, all other functions become private, and unused ones are
+removed. The code is optimised for the baseline of the target only, without contraction of products
+and sums, so that the results are bitwise those of the kernels in Python.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import Any
 
 from piezo_hysteresis.errors import PiezoError
 
-#: Known targets: LLVM's names of machine and processor, and what people call them.
+#: Known targets: LLVM names of machine and processor, and common names.
 TARGETS: dict[str, tuple[str, str]] = {
     'x86_64-linux': ('x86_64-unknown-linux-gnu', 'x86-64'),
     'aarch64-linux': ('aarch64-unknown-linux-gnu', 'generic'),
 }
-# What the C library has that every target has, in libm or beside it; a call of anything else is a
-# defect of a kernel.
+# Functions of the C library that every target has, in libm or elsewhere; a call of another
+# function is a defect of a kernel.
 _ALLOWED = frozenset(
     [
         'acos',
@@ -68,12 +68,12 @@ _ALLOWED = frozenset(
 )
 
 
-# What Python would raise, with the places in our files: nothing reads it here.
+# Python exceptions with their source positions, which are not used here.
 _ERRORS = re.compile(r'(@\.const\.pickledata\.\S+ = .*? constant \[\d+ x i8\] )c".*"')
 
 
 class ExportError(PiezoError):
-    """A model, law or target of which no library can be made."""
+    """A model, law or target for which no library can be exported."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Entry:
     name : str
         Its C name.
     kernel : callable
-        Dispatcher of numba; answers an int.
+        Dispatcher of numba; returns an int.
     arguments : str
         One letter for each argument: ``p`` for a pointer to doubles, ``d`` for a double.
     """
@@ -96,12 +96,12 @@ class Entry:
 
 
 def object_code(entries: Sequence[Entry], target: str) -> bytes:
-    """Return an object file with the functions of `entries` and nothing else that is visible.
+    """Return an object file in which only the functions of `entries` are visible.
 
     Raises
     ------
     ExportError
-        If the target is not known, or a kernel needs more than libm.
+        If the target is unknown, or a kernel requires more than libm.
     """
     import llvmlite.binding as llvm
 
@@ -126,7 +126,7 @@ def object_code(entries: Sequence[Entry], target: str) -> bytes:
 
 
 def known_target(target: str) -> tuple[str, str]:
-    """Return LLVM's names of a target.
+    """Return the LLVM names of a target.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def known_target(target: str) -> tuple[str, str]:
 
 
 def _compiled(entry: Entry) -> tuple[str, str]:
-    """Return the name of a kernel's function, and the LLVM code of all that it calls."""
+    """Return the name of the function of a kernel, and the LLVM code of all functions it calls."""
     from numba import types
 
     kinds = {'p': types.CPointer(types.float64), 'd': types.float64}
@@ -156,7 +156,7 @@ def _compiled(entry: Entry) -> tuple[str, str]:
 
 
 def _door(entry: Entry, name: str) -> str:
-    """Return the C function that calls a kernel: its answer, or -1 where the kernel failed."""
+    """Return the C function that calls a kernel: its return value, or -1 if the kernel failed."""
     kinds = [{'p': 'ptr', 'd': 'double'}[letter] for letter in entry.arguments]
     plain = ', '.join(f'{kind} %a{k}' for k, kind in enumerate(kinds))
     handed = f'ptr %answer, ptr %reason, {plain}'
@@ -178,7 +178,7 @@ define i32 @{entry.name}({plain}) {{
 
 
 def _hide(whole: Any, seen: set[str]) -> None:
-    """Make everything private but the functions of these names."""
+    """Make all functions private except those with these names."""
     for each in (*whole.functions, *whole.global_variables):
         if not each.is_declaration and each.name not in seen and not each.name.startswith('llvm.'):
             each.linkage = 'internal'
@@ -188,7 +188,7 @@ def _optimise(whole: Any, machine: Any) -> None:
     import llvmlite.binding as llvm
 
     tuning = llvm.create_pipeline_tuning_options(speed_level=2)
-    # rows are short: what is done several at a time only makes the code larger
+    # rows are short: vectorisation only makes the code larger
     tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_unrolling = False
     builder = llvm.create_pass_builder(machine, tuning)
     passes = builder.getModulePassManager()

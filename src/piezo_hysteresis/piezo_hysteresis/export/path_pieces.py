@@ -57,7 +57,7 @@ def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
 
 
 def _then(before: Run, behind: Run) -> Run:
-    """Return two runs, one behind the other, that know their places in the state."""
+    """Return two runs in series, each with its indices in the state."""
 
     @leaf
     def run(
@@ -83,7 +83,7 @@ def _at(alone: Alone, memory: slice) -> Run:
 
 
 def _with(alone: Alone, own: FloatArray) -> Alone:
-    """Return a block with its parameters for good."""
+    """Return a block with constant parameters."""
     values = np.ascontiguousarray(own)
 
     @leaf
@@ -123,7 +123,7 @@ def _followed(
 
 
 def _turning(run: Alone) -> Alone:
-    """Return a memory that is shown where its path turns, too."""
+    """Return a memory that is also evaluated at the extrema of its path."""
 
     @leaf
     def follow(
@@ -139,7 +139,7 @@ def _turning(run: Alone) -> Alone:
 
 
 def _with_time(block: Block, dt: float, steps: int, ahead: float) -> Alone:
-    """Return a function of the time along a path."""
+    """Return a time-dependent block along a path."""
     assert block.count is not None
     count, run = block.count, of_block(block, dt / steps)
 

@@ -1,8 +1,8 @@
-"""Stages of a chain as kernels without Python in between, see `models.simulation.plan`.
+"""Stages of a chain as compiled kernels, see `models.simulation.plan`.
 
-Every piece is ``run(x, y, state, p, frequency)`` on arrays: `p` are the parameters of the whole
-chain as they are now, `state` is that of the piece. What a stage works out beforehand from its
-parameters (the exponential of a mode, the steps of a path) is a constant of the piece.
+Every piece is ``run(x, y, state, p, frequency)`` on arrays: `p` are the current parameters of the
+whole chain, `state` is that of the piece. Quantities that a stage computes from its parameters in
+advance (the exponential of a mode, the steps of a path) are constants of the piece.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Alone = Run
 
 
 class Piece(NamedTuple):
-    """A stage that can be called.
+    """A compiled stage.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Piece(NamedTuple):
     start : ndarray
         Its state at rest.
     live : tuple of int
-        Places of the parameters that it reads anew in every step.
+        Indices of the parameters that are read in every step.
     """
 
     run: Run
@@ -60,7 +60,7 @@ def piece_of(stage: Stage, packed: FloatArray, dt: float) -> Piece:
 
 
 def in_series(pieces: Sequence[Piece]) -> Piece:
-    """Return one piece that stands for several, one behind the other."""
+    """Return the series connection of several pieces as one piece."""
     whole = pieces[0]
     for piece in pieces[1:]:
         whole = Piece(
@@ -96,7 +96,7 @@ def on_columns(alone: Alone, first: int, last: int) -> Run:
 
 
 def of_block(block: Block, dt: float, points: int = 0) -> Alone:
-    """Return a block on its own parameters; along a path of `points` values where it has one."""
+    """Return a block on its own parameters, along a path of `points` values if supported."""
     kernel = kernel_of(block, dt, points)
 
     @leaf
@@ -109,7 +109,7 @@ def of_block(block: Block, dt: float, points: int = 0) -> Alone:
 
 
 def late(run: Run, ticks: int, ring: slice) -> Run:
-    """Return the run of an input that comes `ticks` late; its ring lies in the state."""
+    """Return the run with an input delayed by `ticks`; its ring buffer is in the state."""
     first, last = ring.start, ring.stop
 
     @leaf

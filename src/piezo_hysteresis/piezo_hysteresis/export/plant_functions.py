@@ -1,4 +1,4 @@
-"""A model's free run as functions of the library."""
+"""The free run of a model as functions of the library."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from piezo_hysteresis.export.pieces import in_series, piece_of
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.chain import Model
 
-# Places in the memory: the mark of one that is initialised, the last voltage; parameters and state
+# Indices in the memory: mark of initialisation, last voltage; parameters and state
 # follow.
 _MARK, _VOLTAGE = range(2)
 HEAD = 2
@@ -28,8 +28,8 @@ _FREQUENCY = Field(
 def plant_of(model: Model, packed: FloatArray, dt: float, mark: float) -> Component:
     """Return the free run of `model` at one sampling interval [s].
 
-    Its ``step(s, voltage, displacement)`` answers 0, or 16 where the voltage was no number and the
-    last one was held.
+    Its ``step(s, voltage, displacement)`` returns 0, or 16 if the voltage is not finite and the
+    last one is held.
     """
     whole = in_series([piece_of(stage, packed, dt) for stage in model.stages])
     fields = (_FREQUENCY, *of_model(model, packed, whole.live))
@@ -67,7 +67,7 @@ def _stepping(
 def _changing(
     fields: tuple[Field, ...], start: FloatArray, first: int, mark: float
 ) -> tuple[Any, Any, Any]:
-    """Return what begins, changes and resets a state."""
+    """Return the kernels that initialise, change and reset a state."""
     check, count = checking(fields), len(fields)
     states = start.size
     rest = start if states else np.zeros(1)

@@ -1,4 +1,4 @@
-"""What is beside the object code of a library: its archive, C programs, files to build it."""
+"""Further files of a library: archive, C programs, build files."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Drive:
     Attributes
     ----------
     frequency : float
-        [Hz].
+        Frequency [Hz].
     amplitude, middle : float
-        [m].
+        Amplitude and centre [m].
     gain : float
         Displacement per volt without compensation [m/V].
     centre : float
@@ -49,13 +49,12 @@ def example(name: str, drive: Drive, links: tuple[str, ...], moved: tuple[str, .
     Parameters
     ----------
     name : str
-        Of the library.
-    drive : Drive
+        Name of the library.    drive : Drive
         The sine.
     links : tuple of str
         Sections that can be switched off.
     moved : tuple of str
-        Parameters of the plant that differ from the model, as those of an actuator do.
+        Parameters of the plant that differ from the model.
     """
     off = ''.join(f'        p.{link}_on = everything;\n' for link in links)
     moves = ''.join(
@@ -65,7 +64,7 @@ def example(name: str, drive: Drive, links: tuple[str, ...], moved: tuple[str, .
 
 
 def selftest(name: str, stroke: float) -> str:
-    """Return the self-test: vectors, and that nothing leads out of the limits."""
+    """Return the self-test: test vectors, and the limits for any input."""
     return filled('selftest.c', name=name, stroke=stroke)
 
 
@@ -75,12 +74,12 @@ def plant_test(name: str, stroke: float) -> str:
 
 
 def bench(name: str, drive: Drive) -> str:
-    """Return the bench: time of single steps, and a loop by the clock."""
+    """Return the benchmark: time of single steps, and a real-time loop."""
     return filled('bench.c', name=name, drive=drive)
 
 
 def makefile(name: str, with_loop: bool) -> str:
-    """Return the Makefile: the example, the self-test and the bench; without a loop the test."""
+    """Return the Makefile of example, self-test and benchmark; for a plant only the test."""
     return filled('Makefile.txt', name=name, programs=_programs(with_loop))
 
 
@@ -97,18 +96,18 @@ _MAGIC = b'!<arch>\n'
 
 
 def archive(name: str, code: bytes, symbols: list[str]) -> bytes:
-    """Return an archive in the format of ar (SysV), with the table of symbols that linkers read.
+    """Return an archive in the format of ar (SysV), with the symbol table for linkers.
 
-    It is written without a tool: no compiler is needed to export.
+    It is written directly, so that the export needs no compiler.
 
     Parameters
     ----------
     name : str
-        Of the object file; up to 15 letters.
+        Name of the object file; up to 15 letters.
     code : bytes
         The object file.
     symbols : list of str
-        What it defines for others.
+        Its public symbols.
     """
     names = b''.join(symbol.encode() + b'\0' for symbol in symbols)
     size = 4 + 4 * len(symbols) + len(names)

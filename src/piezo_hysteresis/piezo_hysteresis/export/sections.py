@@ -1,10 +1,10 @@
-"""The links of a chain as sections of one memory: their kernels, numbers and fields.
+"""The links of a chain as sections of one memory: their kernels, packed values and fields.
 
-A section is made from the very link that runs in Python: its packed numbers are what the C library
-begins with. ``step(point, read, received, s)`` answers what it passes on, ``reset(s)`` forgets,
-and ``take(values, limits, s, first)`` takes the values of its fields and the limits (as
-`limits_fields` orders them) over and answers 0 or why not, in which case everything
-stays as it was.
+A section is created from the link in Python; its packed values are the initial ones of the C
+library. ``step(point, read, received, s)`` returns the voltage for the next section, ``reset(s)``
+resets the state, and ``take(values, limits, s, first)`` sets the values of its fields and the
+limits (in the order of `limits_fields`). It returns 0, or the reason of a rejection, in which case
+nothing is changed.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ from piezo_hysteresis.export.inverse_numbers import numbers_of
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
 
-# Time over which a link that is switched goes over [s].
+# Duration of the transition of a switched link [s].
 _SWITCHING = 0.2
 
 Step = Callable[[FloatArray, FloatArray, float, FloatArray], float]
@@ -84,13 +84,13 @@ class Section:
     Attributes
     ----------
     name : str
-        What people call it.
+        Name for users.
     step, reset, take : callable
         See above; `s` is the part of the memory that belongs to the section.
     start : ndarray
-        Its part of the memory before anything is taken or reset: the packed numbers.
+        Initial content of its part of the memory: the packed values.
     fields : tuple of Field
-        What may be set.
+        Settable fields.
     """
 
     name: str
@@ -102,7 +102,7 @@ class Section:
 
 
 def limits_fields(limits: Limits, energy: EnergyLimits) -> tuple[Field, ...]:
-    """Return the fields of the limits, which every section gets."""
+    """Return the fields of the limits, which every section receives."""
     rows = (
         ('limits.low', limits.low), ('limits.high', limits.high), ('limits.slew', limits.slew),
         ('energy_limit', energy.power), ('capacitance', energy.capacitance),
@@ -112,7 +112,7 @@ def limits_fields(limits: Limits, energy: EnergyLimits) -> tuple[Field, ...]:
 
 
 def limiter_section(limits: Limits, dt: float) -> Section:
-    """Return the limiter, which comes last and is always there."""
+    """Return the limiter, which is always the last section."""
     numbers = packed_limits(limits, dt)
     n = numbers.size
 
@@ -232,14 +232,14 @@ def _pid_fields(link: Pid) -> tuple[Field, ...]:
     )
 
 
-#: Settings of the attenuation that may change while it runs, and their places.
+#: Settings of the attenuation that can change at run time, and their indices.
 _LIVE = {
     'settle': places.SETTLE, 'span': places.SPAN, 'step_size': places.STEP_SIZE,
     'largest_step': places.LARGEST_STEP, 'largest_correction': places.LARGEST,
     'forgetting': places.FORGETTING, 'gain': places.ERROR_GAIN,
     'switch_frequency': places.SWITCH,
 }  # fmt: skip
-#: What of the mode may change, and its places in the packed gain, behind its kind.
+#: Parameters of the mode that can change, and their indices in the packed gain, after its kind.
 _GAIN = {
     name: 1 + ModeGain._fields.index(name)
     for name in ('gain', 'natural_frequency', 'damping_ratio')
@@ -247,7 +247,7 @@ _GAIN = {
 
 
 def attenuation_section(link: HarmonicAttenuation) -> Section:
-    """Return the attenuation; its fields are its numbers, and the gain of the plant as a mode."""
+    """Return the attenuation; its fields are its settings, and the plant gain as a mode."""
     method = link.settings.method
     kernel, clear, regain = STEPS[method], LAWS[method].clear, LAWS[method].regain
     first_of = np.cumsum([link.numbers.size, link.packed.size, link.packed_gain.size])
@@ -291,13 +291,13 @@ def attenuation_section(link: HarmonicAttenuation) -> Section:
 
 
 def switched(section: Section, dt: float) -> Section:
-    """Return a section that can be switched off and on as the nodes switch their laws.
+    """Return a section that can be switched off and on like the laws of the nodes.
 
-    The old share fades into the new one along a smooth step: a law that begins anew has no weight.
-    While nothing changes, it passes on exactly what the section does.
+    The old share fades into the new one along a smooth step, so that a law that starts has no
+    weight. Without a transition, the output is exactly that of the section.
     """
     inner_step, inner_reset, inner_take = section.step, section.reset, section.take
-    # whether it is on, then the change
+    # whether it is on, then the transition
     head = 1 + CROSS_SIZE
 
     @leaf
@@ -306,7 +306,7 @@ def switched(section: Section, dt: float) -> Section:
         if s[0] > 0.0:
             given = inner_step(point, read, received, s[head:])
         share = given - received
-        if not math.isfinite(share):  # refused by the limiter, and nothing to go over from later
+        if not math.isfinite(share):  # rejected by the limiter, and no start of a later transition
             return given
         faded = cross_fade(share, s[1:head], dt, _SWITCHING)
         return given if faded == share else received + faded
@@ -335,17 +335,17 @@ def switched(section: Section, dt: float) -> Section:
     return Section(section.name, step, reset, take, start, (field, *section.fields))
 
 
-# Fields behind the parameters of an inverse's model: how long its start and a change take.
+# Fields after the parameters of the model: durations of the start and of a transition.
 _TIMES = 2
 
 
 def frequency_section(
     link: FrequencySwitch, slow_fields: Sequence[Field], fast_fields: Sequence[Field]
 ) -> Section:
-    """Return two inverses and what chooses between them.
+    """Return two inverses with the switch between them.
 
-    Its fields are those of the fast one, which have the times of both, the parameters of the slow
-    model, and the frequency that divides them.
+    Its fields are those of the fast one, which contain the durations of both, the parameters of
+    the slow model, and the switching frequency.
     """
     slow, fast = inverse_section(link.slow, slow_fields), inverse_section(link.fast, fast_fields)
     settings = link.settings.size
@@ -401,7 +401,7 @@ def frequency_section(
 
 
 def repetitive_section(link: OddRepetitive) -> Section:
-    """Return repetitive control; what it knows of the plant is worked into its numbers."""
+    """Return repetitive control; the plant model is part of its packed values."""
     repeat, n = repetitive.repeat, link.numbers.size
 
     @leaf

@@ -1,1 +1,1 @@
-"""What several rooms compute; knows nothing of actuators."""
+"""Numerical methods shared by several packages, independent of actuators."""

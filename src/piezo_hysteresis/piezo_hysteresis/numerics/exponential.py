@@ -1,7 +1,7 @@
-"""Exponential and size of small matrices of rates, in compiled loops.
+"""Exponential and norm of small matrices of rates, in compiled loops.
 
-LAPACK starts threads for the four numbers of a mode and takes milliseconds where the machine is
-busy; a fit asks for thousands of these.
+LAPACK starts threads even for the 2 x 2 matrix of a mode and takes milliseconds on a busy machine;
+a fit needs thousands of these.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit, leaf
 
-_TERMS = 18  # of the series, for a norm up to 1: what is left out is below rounding
-_SWEEPS = 60  # of balancing; each halves or doubles
+_TERMS = 18  # terms of the series, for a norm up to 1: the remainder is below rounding
+_SWEEPS = 60  # passes of balancing; each halves or doubles
 
 
 @leaf
 def balance(matrix: FloatArray) -> FloatArray:
-    """Scale rows and columns of `matrix`, in place, to sizes alike; return the scales.
+    """Scale rows and columns of `matrix`, in place, to equal norms; return the scales.
 
-    By powers of two, so that nothing is rounded (Osborne; Parlett and Reinsch). Rates and their
-    squares stand side by side in a mode.
+    The scales are powers of two, so that there is no rounding (Osborne; Parlett and Reinsch). The
+    matrix of a mode contains rates and squares of rates.
     """
     n = matrix.shape[0]
     scale = np.ones(n)

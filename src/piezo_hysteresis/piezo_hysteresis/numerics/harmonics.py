@@ -12,7 +12,7 @@ from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 
 HIGHEST_ORDER = 12
-_BELOW_NYQUIST = 0.45  # of the sampling rate
+_BELOW_NYQUIST = 0.45  # largest frequency relative to the sampling rate
 
 
 def phase_of(frequency: float, dt: float, count: int, first: int = 0) -> FloatArray:
@@ -21,7 +21,7 @@ def phase_of(frequency: float, dt: float, count: int, first: int = 0) -> FloatAr
     Parameters
     ----------
     frequency : float
-        Of the tone [Hz].
+        Frequency of the tone [Hz].
     dt : float
         Sampling interval [s].
     """
@@ -36,21 +36,21 @@ def harmonics(
     Parameters
     ----------
     signal : ndarray, shape (n,)
-        Over at least one period.
+        Signal over at least one period.
     frequency : float
-        Of the fundamental [Hz].
+        Frequency of the fundamental [Hz].
     dt : float
         Sampling interval [s].
 
     Returns
     -------
     orders : list of int
-        From 0, the mean, to the highest that the sampling rate shows, at most `HIGHEST_ORDER`.
+        From 0, the mean, to the highest below half the sampling rate, at most `HIGHEST_ORDER`.
     phasors : ndarray of complex, shape (orders,)
-        Of the signal's unit: ``signal = sum Re(phasor exp(j order phi))``; zeros where the signal
-        is no number.
+        In the unit of the signal: ``signal = sum Re(phasor exp(j order phi))``; zeros if the
+        signal is not finite.
     left : float
-        Rms of what is on none of them.
+        Rms of the remainder.
     """
     highest = min(HIGHEST_ORDER, int(_BELOW_NYQUIST / (frequency * dt)))
     orders = list(range(highest + 1))
@@ -84,7 +84,7 @@ def lines_and_rest(
     phasors : ndarray of complex, shape (len(orders),)
         E such that the signal is ``mean + sum Re(E exp(j n phi))``.
     left : ndarray, shape (n,)
-        What is on none of them.
+        Remainder of the signal.
     """
     columns = [np.ones_like(phase)]
     for order in orders:
@@ -100,11 +100,11 @@ def tone_amplitude(signal: FloatArray, frequency: float, dt: float, first: int =
     Parameters
     ----------
     signal : ndarray, shape (n,)
-        Over a good part of a period at the least.
+        Signal over a large part of a period or more.
     frequency, dt : float
-        Of the tone [Hz]; sampling interval [s].
+        Frequency of the tone [Hz]; sampling interval [s].
     first : int
-        Place of the first sample: the phase of the tone is 0 at place 0.
+        Index of the first sample: the phase of the tone is 0 at index 0.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def tone_amplitude(signal: FloatArray, frequency: float, dt: float, first: int =
 
 @jit
 def _tone(signal: FloatArray, step: float, phase: float) -> tuple[float, float]:
-    """Return real and imaginary part of a tone that turns by `step` [rad] per sample."""
+    """Return real and imaginary part of a tone with `step` [rad] per sample."""
     c, s, by_cos, by_sin = cos(phase), sin(phase), cos(step), sin(step)
     x1 = c1 = s1 = xc = xs = cc = cs = ss = 0.0
     for value in signal:

@@ -1,8 +1,7 @@
-"""Linear algebra whose failure is a result, the same everywhere: finite numbers, and a flag.
+"""Linear algebra that returns finite values and a success flag instead of an exception.
 
-The factorisations of LAPACK raise where an entry is no number, and sometimes where a number is
-merely huge. Everywhere else in the suite they are called through this file, so that no user meets
-such an error and nobody takes numbers for a solution that are none.
+The factorisations of LAPACK raise an error if an entry is not finite, and sometimes if it is very
+large. The suite calls them only through this module, so that failures are handled uniformly.
 """
 
 from __future__ import annotations
@@ -44,15 +43,15 @@ def solve_least_squares(
     matrix : ndarray, shape (n, p)
         May have dependent columns.
     target : ndarray, shape (n,)
-        What is to be met.
+        Right-hand side.
     rcond : float, optional
-        Singular values below this share of the largest count as zero; by default what the
-        rounding of n and p suggests.
+        Singular values below this share of the largest are treated as zero; the default follows
+        from the rounding for n and p.
 
     Returns
     -------
     Solved
-        Unsound where an entry is not finite, or the solution would not be.
+        Unsound if an entry or the solution is not finite.
     """
     given = matrix, target
     found = _attempt(lambda: (np.linalg.lstsq(matrix, target, rcond=rcond)[0],), given)
@@ -66,7 +65,7 @@ def solve_least_squares(
 def _scaled_least_squares(
     matrix: FloatArray, target: FloatArray, rcond: float | None
 ) -> FloatArray:
-    """Solve with columns of one size, by QR with pivots, which always ends."""
+    """Solve with normalised columns by pivoted QR, which always terminates."""
     from scipy.linalg import lstsq
 
     sizes = np.abs(matrix).max(axis=0)
@@ -87,14 +86,14 @@ def solve_square(matrix: FloatArray, right: FloatArray) -> Solved:
     Returns
     -------
     Solved
-        Unsound where an entry is not finite, or the solution would not be.
+        Unsound if an entry or the solution is not finite.
     """
     found = _attempt(lambda: (np.linalg.solve(matrix, right),), (matrix, right))
     return Solved(found[0], True) if found is not None else solve_least_squares(matrix, right)
 
 
 def symmetric_eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Return eigenvalues, ascending, and vectors as columns; None where there are none.
+    """Return eigenvalues, ascending, and vectors as columns; None after a failure.
 
     Parameters
     ----------
@@ -106,7 +105,7 @@ def symmetric_eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
 
 
 def right_singular(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Return singular values, descending, and the right vectors as rows; None without any.
+    """Return singular values, descending, and the right vectors as rows; None after a failure.
 
     Parameters
     ----------
@@ -118,7 +117,7 @@ def right_singular(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
 
 
 def column_norms(matrix: FloatArray) -> FloatArray:
-    """Return the length of every column, also where its square is no number any more.
+    """Return the Euclidean norm of every column, also if its square overflows.
 
     Parameters
     ----------
@@ -158,7 +157,7 @@ def straight_line(values: FloatArray) -> tuple[float, float]:
 
 @contextmanager
 def failing_as(error: PiezoError) -> Iterator[None]:
-    """Let what fails numerically in a block fail as `error`, in words of its subject."""
+    """Convert numerical errors of a code block to `error`, with a message on its subject."""
     try:
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             yield
@@ -169,7 +168,7 @@ def failing_as(error: PiezoError) -> Iterator[None]:
 def _attempt(
     compute: Callable[[], tuple[Any, ...]], given: tuple[FloatArray, ...]
 ) -> tuple[FloatArray, ...] | None:
-    """Return what `compute` finds in `given`, None where it fails or either is no number."""
+    """Return the result of `compute` for `given`, None after a failure or if not finite."""
     if not _finite(given):
         return None
     try:

@@ -39,7 +39,7 @@ def smooth_step(s: float) -> tuple[float, float, float]:
 def smooth_ramp(time: FloatArray, length: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return a rise from 0 to 1 over `length` seconds, with its first two derivatives.
 
-    A lightly damped mode is not struck by it.
+    It hardly excites a lightly damped mode.
     """
     if length <= 0:
         return np.ones_like(time), np.zeros_like(time), np.zeros_like(time)

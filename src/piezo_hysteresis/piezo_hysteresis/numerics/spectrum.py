@@ -1,7 +1,7 @@
-"""Lines of a signal beside those of its drive.
+"""Spectral lines of a signal that are not harmonics of its drive.
 
-A slow drive has a harmonic near every line, at 50 Hz as well. High ones hardly differ from each
-other, so one that stands far above its neighbours is none of the drive's.
+A slow drive has a harmonic near every line, also at 50 Hz. High harmonics have similar amplitudes,
+so a line far above its neighbours is not caused by the drive.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from piezo_hysteresis.numerics.linalg import straight_line
 # Lines nearer to a harmonic of the drive than so many bins belong to it: two are half the main
 # lobe of the window, one more is for a harmonic between two bins.
 BINS = 3.0
-# The mean and what its window spreads.
+# Lines of the mean and its leakage.
 _SLOW = 3
 # A line on a harmonic above the highest that is reported stands alone where it is so many times as
 # large as any of the four harmonics beside what it covers: ten harmonics that fall as a square law
@@ -31,9 +31,9 @@ def windowed(signal: FloatArray, *, trend: bool = False) -> FloatArray:
     Parameters
     ----------
     signal : ndarray, shape (n,)
-        Of any unit.
+        In any unit.
     trend : bool
-        Whether its straight line is taken out first, and not the mean alone.
+        Whether a straight line is subtracted first, and not only the mean.
     """
     if trend:
         level, slope = straight_line(signal)
@@ -73,10 +73,10 @@ def non_harmonic_lines(
 
 
 def _alone(lines: FloatArray, near: BoolArray, order: IntArray, spacing: float) -> BoolArray:
-    """Return which lines belong to a harmonic that stands far above those beside it.
+    """Return which lines belong to a harmonic far above its neighbours.
 
-    In a record of few periods one line covers several harmonics; beside it are the next ones that
-    it does not reach, `spacing` lines being from one harmonic to the next.
+    In a record of few periods one line covers several harmonics; its neighbours are the next ones
+    outside it, with `spacing` lines between harmonics.
     """
     apart = max(1, ceil(2.0 * BINS / spacing))
     most, reach = int(order[-1]) + 1, apart + 1

@@ -1,1 +1,1 @@
-"""The figures and tables of five papers, made again on the simulated actuators."""
+"""The figures and tables of five papers, reproduced on the simulated actuators."""

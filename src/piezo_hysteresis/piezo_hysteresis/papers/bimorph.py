@@ -63,14 +63,14 @@ FIFTH = (14.0,)
 
 @dataclass(frozen=True)
 class Length:
-    """How long and how fine the runs are.
+    """Durations and frequencies of the runs.
 
     Attributes
     ----------
     identify, track, begin : float
-        Seconds of identification and of tracking, and where errors begin to count [s].
+        Durations of identification and tracking, and time from which errors are evaluated [s].
     frequencies : tuple of float
-        Of the sweeps [Hz].
+        Frequencies of the sweeps [Hz].
     """
 
     identify: float = 100.0
@@ -85,7 +85,7 @@ QUICK = Length(20.0, 10.0, 6.0, (1.0, 10.0, 14.0, 22.0, 23.0, 35.0))
 
 
 def length_of(quick: bool) -> Length:
-    """Return how long the runs of a figure are."""
+    """Return the durations of the runs of a figure."""
     return QUICK if quick else FULL
 
 
@@ -142,7 +142,7 @@ def modelling_error(frequency: float, kind: str, seconds: float) -> float:
 
 
 def phase_difference(a: FloatArray, b: FloatArray, frequency: float) -> float:
-    """Return by how much the fundamental of `a` leads that of `b` [degrees]."""
+    """Return the phase lead of the fundamental of `a` over that of `b` [degrees]."""
     first, second = lines(a, frequency, (1,))[1], lines(b, frequency, (1,))[1]
     return float(np.degrees(np.angle(first / second)))
 

@@ -1,4 +1,4 @@
-"""The papers by the plain verbs: what a user types for the main figures, and what comes out."""
+"""Commands that reproduce the main figures of the papers, with their expected results."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class Command(NamedTuple):
     words : str
         ``piezo_sim`` is a program of its own; everything else is a verb of ``piezo``.
     figures : str
-        Figures and tables that it makes a point of, or ''.
+        Figures and tables that it contributes to, or ''.
     outcome : str
-        What it leads to, as test/docs/expectations.py reads it; or ''.
+        Expected result in the form of test/docs/expectations.py, or ''.
     """
 
     words: str

@@ -52,7 +52,7 @@ def loop_figure(quick: bool = False) -> list[Exhibit]:
 
 
 def model_figures(quick: bool = False) -> list[Exhibit]:
-    """Return figure 4 and table 1, of every seed the one in the middle."""
+    """Return figure 4 and table 1, with the median over the seeds."""
     records = stage.records(stage.ALL)
     swarms = [_fast(seed, quick) for seed in _seeds(quick)]
     errors = [errors_of(found, records) for found in swarms]
@@ -139,7 +139,7 @@ def _drawn(results: Mapping[str, LoopResult]) -> Draw:
 
 
 def _by_least_squares(spec: Mapping[str, object]) -> str:
-    """Return what the project's own models of the stage reach, not switched."""
+    """Return the errors with the project's own models of the stage, without the switch."""
     fast = stage.by_least_squares()
     found = ', '.join(
         f'{kind} {stage.largest_error(stage.run(spec, kind, fast)):.3f}' for kind in _OURS

@@ -1,4 +1,4 @@
-"""Which figures and tables of each paper can be made, and what makes them."""
+"""Reproducible figures and tables of each paper, and the functions that make them."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def entries(paper: str, wanted: Sequence[str] = (), quick: bool = False) -> Iter
     paper : str
         One of `PAPERS`.
     wanted : sequence of str
-        ``Figure 16``, ``Table 1``; all where empty.
+        ``Figure 16``, ``Table 1``; all if empty.
     quick : bool
-        Short runs, one seed, few frequencies; some figures are left out.
+        Short runs, one seed, few frequencies; some figures are omitted.
 
     Raises
     ------
     PiezoError
-        If the paper has no such figure here; the message says which there are and why.
+        If the figure is not reproduced; the message lists the available ones and the reason.
     """
     for name in wanted:
         if name not in names(paper):

@@ -55,7 +55,7 @@ MISSING: dict[str, tuple[str, ...]] = {
 }
 
 VERDICTS = ('better', 'equal', 'worse', 'as stated', 'not as stated')
-_EQUAL = 0.05  # errors within this share of each other count as equal
+_EQUAL = 0.05  # relative difference up to which errors are equal
 
 _TICKS = 9  # that fit below a picture of one panel
 
@@ -74,21 +74,21 @@ class Exhibit:
     name : str
         ``Figure 10``, ``Table 1``.
     shows : str
-        What it is about.
+        Subject.
     stated : str
-        The paper's statement or numbers; what stands in quotation marks is in its text.
+        Statement or numbers of the paper; quotation marks enclose its text.
     ours : str
-        What came out here.
+        Result here.
     reason : str
-        Why the two differ, or '' where they agree.
+        Reason of a difference, or '' if they agree.
     draw : callable
         Draws it on a figure.
     numbers : dict of str to float
-        The figures behind `ours`, for tests.
+        The numbers in `ours`, for tests.
     deviating : str
-        What came out with methods that are not the paper's, or '' where there are none.
+        Results of methods that are not those of the paper, or '' if there are none.
     compared : sequence of tuple of float
-        Errors that the paper prints, each with the one that came out here by its method.
+        Errors printed in the paper, each with the one obtained here by its method.
     holds : bool
         Whether a statement of the paper without a number holds here.
     """
@@ -134,7 +134,7 @@ def save(entry: Exhibit, folder: Path, dpi: int = 100) -> None:
 
 
 def _spare_ticks(figure: Figure) -> None:
-    """Let panels have as many ticks below them as their width has room for."""
+    """Limit the number of ticks of panels to their width."""
     columns = max(len({round(each.get_position().x0, 2) for each in figure.axes}), 1)
     for axes in figure.axes:
         if isinstance(axes.xaxis.get_major_locator(), AutoLocator):

@@ -1,6 +1,6 @@
 """Runs of the simulated actuators of the papers: open-loop records and tracking.
 
-Nothing here knows the numbers of an actuator: every model is identified from records of it.
+No parameters of an actuator are used: every model is identified from its records.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ class Straight:
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None
     ) -> float:
-        """Return the voltage of a straight line."""
+        """Return the voltage of a linear gain."""
         return received + self._bias + (point.displacement - self._middle) / self._gain
 
     def reset(self) -> None:
-        """Do nothing; a straight line remembers nothing."""
+        """Do nothing; a gain has no memory."""
 
     def counters(self) -> dict[str, int]:
-        """Return nothing; a straight line cannot go wrong."""
+        """Return no counters; a gain has no errors."""
         return {}
 
 

@@ -32,8 +32,8 @@ from piezo_sim.plant import Plant
 NAME = 'xiao_pi_stack'
 DT = 1e-4
 LIMITS = Limits(-30.0, 130.0, 1e7)
-# Xiao 2014 asks for 30 µm at 100 Hz from a stack that gives 26 µm at 100 V: its amplifier has to
-# go beyond the nominal range, as that maker's amplifiers do (-30 .. 130 V).
+# Xiao 2014 tracks 30 µm at 100 Hz with a stack that has 26 µm at 100 V: the amplifier must exceed
+# the nominal range, like those of this manufacturer (-30 .. 130 V).
 AMPLIFIER = {'amplifier.range_low': -30.0, 'amplifier.range_high': 130.0}
 
 
@@ -53,7 +53,7 @@ def step() -> Record:
 
 
 def plant() -> Plant:
-    """Return the simulated stack behind the amplifier that control needs."""
+    """Return the simulated stack with the amplifier range that control needs."""
     return runs.plant(NAME, overrides=AMPLIFIER)
 
 

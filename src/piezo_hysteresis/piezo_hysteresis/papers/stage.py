@@ -38,7 +38,7 @@ FIGURES = (
     ('composite', {'kind': 'composite_fang2019', 'amplitude': 6e-6}, 6.10, 0.36),
 )
 GAIN = 1.4e-6
-# Fang 2019 prints KD = 120 without a unit; V s/m is our reading, the other gains are ours.
+# Fang 2019 prints KD = 120 without a unit; V s/m is an interpretation, the other gains are ours.
 GAINS = PidGains(0.2 / GAIN, 200.0 / GAIN, 120.0)
 RULES = FuzzyRules(0.1e-6, 2e-5, 0.1 / GAIN, 100.0 / GAIN)
 FIXED = replace(RULES, integral_range=1e-9)
