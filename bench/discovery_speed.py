@@ -1,4 +1,4 @@
-"""How long discovery takes and how much memory, beside an earlier commit on the same records.
+"""Time and memory of discovery, compared with an earlier commit on the same records.
 
     python bench/discovery_speed.py [--against COMMIT] [--large]
 

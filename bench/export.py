@@ -1,4 +1,4 @@
-"""How long a step of an exported library takes, per law; a loop by the clock; beside the nodes.
+"""Time of a step of an exported library per law; a real-time loop; comparison with the nodes.
 
     python bench/export.py [--steps 10000000] [--seconds 60] [--samples 8000] [--write]
 

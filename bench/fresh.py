@@ -95,7 +95,7 @@ def busy(count: int) -> Iterator[None]:
 
 
 def environment(home: Path) -> dict[str, str]:
-    """Return the environment of somebody who has just logged in."""
+    """Return the environment of a new login."""
     kept = {k: v for k, v in os.environ.items() if k in KEPT or k.startswith(KEPT_GROUPS)}
     own = Path(sys.prefix).resolve()
     folders = kept.get('PATH', os.defpath).split(os.pathsep)

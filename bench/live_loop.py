@@ -62,7 +62,7 @@ class Setting:
 
 
 class Loop:
-    """Eight processes: the five of the chain, and who identifies, compares and records.
+    """Eight processes: five of the chain, and those that identify, compare and record.
 
     Parameters
     ----------

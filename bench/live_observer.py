@@ -1,4 +1,4 @@
-"""Keeps everything that the live loop says, whatever the load of the machine."""
+"""Stores all messages of the live loop, at any load of the machine."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ class Observer:
         )
 
     def call(self, kind: type, service: str, request: Any, timeout: float = 30.0) -> Any:
-        """Call a service; return its response, None where nobody answers."""
+        """Call a service; return its response, None without one."""
         client = self._caller.create_client(kind, service)
         executor = SingleThreadedExecutor(context=self._context)
         executor.add_node(self._caller)

@@ -1,4 +1,4 @@
-"""Somebody who talks into the loop: what is not a number, twice, out of order, from another time.
+"""A client that sends invalid messages into the loop: not finite, repeated, reordered, old.
 
 Used by `bench/faults.py`.
 """
@@ -76,7 +76,7 @@ FAULTS: dict[str, Callable[[Spoilt, str], None]] = {
 
 
 class Rogue:
-    """Publishes spoilt copies of what an observer hears.
+    """Publishes corrupted copies of the messages of an observer.
 
     Parameters
     ----------

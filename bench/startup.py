@@ -51,7 +51,7 @@ WITH_MODEL = ('feedforward', 'control_loop', 'gap_monitor')
 
 
 class Speaker(Client):
-    """Says one tick after the other to whoever listens, until an answer comes."""
+    """Publishes ticks until a response arrives."""
 
     def __init__(self, processes: NodeProcesses, kind: type, topic: str, name: str) -> None:
         super().__init__('speaker', processes.domain)

@@ -1,4 +1,4 @@
-"""The blind proof of the discovery: hidden effects of random size, found from the records alone.
+"""Blind test of the discovery: hidden effects of random size, found from the records alone.
 
     python studies/discovery.py --kind all --sets 100 --workers 2
 

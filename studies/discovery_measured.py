@@ -1,4 +1,4 @@
-"""Discovery on records that we did not simulate, beside PySINDy and SysIdentPy.
+"""Discovery on measured records, compared with PySINDy and SysIdentPy.
 
     python studies/discovery_measured.py --data ../shared/data --workers 2
 

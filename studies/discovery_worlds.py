@@ -1,4 +1,4 @@
-"""Random worlds for the blind proof of the discovery: what is hidden, and how large.
+"""Random simulations for the blind test of the discovery: hidden effects and their sizes.
 
 A world is an actuator of `piezo_sim` that a named model describes but for one or two effects. The
 numbers of both are random; an effect is enlarged until it can be seen, which is judged on the

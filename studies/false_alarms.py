@@ -1,4 +1,4 @@
-"""False alarms on untouched measured records: how often a new deviation is seen where none is.
+"""False alarms on unchanged measured records: rate of reported new deviations.
 
     python studies/false_alarms.py --data ../shared/data
 
@@ -48,7 +48,7 @@ LEVEL = 0.05
 
 @dataclass(frozen=True)
 class Blocks:
-    """Untouched blocks of one record, judged by one model."""
+    """Unchanged blocks of one record, evaluated by one model."""
 
     case: str
     baseline: str

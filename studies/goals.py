@@ -1,4 +1,4 @@
-"""A table of what was reached beside what was wanted."""
+"""A table of results and goals."""
 
 from __future__ import annotations
 

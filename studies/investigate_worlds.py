@@ -62,7 +62,7 @@ class Changed:
 
 
 class Bench:
-    """An actuator that goes through one experiment after another and forgets nothing between.
+    """An actuator that runs experiments in sequence and keeps its state between them.
 
     Parameters
     ----------

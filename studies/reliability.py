@@ -36,7 +36,7 @@ _NAME = re.compile(r'([a-z_]+) ([01]\.\d+)')
 
 @dataclass(frozen=True)
 class Class:
-    """What was said with about the same probability.
+    """Reported names with similar probability.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Class:
 
     @property
     def share(self) -> float:
-        """Of what was said, what was right [1]."""
+        """Share of correct names [1]."""
         return self.right / self.said
 
     @property

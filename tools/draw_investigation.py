@@ -26,7 +26,7 @@ def main() -> int:
 
 
 def draw(folder: Path, out: Path) -> None:
-    """Draw what was believed over time, and the gap before and after."""
+    """Draw the probabilities over time, and the gap before and after."""
     text = (folder / 'journal.jsonl').read_text(encoding='utf-8')
     lines = [json.loads(line) for line in text.splitlines()[1:]]
     summary = json.loads((folder / 'investigation.json').read_text(encoding='utf-8'))

@@ -57,7 +57,7 @@ def held_out_error(prediction: Array, task: Task, truth: Truth) -> float:
 
 @dataclass(frozen=True)
 class Row:
-    """One answer beside its truth.
+    """One answer with its truth.
 
     Attributes
     ----------

@@ -135,7 +135,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Answer:
-    """What an entry says.
+    """Answer of an entry.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The outcomes that pages state beside their commands, and how they are compared.
+"""The outcomes that pages state after their commands, and how they are compared.
 
 One expectation is one line::
 

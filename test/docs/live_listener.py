@@ -1,4 +1,4 @@
-"""What a listener of its own hears of nodes that a page has started."""
+"""Messages that a separate listener receives from nodes that a page has started."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads the command blocks of a page and the outcome that its source states beside each.
+"""Reads the command blocks of a page and the outcome that its source states for each.
 
 A block is fenced or indented. One that is fenced as ``bash`` or ``python``, or that names no
 language, is typed by the reader and needs an expectation: an HTML comment behind it, one

@@ -1,4 +1,4 @@
-"""The map of the equations is complete, and what the page says of the papers is in their texts."""
+"""The map of the equations is complete, and statements of the page are in the papers."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_quotations_are_in_the_paper(paper: str) -> None:
 
 @needs_texts
 @pytest.mark.parametrize('paper', EQUATIONS)
-def test_numbers_that_a_paper_is_said_to_print_are_in_its_text(paper: str) -> None:
+def test_numbers_attributed_to_a_paper_are_in_its_text(paper: str) -> None:
     text = text_of(paper)
     printed = {float(each) for each in re.findall(r'\d+(?:\.\d+)?', text)}
     powers = re.findall(r'(\d+(?:\.\d+)?)\s*\\?t?imes\s*10\^\{?(-?\d+)', text)

@@ -69,7 +69,7 @@ def pages() -> list[str]:
 
 
 def dialect(text: str) -> list[str]:
-    """Return what a page says in dialect, each with its neighbours and what to write."""
+    """Return the dialect words of a page, each with its neighbours and the standard term."""
     running = ' '.join(prose(text).split()) + ' ' + ' '.join(re.findall(r'^\|.*$', text, re.M))
     return [
         f'...{running[max(0, hit.start() - 30) : hit.end() + 20]}...: write {good}'

@@ -89,7 +89,7 @@ class Bench:
         )
 
     def rests(self) -> None:
-        """Wait until the actuator is at rest and nobody drives it any more."""
+        """Wait until the actuator is at rest and no node drives it."""
         seen = [(len(self.states), time.monotonic())]
 
         def still() -> bool:

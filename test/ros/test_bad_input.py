@@ -160,7 +160,7 @@ def test_a_voltage_that_is_no_number_is_held_and_reaches_no_law(
     assert 'the voltage is held' in chain.loop.attenuation.health().message
 
 
-def test_a_reading_that_is_no_number_is_left_out(chain: Chain) -> None:
+def test_a_reading_that_is_not_finite_is_skipped(chain: Chain) -> None:
     for wrong in (math.nan, math.inf, -math.inf):
         chain.reference(chain.tick)
         chain.state(wrong)
@@ -244,7 +244,7 @@ def test_without_input_the_voltage_ramps_to_safety_and_comes_back(
     assert all('ramped' not in link.health().message for link in chain.links)
 
 
-def test_input_that_the_ramp_has_overtaken_is_not_said(chain: Chain) -> None:
+def test_input_overtaken_by_the_ramp_is_not_reported(chain: Chain) -> None:
     late = chain.tick
     for _ in range(TIMEOUT + 5):
         chain.state()
@@ -256,7 +256,7 @@ def test_input_that_the_ramp_has_overtaken_is_not_said(chain: Chain) -> None:
     chain.run(100)
 
 
-def test_a_slow_loop_in_lock_step_is_never_taken_for_silent(
+def test_a_slow_lock_step_loop_triggers_no_watchdog(
     chain: Chain, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(link_health, 'SILENCE', 0.0)
@@ -269,7 +269,7 @@ def test_a_slow_loop_in_lock_step_is_never_taken_for_silent(
     assert all(link.health().level == Level.OK for link in chain.links)
 
 
-def test_the_energy_limit_slows_the_voltage_down_and_is_said(chain: Chain) -> None:
+def test_the_energy_limit_slows_the_voltage_down_and_is_reported(chain: Chain) -> None:
     feedforward = chain.loop.feedforward
     limit = 2e-6
     assert chain.set(feedforward, {'energy_window': 0.05, 'energy_limit': limit}) == ''

@@ -200,7 +200,7 @@ def test_paths_of_models_stay_inside_the_folder(chain: Chain) -> None:
         assert 'inside' in answer.message
 
 
-def test_an_estimate_is_used_when_asked_for(chain: Chain) -> None:
+def test_an_estimate_is_used_on_request(chain: Chain) -> None:
     call = chain.listener.call
     answer = call(Trigger, 'feedforward/use_estimate', Trigger.Request())
     assert not answer.success

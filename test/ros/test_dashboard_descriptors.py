@@ -28,7 +28,7 @@ def told(spec: ParameterSpec) -> ParameterState:
 
 
 @pytest.mark.parametrize('spec', SPECS, ids=lambda spec: spec.name)
-def test_the_page_reads_what_the_nodes_tell(spec: ParameterSpec) -> None:
+def test_the_page_reads_the_descriptors_of_the_nodes(spec: ParameterSpec) -> None:
     found = told(spec)
     assert found.sentence == spec.description
     assert found.unit == spec.unit

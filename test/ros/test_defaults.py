@@ -52,7 +52,7 @@ def test_a_node_starts_answers_and_ends(
 @pytest.mark.parametrize(
     ('name', 'needed'), [('recorder', 'out'), ('player', 'bag'), ('gcs_driver', 'controller')]
 )
-def test_a_node_without_what_it_needs_says_so(
+def test_a_node_without_a_requirement_reports_it(
     processes: NodeProcesses, name: str, needed: str
 ) -> None:
     node = processes.start(package_of(name), name)

@@ -101,7 +101,7 @@ def alive(pid: int) -> bool:
     ],
     ids=['node dies', 'Ctrl-C', 'terminated'],
 )
-def test_nothing_is_left_of_a_demo_that_ends_early(
+def test_an_aborted_demo_leaves_no_files(
     tmp_path: Path, victim: str, number: int, code: int, words: str
 ) -> None:
     out = tmp_path / 'out'

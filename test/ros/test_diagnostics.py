@@ -1,4 +1,4 @@
-"""Every node says on /diagnostics how it is: every second, and at once what is wrong."""
+"""Every node reports its status on /diagnostics each second, and faults immediately."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LINK = {
 
 
 class Bench:
-    """Plays the actuator and the excitation, and says what it likes, tick by tick."""
+    """Simulates the actuator and the excitation, with arbitrary messages tick by tick."""
 
     def __init__(self, processes: LiveNodes, listener: Listener, folder: Path) -> None:
         self.listener = listener
@@ -121,7 +121,7 @@ def bench(
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
-def test_every_node_says_every_second_that_it_is_well(bench: Bench) -> None:
+def test_every_node_reports_ok_each_second(bench: Bench) -> None:
     for node, word in {
         'feedforward': 'corrects the voltage',
         'attenuation': 'corrects the voltage',
@@ -138,7 +138,7 @@ def test_every_node_says_every_second_that_it_is_well(bench: Bench) -> None:
     bench.listener.until(lambda: all(bench.counts[n] >= before[n] + 2 for n in before))
 
 
-def test_numbers_that_are_none_are_held_and_said(bench: Bench) -> None:
+def test_values_that_are_not_finite_are_held_and_reported(bench: Bench) -> None:
     for wrong in (math.nan, -math.inf):
         k = bench.tick
         if math.isnan(wrong):
@@ -163,7 +163,7 @@ def test_numbers_that_are_none_are_held_and_said(bench: Bench) -> None:
     bench.counted('feedback', 'measured_not_finite', 1)
 
 
-def test_a_fault_of_the_actuator_is_said(bench: Bench) -> None:
+def test_a_fault_of_the_actuator_is_reported(bench: Bench) -> None:
     request = InjectFault.Request(fault='stuck_sensor', duration=0.0)
     assert bench.listener.call(InjectFault, 'elsewhere/simulator/inject_fault', request).success
     bench.says('elsewhere/simulator', ERROR, 'stuck_sensor')

@@ -1,4 +1,4 @@
-"""What docs/nodes.md says of topics, services and actions is what running nodes offer."""
+"""Topics, services and actions in docs/nodes.md are those of running nodes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def resolved(names: Iterable[str], node: str) -> set[str]:
 @pytest.mark.parametrize(
     'page', [n for n in NODES if n.executable != 'player'], ids=lambda n: n.executable
 )
-def test_the_page_tells_what_a_node_offers(
+def test_the_page_lists_the_interfaces_of_a_node(
     processes: LiveNodes, listener: Listener, tmp_path: Path, page: NodeSheet
 ) -> None:
     name = page.executable

@@ -316,7 +316,7 @@ def test_a_dead_simulator_ends_the_sweep_with_the_reason(
     loop.tells('restarts', restarts + 1)
 
 
-def test_a_sweep_waits_for_whoever_shall_hear_its_markers(loop: Loop) -> None:
+def test_a_sweep_waits_for_subscribers_of_its_markers(loop: Loop) -> None:
     listener = loop.listener
     count = len(loop.markers)
     listener.until(lambda: listener.node.count_subscribers('record/marker') == 1)

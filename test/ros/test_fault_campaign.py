@@ -122,7 +122,7 @@ def states_of(samples: list[int]) -> list[State]:
     return [State(0.1 * k, 0, k, 0.01 * k, 1e-6 * k) for k in samples]
 
 
-def test_lost_samples_are_counted_and_those_a_kill_takes_told_apart() -> None:
+def test_lost_samples_are_counted_separately_from_those_of_a_kill() -> None:
     seen = states_of(list(range(20)))
     keys = [(s.sample, s.voltage, s.displacement) for s in seen]
     assert missing(keys[3:], seen, killed=False) == (0, 0.0)

@@ -41,7 +41,7 @@ def says_why(text: str, word: str) -> None:
     assert word in text
 
 
-def test_what_cannot_start_says_why_in_one_line(processes: LiveNodes) -> None:
+def test_a_failed_start_is_reported_in_one_line(processes: LiveNodes) -> None:
     # A few at a time: they mostly wait for the disk.
     for first in range(0, len(WRONG), 6):
         started = [

@@ -113,7 +113,7 @@ def test_a_node_that_refuses_its_parameters_gives_the_same_code_and_reason(
             group.retire(node)
 
 
-def test_a_forked_node_ends_when_the_process_that_asked_for_it_is_killed(
+def test_a_forked_node_ends_when_its_client_is_killed(
     processes: LiveNodes, listener: Listener
 ) -> None:
     owner = subprocess.Popen(

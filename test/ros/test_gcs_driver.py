@@ -157,7 +157,7 @@ def test_one_thing_at_a_time_and_within_the_limits(stage: Stage) -> None:
     stage.rests()
 
 
-def test_a_lost_connection_is_said_and_followed_by_rest(stage: Stage) -> None:
+def test_a_lost_connection_is_reported_and_followed_by_rest(stage: Stage) -> None:
     stage.start()
     handle = stage.send(seconds=200.0)  # longer than anything waits for its end
     stage.moving()

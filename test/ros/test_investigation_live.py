@@ -23,7 +23,7 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.mark.slow
-def test_it_finds_an_effect_is_cancelled_goes_on_and_shows_the_gap_shrink(
+def test_it_finds_an_effect_after_cancel_and_resume_and_reduces_the_gap(
     processes: LiveNodes, listener: Listener, tmp_path: Path
 ) -> None:
     bench = Bench(processes, listener, write_model(tmp_path))
@@ -94,7 +94,7 @@ def spends_its_budget(bench: Bench) -> list[int]:
 
 
 @pytest.mark.slow
-def test_a_larger_budget_goes_on(bench: Bench) -> None:
+def test_a_larger_budget_resumes(bench: Bench) -> None:
     done = spends_its_budget(bench)
     again = bench.ended(bench.ask([], budget=2.0)).result
     assert (again.stop, again.experiments) == ('budget', len(done))

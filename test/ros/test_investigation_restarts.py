@@ -1,4 +1,4 @@
-"""An investigation goes on where nodes are ended in its middle and started anew."""
+"""An investigation continues after nodes are ended and restarted."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def node(bench: Bench, name: str) -> NodeProcess:
 
 
 def end(bench: Bench, name: str) -> None:
-    """End a node as whoever stops a service does."""
+    """End a node like a service manager does."""
     process = node(bench, name)
     process.signal(signal.SIGTERM)
     assert process.wait(60.0) == 0
     bench.processes.retire(process)
 
 
-def test_it_goes_on_after_excitation_actuator_and_feedforward_were_started_anew(
+def test_it_resumes_after_a_restart_of_excitation_actuator_and_feedforward(
     bench: Bench, tmp_path: Path
 ) -> None:
     bench.start('feedforward')
@@ -69,7 +69,7 @@ def test_it_goes_on_after_excitation_actuator_and_feedforward_were_started_anew(
     assert repeated(tmp_path / 'out').differences == ()
 
 
-def test_the_verb_goes_on_after_the_discovery_node_was_started_anew(
+def test_the_verb_resumes_after_a_restart_of_the_discovery_node(
     bench: Bench, tmp_path: Path
 ) -> None:
     words = [f'--{name}={value:g}' for name, value in LIMITS.items()]

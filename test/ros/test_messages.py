@@ -88,7 +88,7 @@ def test_an_estimate_is_a_model_by_itself(kind: str, frequency: float) -> None:
         assert loaded.values['pi_range'] == 2.0
 
 
-def test_an_estimate_without_a_model_says_so() -> None:
+def test_an_estimate_without_a_model_is_reported() -> None:
     message = ModelEstimate()
     estimate_into(online('rls').estimate(), None, message)
     with pytest.raises(ModelError, match='belongs to no model'):

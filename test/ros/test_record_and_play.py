@@ -230,7 +230,7 @@ def test_an_estimate_is_saved_inside_the_folder_only(
     assert sorted(folder.parent.rglob('*')) == before
 
 
-def test_the_player_says_how_far_it_is_and_for_whom_it_waits(
+def test_the_player_reports_its_progress_and_the_node_it_waits_for(
     online: list[ModelEstimate], folder: Path, processes: LiveNodes, listener: Listener
 ) -> None:
     health = listener.watch_health()

@@ -74,7 +74,7 @@ def test_changed_parameters_act_on_the_next_sample(twin: Twin) -> None:
     twin.swing()
 
 
-def test_an_integer_is_taken_for_a_float(twin: Twin) -> None:
+def test_an_integer_is_accepted_for_a_float(twin: Twin) -> None:
     assert twin.listener.set_one('simulator', 'structure.natural_frequency', 70) == ''
     assert twin.listener.get_parameter('simulator', 'structure.natural_frequency') == 70.0
     twin.plant.set_parameters({'structure.natural_frequency': 70.0})
@@ -136,7 +136,7 @@ def test_bad_commands_are_held_and_counted(twin: Twin) -> None:
     assert twin.status[-1].missed == 0
 
 
-def test_a_doubled_command_is_told_the_next_tick_and_does_not_step(twin: Twin) -> None:
+def test_a_repeated_command_returns_the_next_tick_without_a_step(twin: Twin) -> None:
     twin.step(0.1)
     count, doubled = len(twin.driver.states), twin.status[-1].doubled
     twin.driver.send(twin.driver.tick - 1, 0.9)
@@ -147,7 +147,7 @@ def test_a_doubled_command_is_told_the_next_tick_and_does_not_step(twin: Twin) -
 
 
 @pytest.mark.parametrize('fault', ['sensor_dropout', 'stuck_sensor', 'amplifier_trip'])
-def test_faults_begin_and_end_when_told(twin: Twin, fault: str) -> None:
+def test_faults_begin_and_end_on_request(twin: Twin, fault: str) -> None:
     twin.swing(5)
     request = InjectFault.Request(fault=fault, duration=0.004)
     answer = twin.listener.call(InjectFault, 'simulator/inject_fault', request)

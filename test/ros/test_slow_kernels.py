@@ -1,4 +1,4 @@
-"""A kernel that takes longer to compile than anybody waits: nobody gives up, and all say why."""
+"""A kernel that takes longer to compile than timeouts: no node aborts, all report it."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ def needing_ros(path: Any) -> Any:
                     yield from (each.module, *(f'{each.module}.{a.name}' for a in each.names))
 
 
-def test_verbs_import_nodes_only_where_a_missing_ros_is_told() -> None:
+def test_verbs_import_nodes_only_where_a_missing_ros_is_reported() -> None:
     used = []
     for path in files_of(CORE / 'cli'):
         outside = list(imported(path))

@@ -42,7 +42,7 @@ def record(seed: int) -> Record:
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
-    """Two CSV files, a bag and a file that nobody can use, in a folder."""
+    """Two CSV files, a bag and an unusable file, in a folder."""
     folder = tmp_path / 'data'
     (folder / 'day1').mkdir(parents=True)
     write_csv(folder / 'one.csv', record(0))
@@ -254,7 +254,7 @@ class Unloadable(Gain):
 
 @pytest.mark.component
 @pytest.mark.parametrize('fault', ['import', 'start'])
-def test_no_worker_can_start_is_said(
+def test_a_failed_start_of_workers_is_reported(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
 ) -> None:
     def refuse(*_: Any) -> None:
@@ -283,7 +283,7 @@ class Broken(Executor):
         return future
 
 
-def test_an_executor_that_breaks_is_said_and_what_was_done_stays(
+def test_a_broken_executor_is_reported_and_finished_results_are_kept(
     data: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(PiezoError, match='executor broke'):
@@ -292,7 +292,7 @@ def test_an_executor_that_breaks_is_said_and_what_was_done_stays(
 
 
 @pytest.mark.slow
-def test_a_killed_batch_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_a_killed_batch_resumes(tmp_path: Path) -> None:
     folder, out = tmp_path / 'data', tmp_path / 'out'
     folder.mkdir()
     for k in range(12):

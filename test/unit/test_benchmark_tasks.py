@@ -110,7 +110,7 @@ def test_a_hidden_effect_is_well_above_the_noise(clean: dict[str, Any]) -> None:
     assert np.sqrt(np.mean(left**2)) > 2.0 * truth.noise
 
 
-def test_measured_records_are_left_out_where_they_are_not(tmp_path: Path) -> None:
+def test_measured_records_are_omitted_without_their_data(tmp_path: Path) -> None:
     assert not measured.available(None)
     assert not measured.available(tmp_path)
     found = draw.drawn(1, 16, tmp_path, ['measured'])

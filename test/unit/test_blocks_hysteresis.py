@@ -131,7 +131,7 @@ def test_rate_widens_the_loop_only_above_its_corner() -> None:
 
 @pytest.mark.parametrize('name', ['prandtl_ishlinskii', 'preisach'])
 def test_larger_reversals_wipe_out_smaller_ones(name: str) -> None:
-    """Nonlocal memory: after an inner loop the outer branch goes on as if it had not been."""
+    """Nonlocal memory: after an inner loop the outer branch continues without change."""
     outer = [0.8, -0.6, 0.5]
     inner = [0.8, -0.6, 0.2, -0.1, 0.1, -0.3, 0.5]
 
@@ -154,7 +154,7 @@ def test_inner_loops_between_the_same_voltages_are_congruent(name: str) -> None:
     np.testing.assert_allclose(loop([0.9, -0.8]), loop([-0.9, 0.4]), atol=1e-15)
 
 
-def test_bouc_wen_forgets_what_the_play_bank_remembers() -> None:
+def test_a_play_bank_has_nonlocal_memory_and_bouc_wen_has_not() -> None:
     outer, inner = [0.8, -0.6, 0.5], [0.8, -0.6, 0.2, -0.3, 0.5]
 
     def at_end(corners: Any) -> Any:
@@ -198,7 +198,7 @@ def test_preisach_equals_its_relays() -> None:
     np.testing.assert_allclose(np.diff(y[1:]), np.diff(expected[1:]), atol=1e-18)
 
 
-def test_preisach_forgets_the_smallest_loop_when_memory_is_full() -> None:
+def test_preisach_drops_the_smallest_loop_when_memory_is_full() -> None:
     corners = [(-1) ** k * (0.95 - 0.006 * k) for k in range(150)]
     path = [np.linspace(a, b, 5) for a, b in zip([0.0, *corners], corners, strict=False)]
     y = respond('preisach', np.concatenate(path), {})

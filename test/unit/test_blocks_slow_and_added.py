@@ -64,7 +64,7 @@ def test_drift_and_warming() -> None:
     np.testing.assert_allclose(warm, 2e-6 * (1 - np.exp(-t / 1.5)), atol=1e-20)
 
 
-def test_gain_decays_to_what_is_left() -> None:
+def test_gain_decays_to_its_final_value() -> None:
     y = respond('gain_decay', np.ones(2000), {'gain_loss': 0.2, 'gain_loss_time': 1.0})
     assert y[0] == 1.0
     assert y[-1] == pytest.approx(0.8, abs=1e-6)
@@ -148,7 +148,7 @@ def test_sensor_polynomial_and_square_laws() -> None:
     )
 
 
-def test_a_tone_is_guessed_beside_a_larger_slow_residual() -> None:
+def test_a_tone_is_found_with_a_larger_slow_residual() -> None:
     from piezo_hysteresis.blocks.effect import Residual
     from piezo_hysteresis.blocks.mains_hum import guess
 

@@ -1,4 +1,4 @@
-"""What a user can get wrong: one line, exit code 2, nothing written; doubtful units are told."""
+"""What a user can get wrong: one line, exit code 2, nothing written; warnings on units."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(
 
 
 @pytest.mark.parametrize('place', ['data', 'model', 'out'])
-def test_a_path_that_is_too_long_is_told_once(
+def test_a_path_that_is_too_long_is_reported_once(
     place: str, files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     long = 'x' * 300
@@ -158,7 +158,7 @@ def test_a_value_of_the_file_gives_way_to_one_that_is_held(files: Path, tmp_path
     assert ModelFile.load(out / 'model.yaml').values['beta'] == 0.5
 
 
-def test_python_is_told_the_same(files: Path) -> None:
+def test_python_has_the_same_messages(files: Path) -> None:
     records = load([files / 'base.csv'])
     for options, says in (
         ({'start': {'beta': -5.0}}, 'impossible to start from'),
@@ -217,7 +217,7 @@ def test_usual_actuators_are_not_doubted() -> None:
 
 
 @pytest.mark.component
-def test_a_doubt_is_told_by_every_verb_that_reads_records(
+def test_every_verb_that_reads_records_warns_of_implausible_ones(
     files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     time, voltage, moved = made()

@@ -1,4 +1,4 @@
-"""The verb discover: its files, its fields, and what it says to bad input."""
+"""The verb discover: its files, its fields, and its messages for bad input."""
 
 from __future__ import annotations
 

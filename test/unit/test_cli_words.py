@@ -105,7 +105,7 @@ def test_quiet_stands_before_the_verb_or_behind_it(
 
 
 @pytest.mark.slow
-def test_a_verb_says_that_it_replaces_its_own_results(
+def test_a_verb_reports_that_it_replaces_its_own_results(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ['validate', 'one', '--model', 'model.yaml', '--out', 'checked']

@@ -184,7 +184,7 @@ def test_afc_settles_from_a_wrong_plant_and_never_does_much_harm(start: Any) -> 
 
 
 @pytest.mark.parametrize('method', ['rls', 'filtered_rls'])
-def test_a_correction_that_makes_the_error_larger_fades_out_and_says_so(method: Any) -> None:
+def test_a_correction_that_increases_the_error_fades_out_with_a_message(method: Any) -> None:
     settings = AttenuationSettings(method=method, orders=(3,), forgetting=0.998)
     wrong = ModeGain(-115e-6, 68.0, 0.015, DT)
     link = HarmonicAttenuation(settings, wrong, DT)
@@ -238,7 +238,7 @@ def test_filtered_reference_rls_is_deepest_where_the_model_is_right() -> None:
         (24.0, 'sines'),
     ],
 )
-def test_rls_with_the_computed_factor_attenuates_as_its_loop_gain_says(
+def test_rls_with_the_computed_factor_attenuates_by_its_loop_gain(
     frequency: Any, fit: Any
 ) -> None:
     strength = 1.0 / 60e-6

@@ -1,4 +1,4 @@
-"""The verb ``compensate``: numbers that can be believed, or one sentence and nothing written."""
+"""The verb ``compensate``: correct results, or one sentence and nothing written."""
 
 from __future__ import annotations
 
@@ -303,7 +303,7 @@ def test_the_plant_of_another_process_is_the_plant_to_the_bit() -> None:
     np.testing.assert_array_equal(first, again)
 
 
-def test_a_plant_that_ends_is_told_of(tmp_path: Path) -> None:
+def test_a_plant_that_ends_is_reported(tmp_path: Path) -> None:
     code = 'print("{}", flush=True); import sys; sys.exit("error: it broke")'
     plant = ProcessPlant([sys.executable, '-c', code])
     with pytest.raises(CompensationError, match='the plant has ended: it broke'):

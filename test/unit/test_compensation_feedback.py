@@ -95,7 +95,7 @@ def test_a_constant_error_is_integrated_away(kind: Any) -> None:
 
 
 @pytest.mark.parametrize('kind', MAKERS)
-def test_a_plant_of_the_wrong_sign_is_noticed_and_left_alone(kind: Any) -> None:
+def test_a_plant_of_the_wrong_sign_is_detected_and_not_driven(kind: Any) -> None:
     result = closed_loop(sine(2.0, 50e-6, 4.0), [MAKERS[kind]()], Wired(-100e-6), LIMITS, DT)
     (name,) = (key for key in result.counters if key != 'limiter')
     assert result.counters[name]['inverted_plant'] == 1
@@ -323,12 +323,12 @@ def test_impossible_problems_are_refused() -> None:
         (HInfinityWeights(20.0, control=0.1), 'would be unstable .a pole at 1.08'),
     ],
 )
-def test_a_controller_that_does_less_than_was_asked_is_refused(weights: Any, says: str) -> None:
+def test_a_controller_below_its_specification_is_refused(weights: Any, says: str) -> None:
     with pytest.raises(CompensationError, match=says):
         design(xiao(), weights, DT).require_usable()
 
 
-def test_a_design_tells_gamma_and_poles() -> None:
+def test_a_design_reports_gamma_and_poles() -> None:
     found = design(xiao(), HInfinityWeights(20.0), DT)
     assert found.met
     assert found.stable

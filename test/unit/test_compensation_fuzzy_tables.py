@@ -69,7 +69,7 @@ def test_tables_of_a_user_are_obeyed(tmp_path: Path) -> None:
         (lambda c: c['integral']['ZO'].__setitem__(0, True), 'True is no level'),
     ],
 )
-def test_what_is_wrong_in_tables_is_said(
+def test_errors_in_tables_are_reported(
     change: Callable[..., Any], says: str, tmp_path: Path
 ) -> None:
     content = yaml.safe_load(TABLES.read_text())

@@ -320,7 +320,7 @@ def test_slopes_that_are_not_positive_are_clamped_and_counted_never_flipped() ->
     assert np.isfinite(moves).all()
 
 
-def test_a_reference_beyond_the_stroke_is_limited_and_forgotten() -> None:
+def test_a_reference_beyond_the_stroke_is_limited_without_later_error() -> None:
     model, values, _, _ = build('bouc_wen_mode')
     limits = Limits(-1.2, 1.2)
     far = Triangle(400e-6, 4.0, frequency=1.0).sample(np.arange(4000.0) * DT)

@@ -164,7 +164,7 @@ def test_a_look_whether_the_page_is_there_is_answered(server: Any) -> None:
     assert headers['Content-Type'].startswith('text/html')
 
 
-def test_a_token_is_asked_of_everybody(serve: Callable[..., Any]) -> None:
+def test_a_token_is_required_of_every_client(serve: Callable[..., Any]) -> None:
     server = serve(token=TOKEN)
     for path in (*EVERY_PATH, '/?token=wrong', f'/reports/one/report.html?token={TOKEN}'):
         assert ask(server, path)[0] == 401
@@ -217,6 +217,6 @@ def test_the_address_that_it_listens_at_is_a_name_of_it() -> None:
     assert AccessPolicy('localhost', 80).names == ('localhost', '127.0.0.1', '[::1]')
 
 
-def test_a_port_that_is_taken_is_said_in_one_line(server: Any) -> None:
+def test_a_port_in_use_is_reported_in_one_line(server: Any) -> None:
     with pytest.raises(PiezoError, match='give another port'):
         DashboardServer(Backend(), address='127.0.0.1', port=server.port, folder='.')

@@ -60,7 +60,7 @@ def test_a_number_at_zero_learns_its_size_from_its_relatives() -> None:
     assert (span.start, span.end) == (-200.0, 200.0)
 
 
-def test_parameters_are_grouped_and_fixed_ones_left_out() -> None:
+def test_parameters_are_grouped_without_read_only_ones() -> None:
     rows = [
         ParameterState('n', 'rate', 1.0, read_only=True),
         ParameterState('n', 'plant.gain', 1.0),
@@ -88,7 +88,7 @@ def test_typed_sweeps_are_read_or_refused() -> None:
             numbers(text, 'frequencies')
 
 
-def test_a_refused_control_goes_back_and_says_why() -> None:
+def test_a_refused_control_reverts_with_the_reason() -> None:
     backend = Backend()
     row = ParameterRow(amplitude(), lambda *a: backend.set_parameters('', a[0], {a[1]: a[2]}))
     slider, box = row.root.children[1].children
@@ -111,7 +111,7 @@ def test_a_refused_control_goes_back_and_says_why() -> None:
     assert (box.value, reason.visible) == (2.0, False)
 
 
-def test_a_dragged_slider_sends_the_newest_wish_only() -> None:
+def test_a_dragged_slider_sends_only_the_newest_value() -> None:
     backend = Backend()
     row = ParameterRow(amplitude(), lambda *a: backend.set_parameters('', a[0], {a[1]: a[2]}))
     slider = row.root.children[1].children[0]
@@ -129,7 +129,7 @@ def test_a_dragged_slider_sends_the_newest_wish_only() -> None:
     assert len(backend.sent) == 2
 
 
-def test_a_range_is_said_in_the_unit_of_the_page() -> None:
+def test_a_range_is_reported_in_the_unit_of_the_page() -> None:
     size = ParameterState('excitation', 'reference.amplitude', 1e-4, '', 'm', 0.0, 0.01)
     for text in (
         'Parameter reference.amplitude out of range Min: 0.0, Max: 0.01, value: 0.5',

@@ -55,7 +55,7 @@ def test_the_button_asks_with_limits_and_budget() -> None:
     assert orders == [InvestigationOrder(-1.0, 2.0, 300.0, 200.0, 'new')]
 
 
-def test_an_impossible_range_is_told_and_not_asked() -> None:
+def test_an_impossible_range_is_reported_and_not_sent() -> None:
     orders: list[object] = []
     assert 'is not below' in asked(orders, low=2.0, high=1.0)
     assert 'highest voltage is not given' in asked(orders, low=-2.0)

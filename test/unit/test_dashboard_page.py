@@ -35,7 +35,7 @@ from piezo_hysteresis.dashboard.texts import (
 # --- words ------------------------------------------------------------------------------------
 
 
-def test_the_banner_tells_absence_silence_and_loss() -> None:
+def test_the_banner_distinguishes_absence_silence_and_loss() -> None:
     time = [100.0]
     live = live_at(time)
     assert 'no node publishes /stage/actuator/state' in banner(live)
@@ -71,7 +71,7 @@ def test_what_comes_from_outside_is_escaped() -> None:
         assert '"onclick' not in text
 
 
-def test_numbers_are_said_in_micrometres_and_floors() -> None:
+def test_values_are_shown_in_micrometres_and_floors() -> None:
     assert '1.5 µm' in tracking_text(1.5e-6, 50e-6)
     assert '3 %' in tracking_text(1.5e-6, 50e-6)
     assert 'No reference' in tracking_text(math.nan, 1.0)
@@ -148,7 +148,7 @@ def test_a_page_shows_what_is_known() -> None:
     assert backend.sent[-1][:3] == ('simulator', 'effects.creep', True)
 
 
-def test_a_sweep_is_ordered_and_mistakes_are_said() -> None:
+def test_a_sweep_is_sent_and_mistakes_are_reported() -> None:
     backend = Backend()
     filled(backend)
     document = Document()

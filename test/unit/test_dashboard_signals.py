@@ -97,7 +97,7 @@ def test_topics_are_joined_by_the_number_of_the_sample() -> None:
     assert window.last(0.004).first == 3
 
 
-def test_old_samples_are_forgotten_and_a_restart_begins_anew() -> None:
+def test_old_samples_are_dropped_and_a_restart_clears_all() -> None:
     signals = Signals(64)
     for k in range(500):
         signals.add_states([state(k)])

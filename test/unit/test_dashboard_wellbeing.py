@@ -65,7 +65,7 @@ def test_the_light_is_that_of_the_worst_node_and_names_it(level: str) -> None:
     assert 'attenuation' in banner(live)
 
 
-def test_a_gap_that_the_correction_makes_up_for_alarms_nobody() -> None:
+def test_a_compensated_gap_raises_no_alarm() -> None:
     live = running([100.0], gap_monitor=('warning', 'record a sweep and run discover'))
     live.gaps.append(Gap(100.0, 6e-6, 1e-8, 600.0, 23.0, (0,), (6e-6,), True, 'drift'))
     assert 'gap_monitor' in overall(live, (5e-6, 8e-5)).text
@@ -81,7 +81,7 @@ def test_a_node_that_watches_the_loop_does_not_change_its_light(name: str) -> No
     assert found.text == f'{name}: no model'
 
 
-def test_a_node_that_says_nothing_any_more_does_not_count_as_fine() -> None:
+def test_a_node_without_recent_status_is_not_ok() -> None:
     time = [100.0]
     live = running(time)
     time[0] += MUTE + 1.0
@@ -90,7 +90,7 @@ def test_a_node_that_says_nothing_any_more_does_not_count_as_fine() -> None:
     assert 'reported 6 s ago' in overall(live).text
 
 
-def test_links_without_input_rest_while_nobody_asks_them_to_move() -> None:
+def test_links_without_input_are_ok_at_rest() -> None:
     words = 'no input since tick 9: the voltage is ramped to safety'
     live = running([100.0], mode='idle', feedforward=('warning', words))
     assert overall(live).level == 'ok'
@@ -99,7 +99,7 @@ def test_links_without_input_rest_while_nobody_asks_them_to_move() -> None:
     assert overall(live).level == 'warning'
 
 
-def test_the_banner_says_what_to_do() -> None:
+def test_the_banner_states_the_remedy() -> None:
     time = [100.0]
     live = running(time, mode='idle')
     time[0] += 20.0
@@ -122,7 +122,7 @@ def test_words_of_the_log_go_away() -> None:
     assert 'no input' not in status_text(live)
 
 
-def test_counters_say_what_they_count() -> None:
+def test_counters_have_a_description() -> None:
     live = running([100.0])
     live.counters['feedforward'] = Counters(100.0, 5, 0.0, {'doubled': 3, 'strange': 1})
     assert 'messages that came twice' in status_text(live)
@@ -136,7 +136,7 @@ def test_empty_panels_give_the_command_of_this_actuator() -> None:
     assert 'node identification</code>' in estimate_text([], False)
 
 
-def test_a_job_tells_its_time_and_what_is_left() -> None:
+def test_a_job_shows_elapsed_and_remaining_time() -> None:
     job = BackgroundJob('running', 0.25, 'fits', since=100.0)
     assert time_text(job, 130.0) == 'since 30 s, about 1 min 30 s left'
     assert time_text(BackgroundJob('running', 0.0, 'reads', since=100.0), 103.0) == 'since 3 s'
@@ -153,5 +153,5 @@ def test_a_job_tells_its_time_and_what_is_left() -> None:
 @pytest.mark.parametrize(
     ('seconds', 'words'), [(0.2, '0 s'), (59.4, '59 s'), (185, '3 min 05 s'), (7800, '2 h 10 min')]
 )
-def test_times_are_said_as_people_say_them(seconds: float, words: str) -> None:
+def test_times_are_rounded_for_display(seconds: float, words: str) -> None:
     assert clock(seconds) == words

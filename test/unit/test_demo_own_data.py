@@ -1,4 +1,4 @@
-"""The demo on a user's own record, and what it says where the record is of no use."""
+"""The demo on a user's own record, and its message for an unusable record."""
 
 from __future__ import annotations
 

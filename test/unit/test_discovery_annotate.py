@@ -25,7 +25,7 @@ def test_what_is_no_sine_stays_unknown() -> None:
     assert sine_frequency(generator.normal(size=TIME.size), 1 / RATE) == 0.0
 
 
-def test_what_is_known_is_left_alone() -> None:
+def test_known_metadata_are_not_changed() -> None:
     voltage = np.sin(2 * np.pi * 5 * TIME)
     info = RecordInfo(excitation='triangle', frequency=5.0)
     kept = annotated([Record('a', 1 / RATE, voltage, voltage, info=info)])[0]

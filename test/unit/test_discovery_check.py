@@ -1,4 +1,4 @@
-"""What is said of records before a discovery: true alarms only."""
+"""Checks of records before a discovery, without false alarms."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def test_a_sine_that_passes_through_its_peak_is_not_clipped(frequency: float) ->
     assert not any('clipped' in each for each in finding)
 
 
-def test_what_is_clipped_is_said() -> None:
+def test_clipping_is_reported() -> None:
     (finding,) = findings(wave(7.0), np.minimum(1e-5 * wave(7.0), 8e-6), frequency=7.0)
     assert 'the displacement lies flat at 8e-06' in finding
 
 
-def test_an_inverted_sensor_is_told_from_one_of_another_clock() -> None:
+def test_an_inverted_sensor_is_distinguished_from_another_clock() -> None:
     (finding,) = findings(wave(7.0), -1e-5 * wave(7.0), frequency=7.0)
     assert 'runs against the voltage' in finding
     (finding,) = findings(wave(7.0), 1e-5 * wave(31.0), frequency=7.0)

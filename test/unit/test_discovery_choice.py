@@ -88,7 +88,7 @@ def test_one_amplitude_shows_no_inner_loop_and_one_curve() -> None:
 
 
 @pytest.mark.slow
-def test_an_effect_that_the_records_do_not_tell_is_left_out() -> None:
+def test_an_effect_that_the_records_do_not_determine_is_omitted() -> None:
     choice = choose_model(one_tone((1.0, 0.4)))
     kept = {step.name for step in choice.steps if step.kept and step.memory == 'modified'}
     assert kept == {'modified'}
@@ -139,6 +139,6 @@ def test_what_is_one_amplitude() -> None:
     assert not rules.has_one_amplitude(voltage, np.empty(0))
 
 
-def test_every_number_says_where_it_is_from() -> None:
+def test_every_number_has_a_source() -> None:
     assert len(rows(CHOICE, CHOICE)) == len(fields(ChoicePolicy))
     assert all(source for *_, source in rows(CHOICE, CHOICE))

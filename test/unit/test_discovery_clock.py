@@ -120,7 +120,7 @@ def test_a_clock_that_is_not_that_of_the_file_costs_a_parameter(late: float) -> 
     assert there.score(still) - here.score(still) == pytest.approx(HELD.price)
 
 
-def test_a_clock_within_what_a_fit_can_tell_is_that_of_the_file() -> None:
+def test_a_clock_within_its_uncertainty_is_that_of_the_file() -> None:
     evaluator, base = held_by(kept(0.0), list(on_time()))
 
     def price(late: float) -> float:

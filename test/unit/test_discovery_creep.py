@@ -1,4 +1,4 @@
-"""Creep of two elements is told from one that follows the logarithm of time."""
+"""Creep of two elements is distinguished from logarithmic creep."""
 
 from __future__ import annotations
 

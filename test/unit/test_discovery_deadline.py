@@ -1,4 +1,4 @@
-"""A limit of time: nothing more is started, and what was not tried is said."""
+"""A time limit: no further step is started, and untested candidates are reported."""
 
 import argparse
 import math
@@ -59,7 +59,7 @@ def test_the_verb_has_a_limit_unless_it_gets_another(words: list[str], seconds: 
 
 
 @pytest.mark.component
-def test_a_search_without_time_says_what_it_did_not_try() -> None:
+def test_a_search_without_time_reports_what_is_untested() -> None:
     verdict = discover(records(), named('classical'), time_limit=1e-6).verdict
     assert verdict.verdict == 'unknown'
     assert 'transport_delay' in verdict.not_tried

@@ -125,7 +125,7 @@ def test_what_shows_at_no_size_is_stated() -> None:
     )
 
 
-def test_a_look_alike_is_named_with_the_size_that_tells_them_apart() -> None:
+def test_a_look_alike_is_named_with_the_size_that_distinguishes_it() -> None:
     (found,) = statements([limit(apart_factor=12.0)])
     assert found.apart == 'drift below 12 times that'
     section = detection_section([limit(apart_factor=12.0)])

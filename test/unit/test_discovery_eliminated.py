@@ -1,4 +1,4 @@
-"""An effect that only makes up for how records seem to begin goes once another tells that."""
+"""An effect that only compensates wrong initial conditions is eliminated once they are right."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def scene() -> tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit]:
 
 
 @pytest.mark.component
-def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(
+def test_a_lag_is_eliminated_if_a_delay_implies_a_start_with_a_step(
     scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit],
 ) -> None:
     evaluator, start, delay, both = scene
@@ -91,7 +91,7 @@ def test_a_lag_goes_where_a_delay_tells_that_records_begin_with_a_step(
 
 
 @pytest.mark.parametrize('accepted', [True, False])
-def test_a_rival_wins_that_tells_better_how_records_begin(
+def test_a_rival_with_better_initial_conditions_wins(
     scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit], accepted: bool
 ) -> None:
     evaluator, start, delay, _ = scene

@@ -41,7 +41,7 @@ def condition(voltage: np.ndarray, error: np.ndarray) -> Condition:
     return condition_of(RecordResidual('r', error, DT, 2.0, 1.0, STROKE, 1e-9, 0.0, voltage))
 
 
-def test_what_repeats_itself_is_told_by_the_phase_of_the_drive() -> None:
+def test_a_repeating_discrepancy_is_predicted_by_the_phase_of_the_drive() -> None:
     known = Discrepancy(True, (condition(drive(), third()),))
     later = replace(whole(record(drive(0.123), third(0.123))), noise=1e-9)
     expected = expectation(later, known, STROKE)
@@ -76,7 +76,7 @@ def test_a_file_and_new_records_are_split_alike_where_the_drive_grows() -> None:
     assert found.phases[3] == pytest.approx(0.4 - np.pi / 2, abs=0.05)
 
 
-def test_what_values_leave_open_is_no_news_away_from_what_was_judged() -> None:
+def test_uncertainty_of_values_is_no_deviation_at_other_conditions() -> None:
     model = named('linear_mode')
     values = {**model.defaults(), 'A1': 2e-5, 'natural_frequency': 60.0, 'damping_ratio': 0.05}
     base = ModelSpec(model, values)
@@ -98,7 +98,7 @@ def test_what_values_leave_open_is_no_news_away_from_what_was_judged() -> None:
 
 
 @pytest.mark.parametrize('grows', [GROWING, np.ones(TIME.size)], ids=['growing', 'steady'])
-def test_what_differs_from_part_to_part_is_no_news_in_one_of_them(grows: np.ndarray) -> None:
+def test_variation_between_parts_is_no_deviation_in_one_part(grows: np.ndarray) -> None:
     """A fit makes the mean of a harmonic small; the last quarter of the same record has it all."""
     parts = np.where(np.arange(TIME.size) < 3000, -0.2, 1.0)
     error = grows * (third() * parts + 5e-8 * np.cos(9 * 4 * np.pi * TIME))

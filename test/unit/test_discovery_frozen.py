@@ -1,4 +1,4 @@
-"""Rounds of real searches, judged again on the values that were fitted then."""
+"""Rounds of real searches, evaluated again with the stored fitted values."""
 
 from __future__ import annotations
 
@@ -75,7 +75,9 @@ def test_the_hidden_effect_wins_its_round(world: str, first: dict[str, Round]) -
 
 
 @pytest.mark.parametrize('world', HIDDEN)
-def test_with_the_effect_in_the_model_nothing_is_left(world: str, first: dict[str, Round]) -> None:
+def test_with_the_effect_in_the_model_only_noise_remains(
+    world: str, first: dict[str, Round]
+) -> None:
     made = first[world]
     best = made.evaluated().best
     assert made.evaluator.excess(best) < 0.1 * made.evaluator.excess(made.before)
@@ -113,7 +115,9 @@ def test_more_candidates_ask_for_more_evidence(first: dict[str, Round]) -> None:
     assert not made.evaluator.is_significant(made.before, made.before, 1)
 
 
-def test_a_better_model_without_news_needs_no_further_evidence(first: dict[str, Round]) -> None:
+def test_a_better_model_without_new_deviation_needs_no_further_evidence(
+    first: dict[str, Round],
+) -> None:
     made = first['held delay']
     evaluator, best, many = made.evaluator, made.evaluated().best, 10**15
     assert isinstance(evaluator, HeldEvaluator)

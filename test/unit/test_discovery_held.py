@@ -1,4 +1,4 @@
-"""A baseline that knows what it misses: no news stays none, what is hidden gets its name."""
+"""A baseline with a known discrepancy: unchanged records give none, a hidden effect is named."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def known() -> ModelFile:
         pytest.param('drift', 'drift', marks=pytest.mark.slow),
     ],
 )
-def test_what_a_known_model_misses_is_no_news_and_what_is_hidden_gets_its_name(
+def test_a_known_discrepancy_is_no_effect_and_a_hidden_effect_is_named(
     known: ModelFile, kind: str, name: str | None
 ) -> None:
     records = [
@@ -99,7 +99,7 @@ def test_what_a_known_model_misses_is_no_news_and_what_is_hidden_gets_its_name(
     assert 'µm rms beyond the noise' in verdict.unexplained.description
 
 
-def test_the_records_of_a_model_show_nothing_new_and_say_so(known: ModelFile) -> None:
+def test_the_records_of_a_model_show_no_new_deviation(known: ModelFile) -> None:
     again = ModelFile.parse(known.text())  # as it comes from a file
     own = [replace(r, name=f'copy {k}') for k, r in enumerate(FITTED)]
     verdict = discover(own[:2], again).verdict
@@ -111,7 +111,7 @@ def test_the_records_of_a_model_show_nothing_new_and_say_so(known: ModelFile) ->
 
 
 @pytest.mark.component
-def test_new_records_are_judged_without_those_of_the_model(known: ModelFile) -> None:
+def test_new_records_are_evaluated_without_those_of_the_model(known: ModelFile) -> None:
     new = hidden(replace(actuator(5, 1.0, 11), name='new'), 'tone')
     found = discover([*FITTED, new], known)
     assert [each.name for each in found.verdict.effects] == ['mains_hum']
@@ -139,7 +139,7 @@ def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: f
     assert 'A1' in saved.correlation.names
 
 
-def test_a_value_costs_what_its_file_says_until_it_is_another_one(known: ModelFile) -> None:
+def test_a_change_of_a_value_costs_by_its_deviation_in_the_file(known: ModelFile) -> None:
     known = replace(known, correlation=None)
     data = split(annotated([actuator(f, 1.0, 60 + f) for f in (1, 5)]))
     base, seen = held_data(data, known, Searching(Choices(), 1, 1, {}, Deadline()))
@@ -204,7 +204,7 @@ def test_what_a_model_always_missed_is_no_evidence() -> None:
 
 
 @pytest.mark.component
-def test_the_model_of_a_discovery_says_what_it_still_misses(known: ModelFile) -> None:
+def test_the_model_of_a_discovery_has_its_remaining_discrepancy(known: ModelFile) -> None:
     found = discover([hidden(actuator(5, 1.0, 3), 'drift')], known)
     saved = ModelFile.parse(found.model_file().text())
     assert saved.discrepancy is not None
@@ -215,7 +215,7 @@ def test_the_model_of_a_discovery_says_what_it_still_misses(known: ModelFile) ->
 
 
 @pytest.mark.slow
-def test_a_reference_tells_what_is_no_news(known: ModelFile) -> None:
+def test_a_reference_defines_the_known_discrepancy(known: ModelFile) -> None:
     before = [actuator(f, 1.0, 20 + k) for k, f in enumerate((1, 5))]
     silent = as_on(before, replace(known, discrepancy=None))
     assert silent.discrepancy is not None

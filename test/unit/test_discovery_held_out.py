@@ -50,7 +50,7 @@ def test_a_gap_that_only_held_out_records_show_is_unknown() -> None:
 
 
 @pytest.mark.slow
-def test_values_that_training_tells_badly_are_no_missing_effect() -> None:
+def test_values_that_training_determines_poorly_are_no_missing_effect() -> None:
     fine = [record(f, k) for k, f in enumerate((1, 2, 4, 5, 8, 10))]
     t = np.arange(2000) / RATE
     # the mode is driven in the last quarter alone, which is held out

@@ -46,7 +46,7 @@ def test_a_linear_mode_lacks_hysteresis_of_the_restoring_force() -> None:
 
 
 @pytest.mark.skipif(not MEASURED.exists(), reason=f'{MEASURED.name} is not there')
-def test_a_measured_stack_shows_what_is_left_and_by_how_much_less() -> None:
+def test_a_measured_stack_has_a_smaller_remaining_gap() -> None:
     (record,) = load([MEASURED])
     # 500 samples a period show what 5000 do, and take a thirteenth of the time
     u, y = (np.ascontiguousarray(x[::10]) for x in (record.voltage, record.displacement))

@@ -1,4 +1,4 @@
-"""A round of selection on made residuals: who is tried, who goes on, who wins, how sure it is."""
+"""A selection round on synthetic residuals: tested and kept candidates, winner, probability."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_richer_way_is_never_the_first_of_an_effect() -> None:
     assert names(rounds.choose_trials(scores, 1e-4, both)) == ['sensor/spline', 'sensor/cubic']
 
 
-def test_trials_that_went_best_go_on() -> None:
+def test_the_best_trials_are_continued() -> None:
     tried = [fit(('a', 'x'), error=noise(k)) for k in (3.0, 1.0, 2.0)]
     evaluator = SimpleNamespace(
         map=lambda function, items: [function(each) for each in items],
@@ -88,7 +88,7 @@ def test_trials_that_went_best_go_on() -> None:
     assert rounds.choose_first_fits(cast(Any, evaluator), tried) == [tried[1], tried[2]]
 
 
-def test_who_follows_need_only_come_near_the_one_that_goes_ahead() -> None:
+def test_followers_need_only_approach_the_leader() -> None:
     fits = [fit(('a', 'x'), error=noise(k)) for k in (1.0, 2.0, 3.0)]
     asked: list[float] = []
 
@@ -127,7 +127,7 @@ def test_final_fits_are_for_different_effects_that_came_near() -> None:
 
 
 class Made:
-    """Scores by the rms, and takes for an effect what it is told to."""
+    """Scores by the rms, and accepts the given names as effects."""
 
     def __init__(self, sure: set[str], explaining: set[str]) -> None:
         self.sure, self.explaining = sure, explaining
@@ -167,7 +167,7 @@ def test_the_first_that_is_an_effect_wins_the_round() -> None:
     assert lost.probabilities() == pytest.approx({'c': 0.3, 'b': 0.2, 'a': 0.1})
 
 
-def test_who_won_clearly_is_not_asked_again() -> None:
+def test_a_clear_winner_is_not_tested_again() -> None:
     best = fit(('a', 'x'), error=noise(1.0))
     variant, rival = fit(('a', 'y'), error=noise(1.1)), fit(('b', 'z'), error=noise(1.5))
     gain = Improvement(1.0, 9.0, 1e-9)
@@ -211,7 +211,7 @@ def test_a_moment_is_sure_and_what_repeats_is_one_number() -> None:
     assert repeated.ratio < POLICY.min_standard_errors
 
 
-def test_resamples_share_what_they_cannot_tell() -> None:
+def test_resamples_share_undecided_candidates() -> None:
     same = [fit(error=noise(1.0, k)) for k in (1, 2)]
     shares = win_shares(same, [0.0, 0.0], EDGES, 3, 2000)
     assert shares.sum() == pytest.approx(1.0)
@@ -222,7 +222,7 @@ def test_resamples_share_what_they_cannot_tell() -> None:
     assert win_shares([same[0], same[0]], [0.1, 0.0], EDGES, 3, 2000)[1] == 1.0
 
 
-def test_values_that_all_records_tell_better_are_named() -> None:
+def test_values_that_all_records_determine_better_are_named() -> None:
     def known(**std: float) -> CandidateFit:
         model = SimpleNamespace(free_names=tuple(std))
         fitted = SimpleNamespace(std=std)

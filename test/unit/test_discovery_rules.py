@@ -1,4 +1,4 @@
-"""Every rule that decides, on made numbers: what it lets pass, and what it does not."""
+"""Every decision rule on synthetic numbers: cases that it accepts and that it rejects."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_a_noise_that_is_badly_known_opens_no_gap() -> None:
     assert not rules.shows_a_gap(0.1, [0.1], [0.02], 0.03, POLICY)
 
 
-def test_the_coarsest_law_says_what_is_left_of_the_actuator() -> None:
+def test_the_coarsest_law_sets_the_remaining_error_of_the_actuator() -> None:
     assert rules.model_discrepancy([], 100.0) == 0.0
     assert rules.model_discrepancy([0.02, 0.07], 100.0) == pytest.approx(0.49)
     assert rules.model_discrepancy([0.07], -0.5) == 0.0
@@ -124,7 +124,7 @@ def test_the_word(named: int, left: bool, word: str) -> None:
     assert rules.verdict_name(named, left) == word
 
 
-def test_every_number_says_its_unit_meaning_and_source() -> None:
+def test_every_number_has_unit_meaning_and_source() -> None:
     assert len(rows()) == len(fields(SelectionPolicy))
     for name, value, unit, means, source in rows():
         assert all((value, unit, means.endswith('.'))), name
@@ -140,7 +140,7 @@ def test_numbers_can_be_others_and_impossible_ones_are_refused() -> None:
             POLICY.but(**wrong)
 
 
-def test_a_law_that_is_coarse_says_so_itself() -> None:
+def test_a_coarse_law_states_its_inexactness() -> None:
     coarse = {(e.name, e.variant) for e in EFFECTS if e.inexactness > 0.02}
     assert ('friction', 'in_mode') in coarse
     assert ('friction', 'breaking_away') not in coarse

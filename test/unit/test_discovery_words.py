@@ -15,9 +15,9 @@ from piezo_hysteresis.discovery.verdict.describe import growth
         (0.05, 'hardly depends on the frequency'),
     ],
 )
-def test_growth_and_fall_are_told_apart(power: float, words: str) -> None:
+def test_growth_and_decrease_are_distinguished(power: float, words: str) -> None:
     assert words in growth('frequency', power)
 
 
-def test_sizes_that_follow_no_law_are_not_said_to_stay() -> None:
+def test_sizes_without_a_law_are_not_described_as_constant() -> None:
     assert growth('frequency', 0.05, 0.5) == 'Its change with the frequency follows no power law.'

@@ -1,4 +1,4 @@
-"""The page of the nodes says what the tables say, and leaves no node out."""
+"""The page of the nodes agrees with the tables and lists every node."""
 
 from __future__ import annotations
 

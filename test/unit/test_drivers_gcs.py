@@ -91,7 +91,7 @@ def server() -> Iterator[GcsServer]:
         yield made
 
 
-def test_it_says_who_it_is_and_moves_nothing(server: GcsServer) -> None:
+def test_it_reports_its_identity_and_moves_nothing(server: GcsServer) -> None:
     server.controller.set_voltage(1.5)
     before = server.controller.voltage
     made = connected(server)
@@ -176,7 +176,7 @@ def test_words_that_would_be_ignored_are_refused(
     assert sentence in capsys.readouterr().err
 
 
-def test_an_address_of_another_kind_is_said() -> None:
+def test_an_address_of_another_kind_is_reported() -> None:
     with (
         served('serial') as (address, _),
         pytest.raises(DriverError, match='no answer'),
@@ -315,7 +315,7 @@ def test_a_refusal_of_the_controller_is_a_sentence(
         line.command(text)
 
 
-def test_wrong_addresses_are_said(capsys: Any) -> None:
+def test_wrong_addresses_are_reported(capsys: Any) -> None:
     words = ['--frequencies', '1', '--amplitudes', '1', '--out', 'nowhere']
     assert main(['sweep', '--on', 'tcp://x', *words]) == 2
     assert 'write gcs://HOST' in capsys.readouterr().err
@@ -474,7 +474,7 @@ def test_a_lost_connection_is_a_sentence(kind: str) -> None:
         assert abs(voltage_of(controller)) < 1e-5
 
 
-def test_the_generator_goes_on_to_its_end_without_a_client() -> None:
+def test_the_generator_finishes_without_a_client() -> None:
     clock = [0.0]
     plant = Plant.from_preset(PRESET, RATE)
     simulated = SimulatedController(plant, 1.0, now=lambda: clock[0])

@@ -1,4 +1,4 @@
-"""The picture of every effect shows what its page says."""
+"""The picture of every effect agrees with its page."""
 
 from __future__ import annotations
 

@@ -231,7 +231,7 @@ def test_what_is_impossible_is_refused_and_changes_nothing(loop: Loop) -> None:
     np.testing.assert_array_equal(loop.memory, before)
 
 
-def test_bad_numbers_give_a_safe_voltage_and_say_so(loop: Loop) -> None:
+def test_values_that_are_not_finite_give_a_safe_voltage_and_a_status(loop: Loop) -> None:
     assert loop.begin() == 0
     for k in range(300):
         code, last = loop.step(*reference(k), measured=1e-7)
@@ -250,7 +250,9 @@ def test_bad_numbers_give_a_safe_voltage_and_say_so(loop: Loop) -> None:
     assert seen & 8
 
 
-def test_states_are_independent_and_reset_forgets(loop: Loop, loaded: Any, exported: Path) -> None:
+def test_states_are_independent_and_reset_clears_them(
+    loop: Loop, loaded: Any, exported: Path
+) -> None:
     other = Loop(loaded, exported / 'piezo.h')
     assert loop.begin() == other.begin() == 0
     first = [loop.step(*reference(k), measured=1e-7)[1] for k in range(500)]
@@ -362,7 +364,7 @@ def test_the_model_in_charge_follows_the_frequency_and_both_are_changed_or_none(
     assert jumps[-1] != expected
 
 
-def test_little_power_slows_the_voltage_down_and_is_said(slow_and_fast: Path) -> None:
+def test_a_small_power_limit_slows_the_voltage_down_and_is_reported(slow_and_fast: Path) -> None:
     loop = loaded_from(slow_and_fast)
     assert loop.begin() == 0
     assert loop.change(energy_window=1e-3) == -3  # less than eleven ticks

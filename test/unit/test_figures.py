@@ -38,7 +38,7 @@ def test_figures_keep_their_digits(value: float, text: str) -> None:
     assert figures.shown('feedforward_um', value) == text
 
 
-def test_a_run_with_other_figures_is_told(tmp_path: Path) -> None:
+def test_a_run_with_other_figures_is_reported(tmp_path: Path) -> None:
     for name in ('README.md', 'docs/figures.json', 'tools/write_figures.py'):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / name, tmp_path / name)

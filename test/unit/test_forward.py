@@ -86,7 +86,7 @@ def reversed_sums(x: FloatArray, y: FloatArray, scale: float) -> None:
     y[x.size - 1] = 0.0
 
 
-def test_arrays_carry_directions_beside_them() -> None:
+def test_arrays_carry_their_tangents() -> None:
     def function(x: Any) -> Any:
         y = np.empty_like(x)
         reversed_sums(x, y, 3.0)

@@ -1,4 +1,4 @@
-"""The gap beside a running actuator, without ROS."""
+"""The gap of a running actuator, without ROS."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_a_right_model_is_on_the_floor() -> None:
     assert reports[-1].frequency == pytest.approx(7.0, abs=0.1)
 
 
-def test_remanence_that_a_sweep_before_has_left_is_no_gap() -> None:
+def test_remanence_of_an_earlier_sweep_is_no_gap() -> None:
     model = named('classical')
     loaded = ModelFile(
         model, {**model.defaults(), **TRUE}, provenance=Provenance(noise_floor=FLOOR)

@@ -35,6 +35,6 @@ def test_a_spike_between_steps_is_found(noise_in_steps: float) -> None:
     assert np.flatnonzero(outliers(y, PERIOD)).tolist() == [731, 1490]
 
 
-def test_the_step_of_a_sensor_is_told() -> None:
+def test_the_step_of_a_sensor_is_reported() -> None:
     assert step_of(sensed(5e-7, 2e-7, 1)) == pytest.approx(5e-7, rel=1e-6)
     assert step_of(np.full(5, 2e-6)) == 0.0

@@ -1,4 +1,4 @@
-"""The discrepancy of a model: from residuals, in model.yaml, and beside new records."""
+"""The discrepancy of a model: from residuals, in model.yaml, and for new records."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def waves(frequency: float = 5.0, **orders: Any) -> Any:
 # --- from residuals -----------------------------------------------------------------------------
 
 
-def test_harmonics_are_told_in_rms_and_what_is_small_is_not() -> None:
+def test_harmonics_are_reported_in_rms_without_small_ones() -> None:
     found = condition_of(residual(2e-7 + waves(h1=3e-7, h3=6e-7, h5=1e-9), noise=1e-8))
     assert found.harmonics == pytest.approx({0: 2e-7, 1: 3e-7, 3: 6e-7}, rel=1e-6)
     assert found.rms == pytest.approx(7e-7, rel=1e-4)
@@ -87,7 +87,7 @@ def test_repeats_are_one_condition_and_rest_is_none() -> None:
     assert discrepancy_of([residual(np.full(9, np.nan))], held_out=False) is None
 
 
-def test_only_what_is_larger_than_known_is_news() -> None:
+def test_only_an_error_above_the_known_one_is_a_new_deviation() -> None:
     known = discrepancy_of([residual(waves(h1=1e-7))], held_out=False)
     assert known is not None
     usual, larger = compared([residual(waves(h3=1.2e-7)), residual(waves(h1=2e-7))], known)
@@ -171,7 +171,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.component
-def test_identify_judges_on_what_is_held_out(
+def test_identify_evaluates_on_held_out_records(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ['identify', str(folder / 'one.csv'), '--model', 'classical']
@@ -188,7 +188,7 @@ def test_identify_judges_on_what_is_held_out(
 
 
 @pytest.mark.slow
-def test_validate_says_whether_more_is_missed_than_known(
+def test_validate_reports_an_error_above_the_known_discrepancy(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ['validate', '--model', str(folder / 'model' / 'model.yaml')]
@@ -211,7 +211,7 @@ def test_validate_says_whether_more_is_missed_than_known(
 
 
 @pytest.mark.slow
-def test_validate_of_a_model_that_says_nothing(
+def test_validate_of_a_model_without_discrepancy(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     saved = ModelFile.load(folder / 'model' / 'model.yaml')

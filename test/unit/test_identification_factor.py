@@ -49,7 +49,7 @@ def test_inputs_that_are_carried_together_have_the_bits_of_each(
     assert np.array_equal(stage.carried(signals, p, dt), np.array(alone))
 
 
-def test_a_crew_works_in_order_and_is_no_larger_than_asked_for() -> None:
+def test_a_thread_pool_keeps_the_order_and_the_requested_size() -> None:
     seen = set()
 
     def square(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Output error: derivatives, folding, solver, recovery, what it says about its own digits."""
+"""Output error: derivatives, folding, solver, recovery, uncertainty."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def test_a_drifting_record_is_not_folded() -> None:
 
 
 @pytest.mark.slow
-def test_sampling_offset_is_found_and_left_out_where_it_is_none() -> None:
+def test_sampling_offset_is_found_and_zero_where_there_is_none() -> None:
     on_time = [simulated(f) for f in (7, 14, 23, 35)]
     late = [
         Record(r.name, DT, r.voltage[:-2], shifted(r.displacement, 0.4)[:-2], info=r.info)
@@ -253,7 +253,7 @@ def test_finds_what_is_linear(model: Model, expected: set[str]) -> None:
     assert set(linear_parameters(model, model.free_names, 1.0)) == expected
 
 
-def test_says_which_parameters_cannot_be_told_apart() -> None:
+def test_it_reports_parameters_that_are_not_distinguished() -> None:
     """A loop of tiny amplitude does not saturate: A1 - A is all that it shows."""
     model = chain('bouc_wen', 'offset', A0=0.0)
     u = 1e-4 * sine(10.0, 2.0)
@@ -272,7 +272,7 @@ def test_a_parameter_without_influence_has_no_digits() -> None:
     assert np.isfinite(result.std['offset'])
 
 
-def test_an_unfinished_fit_says_so() -> None:
+def test_an_unfinished_fit_is_reported() -> None:
     result = fit(BIMORPH, [simulated(23.0)], max_evaluations=2)
     assert not result.converged
     assert 'did not converge' in result.warnings[0]

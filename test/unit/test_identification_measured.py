@@ -72,7 +72,7 @@ def test_benchmark_parameters_from_the_training_record() -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not MEASURED.exists(), reason=f'{MEASURED.name} is not beside the repository')
-def test_a_single_record_is_said_to_leave_the_shape_open() -> None:
+def test_a_single_record_is_reported_not_to_determine_the_shape() -> None:
     (record,) = load([MEASURED])
     result = output_error(named('bouc_wen_mode'), [record], count=2, max_evaluations=60)
     assert any('distinguished' in each for each in result.warnings)

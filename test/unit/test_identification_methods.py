@@ -193,7 +193,7 @@ def test_doubtful_records_are_fitted_with_a_warning() -> None:
     assert check_records(RECORDS) == []
 
 
-def test_rest_is_welcome_beside_motion() -> None:
+def test_a_record_at_rest_is_accepted_with_others() -> None:
     rest = Record('rest', DT, np.zeros(2000), 6e-6 + 20e-9 * NOISE[:2000])
     assert check_records([*RECORDS, rest]) == []
     assert check_records([rest])[0].fatal

@@ -46,7 +46,7 @@ def sweep(add: FloatArray | float = 0.0) -> list[Any]:
     return [record(f, seed=k, add=add) for k, f in enumerate((1, 2, 4, 5, 8, 10, 20, 0))]
 
 
-def test_it_is_as_sure_as_it_says() -> None:
+def test_the_scatter_of_estimates_agrees_with_their_uncertainty() -> None:
     found = floor_of(sweep())
     assert 0.0 < found.excess_deviation < 0.06
     assert (found.rms / NOISE) ** 2 == pytest.approx(1.0, abs=3.0 * found.excess_deviation)
@@ -175,7 +175,7 @@ def test_a_period_need_not_be_a_whole_number_of_samples(
     assert found.colour == pytest.approx(0.9 if slow else 0.0, abs=0.06)
 
 
-def test_the_period_is_found_between_samples_beside_a_jump() -> None:
+def test_a_fractional_period_is_found_with_a_jump() -> None:
     repeat = repeat_of(driven(611.88, jump=123))
     assert repeat is not None
     assert repeat.period == pytest.approx(611.88, abs=1e-3)
@@ -203,7 +203,7 @@ def test_a_record_that_does_not_repeat_has_the_colour_of_the_others() -> None:
     assert found.rms == pytest.approx(NOISE, rel=0.15)
 
 
-def test_slow_noise_says_less_than_its_samples() -> None:
+def test_slow_noise_has_fewer_independent_samples() -> None:
     whites = [np.random.default_rng(k).normal(size=4000) for k in range(200)]
     slows = [slow_noise(4000, k) for k in range(200)]
     for share, signals in ((0.0, whites), (0.9, slows)):
@@ -216,9 +216,7 @@ def test_slow_noise_says_less_than_its_samples() -> None:
 
 @pytest.mark.parametrize('share', [0.1, 0.2, 0.3, 0.5])
 @pytest.mark.parametrize('period', [200.0, 211.37])
-def test_rounding_that_repeats_with_the_drive_is_noise_all_the_same(
-    share: float, period: float
-) -> None:
+def test_rounding_that_repeats_with_the_drive_is_noise(share: float, period: float) -> None:
     step = 1e-6
     u = np.sin(2 * np.pi * np.arange(12000) / period)
     noise = share * step * np.random.default_rng(9).normal(size=u.size)
@@ -231,7 +229,7 @@ def test_rounding_that_repeats_with_the_drive_is_noise_all_the_same(
 
 
 @pytest.mark.parametrize('ratio', [1e-3, 0.1, 1.0, 10.0, 1e3, 1e9])
-def test_noise_far_from_the_step_of_its_converter_is_told_all_the_same(ratio: float) -> None:
+def test_noise_far_from_the_step_of_its_converter_is_estimated(ratio: float) -> None:
     step, count, t = 1e-9, 4000, np.arange(4000)
     noise = ratio * step * np.random.default_rng(8).standard_normal(count)
     clean = 1e3 * step * np.sin(2 * np.pi * t / 400)
@@ -257,7 +255,7 @@ def test_a_section_that_hardly_repeats_behind_its_warm_up_shows_what_differences
 
 
 @pytest.mark.parametrize('memory', [0.0, 0.9])
-def test_noise_that_rounding_hides_from_differences_is_told_by_the_others(memory: float) -> None:
+def test_noise_hidden_by_rounding_is_taken_from_other_records(memory: float) -> None:
     step, t = 1e-7, np.arange(6000) / RATE
 
     def rounded(name: str, u: np.ndarray, seed: int) -> tuple[Record, float]:
@@ -288,7 +286,7 @@ def amplitude_record(
     return Record(f'{amplitude}_{seed}', 1.0 / RATE, u, y, info=RecordInfo(amplitude=amplitude))
 
 
-def test_noise_that_falls_with_the_frequency_is_told_without_a_bias() -> None:
+def test_noise_that_falls_with_the_frequency_is_estimated_without_bias() -> None:
     records = [amplitude_record(1.0, seed, share=0.95) for seed in range(40)]
     # 0.92 where a median runs over a spectrum that falls
     assert np.mean([noise_of(each).rms for each in records]) == pytest.approx(NOISE, rel=0.04)
@@ -305,7 +303,7 @@ def test_noise_that_follows_the_drive_is_shared_by_none_of_another_drive() -> No
     assert len({noise.rms for noise in alike}) == 1
 
 
-def test_a_record_that_tells_no_noise_is_like_those_with_its_drive() -> None:
+def test_a_record_without_noise_estimate_uses_records_with_its_drive() -> None:
     def constant(record: Record) -> Record:
         return replace(record, displacement=np.full(len(record), 1e-6))
 

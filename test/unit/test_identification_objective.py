@@ -1,4 +1,4 @@
-"""The solver is told one and the same sum of squares by both of its questions."""
+"""Cost and linearisation of the objective give the same sum of squares."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def test_the_offset_of_rls_is_what_its_free_runs_miss() -> None:
     assert printed.values['offset'] == 0.0
 
 
-def test_rls_starts_where_it_is_told_and_trusts_it_as_it_is_told() -> None:
+def test_rls_uses_the_given_start_and_covariance() -> None:
     data = [record('enhanced3', HARMONIC, 23.0, 2.0)]
     start = {name: HARMONIC[name] for name in ('A1', 'A', 'beta', 'gamma', 'c1', 'c2')}
     firm = identify(data, named('extended'), method='rls', start=start, p0=1e-12)

@@ -1,4 +1,4 @@
-"""The papers' RLS: equal to the equations, bit-equal both ways, finite for ever."""
+"""The papers' RLS: equal to the equations, bit-equal both ways, bounded over long runs."""
 
 from collections.abc import Callable
 

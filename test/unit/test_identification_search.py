@@ -68,7 +68,7 @@ def test_impossible_points_are_survived(method: str) -> None:
     assert found.cost < 1e-2
 
 
-def test_an_unfinished_search_says_so() -> None:
+def test_an_unfinished_search_is_reported() -> None:
     found = search(valley, np.full(2, -2.0), np.full(2, 2.0), max_evaluations=30)
     assert not found.converged
     assert '30 evaluations' in found.message

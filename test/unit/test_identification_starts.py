@@ -36,7 +36,7 @@ def sines(preset: str, *frequencies: float, cut: int = 0) -> list[Record]:
         ('generic_bouc_wen', 'prandtl_ishlinskii', (1, 5), 137),
     ],
 )
-def test_the_error_that_is_told_is_that_of_a_free_run(
+def test_the_reported_error_is_that_of_a_free_run(
     preset: str, model: str, frequencies: tuple[float, ...], cut: int
 ) -> None:
     records = sines(preset, *frequencies, cut=cut)
@@ -67,7 +67,7 @@ def test_a_part_that_closes_by_chance_does_not_begin_settled() -> None:
 
 
 def test_a_loop_around_an_offset_voltage_is_led_into_its_steady_cycle() -> None:
-    """It forgets its virgin state by half per cycle; three cycles left a drift of 1 um."""
+    """The effect of the virgin state halves per cycle; three cycles left a drift of 1 um."""
     model = models.named('classical')
     values = {**model.defaults(), 'A1': 28e-6, 'A': 16e-6, 'beta': 0.124, 'gamma': -0.015}
     t = 5e-3 * np.arange(800)

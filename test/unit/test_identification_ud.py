@@ -130,7 +130,7 @@ def test_every_estimate_can_be_inverted() -> None:
         assert np.all(slopes[np.diff(saw) != 0] > 0)
 
 
-def test_invertible_banks_are_left_alone() -> None:
+def test_invertible_banks_are_not_changed() -> None:
     theta = np.array([1.0, 0.2, -0.1, 0.0, 0.3])
     np.testing.assert_allclose(invertible_bank(theta), theta, atol=1e-15)
     steep = invertible_bank(np.array([-0.4, 1.0, 0.4, 0.3]))

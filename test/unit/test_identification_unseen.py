@@ -1,4 +1,4 @@
-"""What the records do not show is left out or held, and said; what they show stays."""
+"""Undetermined parts are omitted or held with a message; determined parts are kept."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def identified(model: str, rate: float, **more: float) -> Identification:
 
 
 @pytest.mark.component
-def test_a_mode_that_no_record_shows_is_left_out_and_said() -> None:
+def test_a_mode_that_no_record_shows_is_omitted_and_reported() -> None:
     found = identified('classical', 2000.0)
     assert found.model.name == 'classical'
     assert 'natural_frequency' not in found.values

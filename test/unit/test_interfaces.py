@@ -1,4 +1,4 @@
-"""Every field of every message says what it is, and every number its unit."""
+"""Every field of every message has a description, and every number a unit."""
 
 from __future__ import annotations
 

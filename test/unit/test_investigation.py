@@ -96,13 +96,13 @@ def test_experiments_keep_the_stroke_that_the_model_predicts(model: ModelFile) -
         Investigation(model, ExperimentLimits(-1.0, 1.0, stroke=most), RATE)
 
 
-def test_a_model_that_does_not_say_what_it_misses_is_refused(model: ModelFile) -> None:
+def test_a_model_without_discrepancy_is_refused(model: ModelFile) -> None:
     bare = ModelFile(model.model, model.values)
     with pytest.raises(InvestigationError, match='identify it again'):
         Investigation(bare, LIMITS, RATE)
 
 
-def test_the_usual_range_is_what_the_model_was_judged_on(model: Any) -> None:
+def test_the_default_range_is_that_of_the_evaluated_records(model: Any) -> None:
     known = max(each.amplitude for each in model.discrepancy.conditions)
     assert known == pytest.approx(1.0, rel=1e-3)
     assert known_range(-5.0, 5.0, model) == (-known, known)

@@ -1,4 +1,4 @@
-"""What an experiment is expected to tell, in plain numbers."""
+"""Expected information of an experiment, in plain numbers."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from piezo_hysteresis.investigation.criterion import (
 )
 
 
-def test_rivals_that_predict_the_same_are_not_told_apart() -> None:
+def test_rivals_with_equal_predictions_are_not_distinguished() -> None:
     chances = np.array([0.5, 0.5])
     assert discrimination(chances, ['creep', 'drift'], np.zeros((2, 2))) == pytest.approx(0.0)
 
 
-def test_what_is_told_apart_for_sure_is_worth_the_whole_entropy_and_no_more() -> None:
+def test_a_certain_distinction_is_worth_the_whole_entropy() -> None:
     chances = np.array([0.7, 0.2, 0.1])
     for nats in (50.0, 5000.0):
         gained = discrimination(chances, ['a', 'b', 'c'], nats * (1.0 - np.eye(3)))
         assert gained == pytest.approx(entropy(chances))
 
 
-def test_two_variants_of_one_effect_need_not_be_told_apart() -> None:
+def test_two_variants_of_one_effect_need_not_be_distinguished() -> None:
     chances = np.array([0.5, 0.5])
     assert discrimination(chances, ['creep', 'creep'], 9.0 * (1.0 - np.eye(2))) == 0.0
 
@@ -46,7 +46,7 @@ def test_sizes_are_hidden_by_their_logarithm() -> None:
     np.testing.assert_allclose(found, [0.0, 0.0, 0.5, 1.0, 1.0])
 
 
-def test_an_experiment_that_would_show_no_smaller_sizes_has_no_news() -> None:
+def test_an_experiment_without_smaller_detectable_sizes_has_no_information() -> None:
     weights, seen = np.array([0.3, 0.2]), np.array([0.2, np.inf])
     assert detection_probability(weights, seen, np.array([0.2, np.inf]), 0.5) == 0.0
     assert detection_probability(weights, seen, np.array([0.5, SMALLEST]), 0.5) > 0.2

@@ -57,7 +57,7 @@ def setup() -> Setup:
 
 
 @pytest.mark.slow
-def test_it_goes_on_after_a_breakdown_and_is_repeated_from_its_bags(
+def test_it_resumes_after_a_breakdown_and_is_repeated_from_its_bags(
     setup: Setup, tmp_path: Path
 ) -> None:
     folder = tmp_path / 'out'
@@ -98,7 +98,7 @@ def test_a_folder_of_something_else_is_refused(setup: Setup, tmp_path: Path) -> 
         Journal.create_or_resume(tmp_path / 'new', other)
 
 
-def test_a_damaged_journal_is_told(setup: Setup, tmp_path: Path) -> None:
+def test_a_damaged_journal_is_reported(setup: Setup, tmp_path: Path) -> None:
     Journal.create_or_resume(tmp_path / 'new', setup).cleared(1)
     (tmp_path / 'new' / 'journal.jsonl').write_text('{')
     with pytest.raises(InvestigationError, match='damaged'):
@@ -106,7 +106,7 @@ def test_a_damaged_journal_is_told(setup: Setup, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_budget_is_spent_and_a_larger_one_goes_on(setup: Setup, tmp_path: Path) -> None:
+def test_a_budget_is_spent_and_a_larger_one_resumes(setup: Setup, tmp_path: Path) -> None:
     told: list[InvestigationProgress] = []
     folder = tmp_path / 'out'
     actuator = Actuator(**{'effects.creep': True})

@@ -42,7 +42,7 @@ def test_nothing_is_known_where_the_clock_or_the_actuator_was_started_anew() -> 
     assert history.following(record([0.0, 1.0], 0.02)).before is None
 
 
-def test_what_is_long_ago_is_left_out() -> None:
+def test_old_history_is_omitted() -> None:
     history, ticks = History(), round(LONGEST / DT)
     history.following(record(np.ones(ticks), 0.0))
     second = history.following(record([0.0, 1.0], LONGEST + 0.002))
@@ -60,7 +60,7 @@ def test_a_section_knows_what_went_before_it() -> None:
     np.testing.assert_array_equal(part.before, [1.0, 2.0])
 
 
-def test_creep_goes_on_from_one_record_into_the_next() -> None:
+def test_creep_continues_from_one_record_to_the_next() -> None:
     base = named('classical')
     creep = next(c for c in candidates(base, 1.0, 1e-4) if c.effect.variant == 'creep')
     values = creep.values(base.defaults(), creep.starts[0])

@@ -1,4 +1,4 @@
-"""When an investigation goes on and when it stops, on beliefs that are given."""
+"""When an investigation continues and when it stops, for given probabilities."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_a_name_that_changes_is_confirmed_anew(course: Investigation) -> None:
     assert stop.words.startswith('drift: sure')
 
 
-def test_more_confirmations_may_be_asked_for(course: Investigation) -> None:
+def test_more_confirmations_can_be_requested(course: Investigation) -> None:
     course.rules = Rules(confirmed=3)
     number, stop = stopped(course, a_belief('named', 0.95, 'creep'))
     assert (number, stop.reason) == (4, 'sure')

@@ -1,4 +1,4 @@
-"""Kernels: compiled by set-up, kept, found again by whoever needs them, never mixed up."""
+"""Kernels: compiled by set-up, cached, found again by every process, never confused."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_processes_that_start_at_once_share_the_work_and_never_mix_signatures(
 
 
 @pytest.mark.component
-def test_without_a_folder_to_write_it_compiles_in_memory_and_says_so_once(
+def test_without_a_writable_folder_it_compiles_in_memory_with_one_message(
     module: Callable[..., Any], tmp_path: Path
 ) -> None:
     code = """

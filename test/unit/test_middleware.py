@@ -58,7 +58,7 @@ def test_the_middleware_understands_every_word_of_it(tmp_path: Path) -> None:
     assert 'XML' in _says(str(wrong))
 
 
-def test_the_profiles_over_udp_say_the_same_but_for_the_transport() -> None:
+def test_the_profiles_over_udp_differ_only_in_the_transport() -> None:
     trees = [ElementTree.parse(profiles(name)) for name in ('fastdds.xml', 'fastdds_udp.xml')]
     words = [Counter(ElementTree.tostring(e).strip() for e in t.iter(f'{{{SPACE}}}{name}'))
              for t in trees for name in ('builtin', 'times')]  # fmt: skip

@@ -153,7 +153,7 @@ def test_both_are_written_in_few_lines_and_read_back(tmp_path: Path) -> None:
         (lambda c: c['discrepancy']['conditions'][0].update(bands={'x': 1}), 'bands must be'),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said(
+def test_errors_in_a_file_are_reported(
     change: Callable[..., Any], says: str, tmp_path: Path
 ) -> None:
     saved = model_file(correlation=Correlation(('A1', 'A', 'beta'), MATRIX), discrepancy=KNOWN)

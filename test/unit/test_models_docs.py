@@ -26,7 +26,7 @@ def test_every_model_and_block_is_on_the_page_of_models() -> None:
         assert f'| `{name}` | `{block.parameters[0].name}` | {block.parameters[0].unit} |' in page
 
 
-def test_tables_and_pages_are_those_that_the_blocks_say() -> None:
+def test_tables_and_pages_agree_with_the_blocks() -> None:
     pages = write_models.model_pages()
     written = [write_models.MODELS, write_models.PARAMETERS]
     assert list(pages) == written, 'run python tools/write_docs.py'

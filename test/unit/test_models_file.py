@@ -133,7 +133,7 @@ def test_unknown_models_and_parameters_name_the_choices() -> None:
         models.for_range(model, 0.0, 1e-6)
 
 
-def test_held_parameters_are_marked_and_left_alone() -> None:
+def test_held_parameters_are_marked_and_not_fitted() -> None:
     model = models.named('prandtl_ishlinskii')
     assert 'pi_range' not in model.free_names
     suited = models.for_range(model, 150.0, 20e-6)

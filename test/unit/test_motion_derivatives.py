@@ -1,4 +1,4 @@
-"""What a fit is told of a record in motion: derivatives of what it makes small."""
+"""Derivatives of the residual of a record in motion."""
 
 from __future__ import annotations
 

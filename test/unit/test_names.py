@@ -43,7 +43,7 @@ def variables(tree: Module) -> Iterator[str]:
 
 
 @pytest.mark.component
-def test_no_variable_of_the_source_has_a_name_that_says_nothing() -> None:
+def test_no_variable_of_the_source_has_a_meaningless_name() -> None:
     found = {}
     for path in sorted(ROOT.rglob('*.py')):
         names = set(variables(ast.parse(path.read_text(encoding='utf-8')))) & VAGUE

@@ -89,7 +89,7 @@ def timed(stamps: StampValidator, samples: dict[int, int]) -> list[int]:
 @pytest.mark.parametrize(
     ('wrong', 'jumps'), [(0, 2), (1, 2), (3 * HOUR, 2), (7 * HOUR, 2), (5 * HOUR + 2 * MS, 1)]
 )
-def test_a_stamp_that_jumps_is_replaced_by_what_the_number_says(wrong: int, jumps: int) -> None:
+def test_a_stamp_that_jumps_is_replaced_by_the_sample_index(wrong: int, jumps: int) -> None:
     stamps = StampValidator(1e-3)
     genuine = {k: 5 * HOUR + k * MS for k in (0, 1, 2, 5, 6, 7)}
     assert timed(stamps, {**genuine, 5: wrong}) == list(genuine.values())
@@ -99,7 +99,7 @@ def test_a_stamp_that_jumps_is_replaced_by_what_the_number_says(wrong: int, jump
 
 
 @pytest.mark.parametrize('set_to', [-2 * HOUR, 2 * HOUR])
-def test_a_clock_that_was_set_is_believed_from_the_second_sample_on(set_to: int) -> None:
+def test_a_clock_that_was_set_is_accepted_from_the_second_sample_on(set_to: int) -> None:
     stamps = StampValidator(1e-3)
     begin = 5 * HOUR
     assert timed(stamps, {0: begin, 1: begin + MS}) == [begin, begin + MS]
@@ -141,7 +141,7 @@ def test_edges_lie_at_the_ticks_of_a_simulator_and_between_those_of_a_driver() -
     assert driver.jumps == 2
 
 
-def test_an_excitation_says_what_it_does_and_whom_it_waits_for() -> None:
+def test_an_excitation_reports_its_state_and_the_node_it_waits_for() -> None:
     clock = Clock()
     health = ExcitationHealth(clock)
 
@@ -171,7 +171,7 @@ def new_watchdog(**values: float) -> Watchdog:
     return Watchdog(limiter, int(values.get('timeout', 10)), values.get('safe', 0.0), 20.0)
 
 
-def test_a_watchdog_ramps_after_its_patience_says_the_goal_and_is_silent() -> None:
+def test_a_watchdog_ramps_after_its_timeout_and_then_stops_publishing() -> None:
     watchdog = new_watchdog()
     assert [watchdog.voltage(k) for k in range(50)] == [None] * 50  # nothing was passed on yet
     watchdog.received(99)
@@ -211,7 +211,7 @@ def test_what_happened_counts_for_a_while() -> None:
     assert judge(watch.findings({'late': 2, 'lost': 1}), 'fine', {}).message == 'fine'
 
 
-def test_a_link_tells_standstill_from_silence_and_from_rest() -> None:
+def test_a_link_distinguishes_standstill_silence_and_rest() -> None:
     clock, watchdog = Clock(), new_watchdog()
     health = LinkHealth(clock)
 
@@ -232,7 +232,7 @@ def test_a_link_tells_standstill_from_silence_and_from_rest() -> None:
     assert (paused.level, paused.message[: len(words)]) == (Level.WARN, words)
 
 
-def test_a_reference_beyond_the_stroke_is_said() -> None:
+def test_a_reference_beyond_the_stroke_is_reported() -> None:
     health = LinkHealth(Clock())
     numbers = {'sample': 5, 'active': True}
     health.judge(numbers, {'out_of_stroke': 0}, new_watchdog())

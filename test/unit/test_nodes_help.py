@@ -30,7 +30,7 @@ def flat(text: str) -> str:
 @pytest.mark.component
 @pytest.mark.parametrize('name', ALL)
 @pytest.mark.parametrize('words', [['--help'], ['--ros-args', '-p', 'rate:=5.0', '-h']])
-def test_an_executable_tells_its_parameters(name: str, words: list[str]) -> None:
+def test_an_executable_lists_its_parameters(name: str, words: list[str]) -> None:
     code = (
         f'import sys; from piezo_hysteresis.ros.starting import {name} as run; run();'
         f' print("loaded:", *(set(sys.modules) & {SLOW}))'
@@ -68,7 +68,7 @@ def test_the_help_is_as_wide_as_the_screen(monkeypatch: pytest.MonkeyPatch) -> N
         assert max(map(len, sheet.help_text().splitlines())) <= 70
 
 
-def test_a_row_says_what_is_allowed() -> None:
+def test_a_row_states_the_allowed_values() -> None:
     specs = (
         ParameterSpec('speed', 2.0, 'How fast.', 'm/s', above=0.0, high=5.0, read_only=True),
         ParameterSpec('kind', 'a', 'Which.', choices=('a', 'b')),

@@ -1,4 +1,4 @@
-"""What the identification node takes in, and what it makes of it, without ROS."""
+"""Input and estimates of the identification node, without ROS."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ HOUR = 3_600_000 * MS
 @pytest.mark.parametrize('wrong', [0, 2 * MS, 2 * HOUR, 9 * HOUR])
 @pytest.mark.parametrize('place', [1, 3, 4, 5])
 def test_a_stamp_that_jumps_cuts_nothing(wrong: int, place: int) -> None:
-    """Whatever one sample says of its time, it belongs to the record that its number is in."""
+    """A sample belongs to the record of its index, for any time stamp."""
     course, did = spied()
     times = {k: 5 * HOUR + k * MS for k in range(8)}
     for k, name in ((2, 'a'), (4, ''), (6, 'b')):

@@ -65,7 +65,7 @@ def test_there_are_scenarios_and_launch_files() -> None:
 
 
 @pytest.mark.parametrize('file', SCENARIOS, ids=lambda file: file.stem)
-def test_a_scenario_says_only_what_nodes_know_and_allow(file: Path) -> None:
+def test_a_scenario_sets_only_known_parameters_in_range(file: Path) -> None:
     text = file.read_text(encoding='utf-8')
     assert text.startswith('# ')
     content = yaml.safe_load(text)

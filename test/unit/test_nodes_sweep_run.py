@@ -102,7 +102,7 @@ def test_states_lost_between_records_or_without_a_bag_are_no_matter() -> None:
     assert len(world.said) == 4
 
 
-def test_a_record_that_loses_all_the_time_is_given_up_and_the_result_says_so() -> None:
+def test_a_record_with_repeated_losses_is_aborted_and_reported() -> None:
     world = World()
     while world.step(heard=not (world.tick % 10 == 0 and world.tick < 700)) is not None:
         pass
@@ -133,7 +133,7 @@ def test_what_was_refused_is_taken_back() -> None:
     assert world.finish() == []
 
 
-def test_what_a_listener_tells_is_read_by_name() -> None:
+def test_the_status_of_a_listener_is_read_by_name() -> None:
     known = Progress()
     assert not known.takes
     known.receive(['taken', 'marked'], [3, 1])
@@ -144,7 +144,7 @@ def test_what_a_listener_tells_is_read_by_name() -> None:
     assert (known.taken, known.marked) == (3, 1)
 
 
-def test_a_drive_out_of_range_is_told_what_would_fit() -> None:
+def test_a_drive_out_of_range_is_refused_with_the_range() -> None:
     said = narrowed(-48.0, 48.0, 0.0, 100.0)
     assert 'offset of 50 V (options "{offset: 50}"' in said
     assert 'smaller amplitude' in narrowed(-80.0, 80.0, 0.0, 100.0)

@@ -102,7 +102,7 @@ def test_a_solution_that_overflows_is_none() -> None:
     assert solved.values[0] == 0.0
 
 
-def test_a_failure_is_told_in_words_of_its_subject() -> None:
+def test_a_failure_is_reported_with_its_subject() -> None:
     with (
         pytest.raises(CompensationError, match='scale it'),
         linalg.failing_as(CompensationError('too hard; scale it')),

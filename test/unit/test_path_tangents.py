@@ -180,7 +180,7 @@ def test_a_parameter_costs_what_is_behind_it_and_not_the_whole_run(
     np.testing.assert_array_equal(rows[0], rows[1])
 
 
-def test_chunks_of_a_record_go_on_from_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_of_a_record_continue_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     model, p = drawn(('bouc_wen_exact', 'nonlinear_mode', 'stiffness', 'resonance'), 4)
     whole = sensitivities(model, p, model.free_names, drive(), DT)
     monkeypatch.setattr('piezo_hysteresis.models.simulation.substep_sensitivities._VALUES', 700)

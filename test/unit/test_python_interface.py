@@ -353,7 +353,7 @@ COLUMNS = {'voltage': VOLTAGE, 'displacement': VOLTAGE}
         ),
     ],
 )
-def test_what_is_wrong_is_said_in_a_sentence(call: Callable[[], Any], says: str) -> None:
+def test_errors_are_reported_in_a_sentence(call: Callable[[], Any], says: str) -> None:
     with pytest.raises(ph.PiezoError, match=says) as caught:
         call()
     assert '\n' not in str(caught.value)

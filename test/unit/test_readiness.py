@@ -1,4 +1,4 @@
-"""A process says that it works while it compiles; whoever waits can tell who does."""
+"""A process reports that it compiles; a waiting client can identify it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def threads() -> int:
     return sum(thread.name == 'herald' for thread in threading.enumerate())
 
 
-def test_a_start_is_said_at_once_and_again_until_the_node_is_served(ear: Ear) -> None:
+def test_a_start_is_reported_until_the_node_is_served(ear: Ear) -> None:
     told = HeartbeatPublisher(ear.publish)
     assert ear.said == [(Readiness.STARTING, 'starting (0 s)')]
     ear.wait(3)
@@ -54,7 +54,7 @@ def test_a_start_is_said_at_once_and_again_until_the_node_is_served(ear: Ear) ->
     told.close()
 
 
-def test_compiling_is_said_while_it_lasts_and_once_for_the_log(ear: Ear) -> None:
+def test_compiling_is_reported_while_it_lasts_and_once_in_the_log(ear: Ear) -> None:
     told = HeartbeatPublisher(ear.publish, ear.compiles)
     for _ in range(2):
         watch.begin('kernel')
@@ -66,7 +66,7 @@ def test_compiling_is_said_while_it_lasts_and_once_for_the_log(ear: Ear) -> None
     told.close()
 
 
-def test_compiling_later_is_said_too(ear: Ear) -> None:
+def test_later_compiling_is_reported(ear: Ear) -> None:
     told = HeartbeatPublisher(ear.publish, ear.compiles)
     told.ready()
     while threads():
@@ -92,7 +92,7 @@ def test_a_kernel_within_a_kernel_is_one_compilation() -> None:
     assert (watch.compiling(), watch.compiled() - before, started) == ('', 1, [1])
 
 
-def test_who_works_is_known_for_as_long_as_he_says_so() -> None:
+def test_a_busy_node_is_known_while_it_reports() -> None:
     now = [100.0]
     book = Heartbeats(lambda: now[0])
     assert book.silence() == float('inf')
@@ -107,7 +107,7 @@ def test_who_works_is_known_for_as_long_as_he_says_so() -> None:
     assert book.silence() == FRESH
 
 
-def test_who_has_just_come_is_about_to_speak() -> None:
+def test_a_new_node_is_expected_to_report() -> None:
     now = [100.0]
     book = Heartbeats(lambda: now[0])
     book.update_discovered(['/recorder', '/foreign'])

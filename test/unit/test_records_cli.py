@@ -110,7 +110,9 @@ def test_a_bag_without_records_still_shows_its_topics(
     assert 'record the topic actuator/state' in printed.err
 
 
-def test_existing_output_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_existing_output_is_not_changed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / 'a.csv').write_text(CSV)
     (tmp_path / 'out').mkdir()
     words = [str(tmp_path / 'a.csv'), '--out', str(tmp_path / 'out')]
@@ -143,7 +145,7 @@ WITHOUT_ROS = (
         ['demo', '--out', 'x'],
     ],
 )
-def test_without_ros_verbs_that_need_it_say_what_to_do(tmp_path: Path, words: list[str]) -> None:
+def test_without_ros_verbs_that_need_it_state_the_remedy(tmp_path: Path, words: list[str]) -> None:
     done = subprocess.run(
         [sys.executable, '-c', WITHOUT_ROS, *words],
         capture_output=True, text=True, cwd=tmp_path, check=False,

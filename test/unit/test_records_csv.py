@@ -166,7 +166,7 @@ def test_lines_that_are_no_numbers_are_salvaged_and_counted(tmp_path: Path) -> N
     assert any('1 lines are not numbers' in str(damage) for damage in found.damage)
 
 
-def test_notes_beside_the_file_are_taken_over(tmp_path: Path) -> None:
+def test_notes_next_to_the_file_are_used(tmp_path: Path) -> None:
     path = write(tmp_path / 'a.csv', rows())
     notes = write(
         tmp_path / 'records.yaml',
@@ -200,7 +200,7 @@ def test_a_large_file_is_read_to_the_same_bits(
 @pytest.mark.parametrize(
     'line', ['0.0305,1.0', '0.0305,x,2.0', '0.0305,,2.0', '# a note', '', '0.0305, 1.0,2.0']
 )
-def test_what_is_not_plain_in_a_large_file_is_read_and_told_as_in_a_small_one(
+def test_special_cases_in_a_large_file_are_handled_as_in_a_small_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
 ) -> None:
     rows = [f'{k / 1000},{k % 7},{k % 11}' for k in range(60)]
@@ -248,7 +248,7 @@ FOREIGN['d.csv'] = 'Time (S),Voltage (V),Monitor (V),Position/um\n' + ''.join(
 
 @pytest.mark.parametrize('name', FOREIGN)
 @pytest.mark.parametrize('encoding', ['utf-8', 'cp1252', 'utf-16'])
-def test_columns_that_carry_quantity_and_unit_are_taken_and_said(
+def test_columns_with_quantity_and_unit_are_used_and_reported(
     tmp_path: Path, name: Any, encoding: str
 ) -> None:
     path = tmp_path / name

@@ -141,7 +141,7 @@ def test_stamps_of_numbered_samples_may_jitter(tmp_path: Path, clock: Any) -> No
     assert any('its stamps jitter by up to' in str(note) for note in found.notes)
 
 
-def test_numbers_that_are_missing_are_a_gap_whatever_the_stamps_say(tmp_path: Path) -> None:
+def test_missing_sample_numbers_are_a_gap_for_any_stamps(tmp_path: Path) -> None:
     kept = np.delete(TICKS, [100, 101])
     stamp = kept * 1e-3 + RNG.uniform(0, 0.9e-3, kept.size)
     found = refused(
@@ -150,7 +150,7 @@ def test_numbers_that_are_missing_are_a_gap_whatever_the_stamps_say(tmp_path: Pa
     assert [len(record) for record in found.records] == [100, 198]
 
 
-def test_a_clock_that_jumps_is_said(tmp_path: Path) -> None:
+def test_a_clock_that_jumps_is_reported(tmp_path: Path) -> None:
     stamp = TICKS * 1e-3 + 3600.0 * (TICKS > 150)
     found = refused(
         raw_bag(tmp_path / 'bag', [(TICKS, stamp, STROKE)]), 'stamps jump by up to 3.6e'

@@ -88,7 +88,7 @@ def test_the_verb_makes_a_bag_of_ours(
         ('/amplifier/command.channels[7].volt', DISPLACEMENT, 'no number channels.7.volt'),
     ],
 )
-def test_what_is_not_there_is_said(
+def test_a_missing_source_is_reported(
     lab_bag: Path, voltage: Any, displacement: Any, message: str
 ) -> None:
     with pytest.raises(RecordError, match=message):
@@ -142,7 +142,7 @@ def test_a_joint_is_found_by_its_name_and_a_wrench_is_a_force(
     np.testing.assert_allclose(record.voltage, 0.5 * np.arange(200))
 
 
-def test_a_joint_that_is_not_there_is_said(
+def test_a_missing_joint_is_reported(
     robot_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ['--force', '/ft.wrench.force.z:N', '--displacement', '/joint_states.position[tip]']

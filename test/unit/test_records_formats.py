@@ -80,7 +80,7 @@ def test_matlab_73_is_hdf5(tmp_path: Path) -> None:
     holds(load(path)[0], 'new')
 
 
-def test_a_matlab_object_says_how_to_save(tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_matlab_object_is_refused_with_the_remedy(tmp_path: Path, monkeypatch: Any) -> None:
     import scipy.io
     from scipy.io.matlab import MatlabOpaque
 
@@ -91,7 +91,7 @@ def test_a_matlab_object_says_how_to_save(tmp_path: Path, monkeypatch: Any) -> N
         load(path)
 
 
-def test_a_matlab_object_of_73_says_how_to_save(tmp_path: Path) -> None:
+def test_a_matlab_object_of_73_is_refused_with_the_remedy(tmp_path: Path) -> None:
     h5py = pytest.importorskip('h5py')
     path = tmp_path / 'object.mat'
     with h5py.File(path, 'w', userblock_size=512) as file:

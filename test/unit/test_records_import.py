@@ -1,4 +1,4 @@
-"""Foreign columns, two rates and jitter become records by `import`; what is said meanwhile."""
+"""Foreign columns, two rates and jitter become records by `import`; its messages."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_force_is_named_likewise(tmp_path: Path) -> None:
         ((), '--time COLUMN:UNIT'),
     ],
 )
-def test_what_is_no_column_is_said(
+def test_an_unknown_column_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[Any, ...], reason: str
 ) -> None:
     scope(tmp_path / 'a.csv', names='t,CH1,CH2')
@@ -110,7 +110,7 @@ def test_what_the_new_rate_cannot_hold_is_filtered_off() -> None:
     assert np.std((odd.voltage - np.sin(2 * np.pi * 7 * odd.time))[inside]) < 2e-3
 
 
-def test_jitter_is_refused_with_what_to_do_and_interpolated_when_asked(
+def test_jitter_is_refused_with_the_remedy_and_interpolated_on_request(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     head = 'time_s,voltage_V,displacement_um'
@@ -126,7 +126,7 @@ def test_jitter_is_refused_with_what_to_do_and_interpolated_when_asked(
     assert 1e6 * record.displacement[inside] == pytest.approx(displacement[inside], abs=0.3)
 
 
-def test_salvage_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_salvage_reports_its_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     head = 'time_s,voltage_V,displacement_um'
     scope(tmp_path / 'a.csv', head)
     lines = (tmp_path / 'a.csv').read_text().splitlines()
@@ -158,7 +158,7 @@ def test_in_a_pipe_progress_is_a_line_now_and_then(capsys: pytest.CaptureFixture
     assert remaining_time_text(0.0, 9.0) == remaining_time_text(1.0, 9.0) == ''
 
 
-def test_a_verbose_error_tells_where_it_arose(
+def test_a_verbose_error_states_its_origin(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(['info', str(tmp_path / 'no.csv'), '-v']) == 2

@@ -1,4 +1,4 @@
-"""Records that were cancelled, refused or run again: said, and used by no verb."""
+"""Records that were cancelled, refused or run again: reported, and used by no verb."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ CANCELLED: list[Mark] = [(100, 'two', 'sine', ''), (190, '', 'cancelled', 'two')
 
 
 @pytest.mark.parametrize('verdict', VERDICTS)
-def test_a_judged_record_is_left_out_and_told(tmp_path: Path, verdict: str) -> None:
+def test_an_invalidated_record_is_omitted_and_reported(tmp_path: Path, verdict: str) -> None:
     marks = [*GOOD, (100, 'two', 'sine', ''), (190, '', verdict, 'two')]
     found = survey([bag_of(tmp_path / 'bag', marks)])
     assert [(r.name, len(r)) for r in found.records] == [('one', 80)]
@@ -94,7 +94,7 @@ def test_a_start_that_was_announced_late_swallows_nothing(tmp_path: Path) -> Non
     assert [len(r) for r in survey([bag_of(tmp_path / 'older', plain)]).records] == [80]
 
 
-def test_markers_cut_at_their_sample_whatever_the_stamps_say(tmp_path: Path) -> None:
+def test_markers_cut_at_their_sample_for_any_stamps(tmp_path: Path) -> None:
     jitter = np.random.default_rng(1).uniform(-3, 3, 400) + 10
     marks: list[Mark] = [(100.5, 'one', 'sine', 'sample 100'), (160, '', '', 'sample 180'),
                          (190, 'two', 'sine', 'sample 180'),
@@ -131,7 +131,9 @@ def test_a_record_is_taken_back_long_after_its_end(tmp_path: Path) -> None:
     assert [record.name for record in records] == ['three']
 
 
-def test_a_bag_of_nothing_else_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_without_valid_records_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = bag_of(tmp_path / 'bag', CANCELLED)
     assert main(['info', str(bag)]) == 2
     assert 'record two was cancelled and is left out' in capsys.readouterr().err

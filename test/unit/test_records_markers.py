@@ -1,4 +1,4 @@
-"""Markers and references of a bag: what they end, what they may not say, what is left out."""
+"""Markers and references of a bag: ends of records, invalid content, omitted records."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_markers_of_another_definition(tmp_path: Path) -> None:
         assert found.records[0].info.amplitude == (0.0 if np.isnan(value) else 0.5)
 
 
-def test_references_that_do_not_cover_a_record_are_left_out(tmp_path: Path) -> None:
+def test_references_that_do_not_cover_a_record_are_omitted(tmp_path: Path) -> None:
     fields = bag_writer.fixed_fields(REFERENCE)
     with Recorder(tmp_path / 'bag') as recorder:
         state = recorder.add_topic('/p/actuator/state', STATE, definition=definition_of(STATE)[0])

@@ -248,7 +248,7 @@ def test_a_full_disk_keeps_everything_and_counts_the_rest(
     assert len(record) == status.written
 
 
-def test_a_disk_that_has_room_again_goes_on(
+def test_recording_resumes_when_the_disk_has_space_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
 

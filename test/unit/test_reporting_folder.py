@@ -104,7 +104,7 @@ def test_a_claim_leaves_what_is_there(tmp_path: Path) -> None:
         claim(tmp_path, 'batch discover')
 
 
-def test_a_demo_takes_away_what_the_last_one_left(tmp_path: Path) -> None:
+def test_a_demo_deletes_the_files_of_the_last_one(tmp_path: Path) -> None:
     out = tmp_path / 'out'
     for name in ('old.png', 'new.png'):
         with replacing(out, 'demo') as made:

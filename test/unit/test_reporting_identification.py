@@ -1,4 +1,4 @@
-"""The report of `identify`: the verdict is the numbers, and the right thing to do comes first."""
+"""The report of `identify`: its verdict agrees with the numbers, and the next step is on top."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_what_comes_next_depends_on_what_was_found(found: Identification) -> Non
 
 
 @pytest.mark.component
-def test_the_page_answers_in_order_and_tells_where_the_error_sits(
+def test_the_page_has_its_order_and_the_location_of_the_error(
     records: list[Record], found: Identification
 ) -> None:
     page = identification_page(records, found, data=['sweep'])
@@ -114,7 +114,7 @@ def test_harmonics_of_known_size() -> None:
 
 
 @pytest.mark.component
-def test_the_verb_leaves_the_report_beside_the_model(
+def test_the_verb_writes_the_report_next_to_the_model(
     tmp_path: Path, records: list[Record], capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_csv(tmp_path / 'mine.csv', records[0])

@@ -120,7 +120,7 @@ def test_prose_has_paragraphs_lists_and_typed_words() -> None:
     assert '<p>Two lines.</p>' in text
 
 
-def test_tables_say_what_is_not_known_and_refuse_ragged_rows() -> None:
+def test_tables_mark_unknown_values_and_refuse_ragged_rows() -> None:
     rows = table(['a', 'b', 'c'], [[1.23456789, None, True], [float('nan'), 'x', 3]]).rows
     assert rows == (('1.235', '–', 'yes'), ('–', 'x', '3'))
     with pytest.raises(ValueError, match='1 cells under 2 headers'):
@@ -163,7 +163,7 @@ def test_bars_show_the_pairs_they_were_given_and_the_floor_lies_inside() -> None
     assert plot.y_range.start < 0.01 < plot.y_range.end
 
 
-def test_the_palette_is_told_apart_in_grey() -> None:
+def test_the_palette_is_distinguishable_in_grey() -> None:
     def lightness(colour: str) -> Any:
         r, g, b = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
         return 0.2126 * r**2.2 + 0.7152 * g**2.2 + 0.0722 * b**2.2
@@ -224,7 +224,7 @@ def test_numbers_as_people_read_them() -> None:
     assert with_deviation(0.001, 5.0) == ('0.001', '5')
 
 
-def test_links_lead_to_pages_beside_this_one_only() -> None:
+def test_links_lead_only_to_pages_in_the_folder() -> None:
     page = render('t', 'see [one](one/report.html), [two](http://x/y) [three](javascript:f)', [])
     assert '<a href="one/report.html">one</a>' in page
     assert page.count('<a ') == 1

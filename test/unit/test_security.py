@@ -1,4 +1,4 @@
-"""What keeps others out, as far as the source says: no node is started."""
+"""Access control, as far as the source shows it: no node is started."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _false(value: ast.expr) -> bool:
 
 
 @pytest.mark.component
-def test_nothing_trusts_data_with_code() -> None:
+def test_no_data_are_loaded_as_code() -> None:
     found = {
         str(file.relative_to(ROOT)): found
         for file in SOURCES
@@ -81,7 +81,7 @@ def test_trust_is_found(source: str) -> None:
     assert list(offences(source))
 
 
-def test_harmless_code_is_left_alone() -> None:
+def test_harmless_code_is_accepted() -> None:
     assert not list(
         offences('import yaml\nyaml.safe_load(text)\nre.compile(text)\nf(shell=False)')
     )

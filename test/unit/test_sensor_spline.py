@@ -37,7 +37,7 @@ def test_without_bends_it_is_the_cubic_law() -> None:
 
 
 @pytest.mark.parametrize('knot', [-0.6, -0.2, 0.0, 0.2, 0.6])
-def test_value_slope_and_curvature_go_on_through_the_knots(knot: float) -> None:
+def test_value_slope_and_curvature_are_continuous_at_the_knots(knot: float) -> None:
     h = 1e-3 * STROKE
     left, middle, right = (
         reading(knot * STROKE + h * np.array([k - 1.0, k, k + 1.0]), BENT) for k in (-1, 0, 1)

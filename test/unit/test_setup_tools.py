@@ -14,7 +14,7 @@ import install_wheels
 import repair_wheels
 
 
-def test_uv_is_told_what_pip_was_told() -> None:
+def test_uv_receives_the_options_of_pip() -> None:
     config = r"""
         global.index-url='https://index.example/simple'
         global.extra-index-url='\nhttps://one.example\nhttps://two.example'
@@ -33,7 +33,7 @@ def test_uv_is_told_what_pip_was_told() -> None:
 
 
 @pytest.mark.parametrize('line', ["global.proxy='http://x'", "global.trusted-host='x'"])
-def test_pip_is_left_to_what_only_pip_was_told(line: str) -> None:
+def test_pip_is_used_for_options_that_only_pip_has(line: str) -> None:
     assert install_wheels.told(line) is None
 
 
@@ -118,7 +118,7 @@ def test_copies_of_libraries_become_links_to_the_version(tmp_path: Path) -> None
     assert repair_wheels.link_copies(tmp_path) == 0
 
 
-def test_exports_are_mended_without_touching_the_cache_of_the_installer(tmp_path: Path) -> None:
+def test_exports_are_corrected_without_changing_the_cache_of_the_installer(tmp_path: Path) -> None:
     export = tmp_path / 'share' / 'x' / 'cmake' / 'xExport.cmake'
     export.parent.mkdir(parents=True)
     export.write_text('set(a "/opt/python/cp311/include/python3.11;/usr/include")')

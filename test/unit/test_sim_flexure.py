@@ -109,7 +109,7 @@ def test_a_preset_takes_its_own_dimensions(tmp_path: Path) -> None:
         ({'parameters': {}}, None),
     ],
 )
-def test_what_is_wrong_in_a_preset_is_said(
+def test_errors_in_a_preset_are_reported(
     change: dict[str, Any], says: str | None, tmp_path: Path
 ) -> None:
     path = preset_with(tmp_path, **change)
@@ -147,7 +147,7 @@ def test_the_verb_prints_the_design_and_the_lines_of_a_preset(
         ('--preset nobody', 'no preset'),
     ],
 )
-def test_the_verb_says_what_is_missing(
+def test_the_verb_reports_missing_values(
     words: str, says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(['stage', *words.split()]) == 2

@@ -59,7 +59,7 @@ def _monotone(start: Any, end: Any, pieces: int = 1) -> np.ndarray:
 
 
 @pytest.mark.parametrize('law', ['play', 'preisach'])
-def test_nonlocal_memory_closes_minor_loops_and_forgets_them(law: str) -> None:
+def test_nonlocal_memory_closes_and_erases_minor_loops(law: str) -> None:
     """Return-point memory and wiping out, whatever happened inside the minor loop."""
     straight, detour = (Plant(_quiet(**{law: True})) for _ in range(2))
     head = np.concatenate([_monotone(0, 0.9), _monotone(0.9, -0.8), _monotone(-0.8, 0.4)])

@@ -161,7 +161,7 @@ def test_tuning_any_parameter_while_running_makes_no_jump(base: Any) -> None:
         assert plant.displacement == pytest.approx(place, abs=1e-15), row.name
 
 
-def test_a_low_pass_that_is_switched_on_goes_on_from_the_present_reading() -> None:
+def test_a_low_pass_that_is_switched_on_starts_at_the_current_reading() -> None:
     plant = Plant()
     before = plant.run(np.full(10, 0.5))[-1]
     plant.switch('sensor_bandwidth')
@@ -288,7 +288,7 @@ def test_the_manual_names_every_effect_preset_fault_and_waveform() -> None:
 @pytest.mark.parametrize(
     'effect', ['friction', 'contact', 'stiffness', 'restoring_hysteresis', 'amplitude_damping']
 )
-def test_an_effect_without_effect_says_so(effect: str) -> None:
+def test_an_effect_without_influence_is_reported(effect: str) -> None:
     overrides = {'effects.resonance': False, 'effects.noise': False, f'effects.{effect}': True}
     plant = Plant.from_preset('generic_bouc_wen', overrides=overrides)
     assert f'effects.{effect} without effect' in plant.idle_effects

@@ -94,7 +94,7 @@ def test_bimorph_resonates_at_68_hz_and_rolls_off_beyond_80(bimorph: Plant) -> N
     assert gain[100] == pytest.approx(-1.5, abs=0.3)
 
 
-def test_bimorph_moves_about_as_far_as_its_data_sheet_says() -> None:
+def test_the_stroke_of_the_bimorph_agrees_with_its_data_sheet() -> None:
     plant = Plant.from_preset('fdk_pzba_00030')
     plant.run(np.full(3000, 70 / 15))
     assert plant.displacement == pytest.approx(0.6e-3, rel=0.15)
@@ -209,7 +209,7 @@ def test_reference_stage_is_linear() -> None:
 
 
 @pytest.mark.parametrize('name', preset_names())
-def test_every_preset_moves_as_far_as_it_says(name: Any) -> None:
+def test_every_preset_has_its_stated_stroke(name: Any) -> None:
     plant = Plant.from_preset(name)
     preset = plant.preset
     time = np.arange(round(2 * plant.rate)) / plant.rate

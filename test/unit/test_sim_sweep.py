@@ -182,7 +182,7 @@ def test_presets_and_descriptions_are_listed(capsys: pytest.CaptureFixture[str])
     assert all(kind in text for kind in KINDS)
 
 
-def test_it_tells_its_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_prints_its_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match='0'):
         main(['--version'])
     assert capsys.readouterr().out.strip() == '0.2.0'

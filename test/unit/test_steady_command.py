@@ -64,7 +64,7 @@ def test_commands_in_time_are_those_of_the_plan() -> None:
     assert limited == 0
 
 
-def test_what_is_held_where_commands_come_back_to_it_goes_on() -> None:
+def test_a_held_voltage_continues_where_commands_return_to_it() -> None:
     """A command like the one that acts tells nothing of what was sent between the two."""
     now = 0.0
     steady = SteadyCommand(RATE, lambda: now)
@@ -100,7 +100,7 @@ def test_an_actuator_that_goes_its_own_way_is_met_where_it_is() -> None:
     assert steady.next(11, 1.1, 700.0) == pytest.approx(-2.3)
 
 
-def test_an_actuator_that_takes_no_commands_is_not_waited_for_for_ever() -> None:
+def test_waiting_for_an_actuator_without_commands_ends() -> None:
     steady = SteadyCommand(RATE)
     for k in range(1500):
         steady.update(k, 2.0)

@@ -55,7 +55,7 @@ def types_of(stub: ast.ClassDef) -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize('path', MODULES, ids=lambda path: f'{path.parent.name}.{path.stem}')
-def test_stubs_say_what_the_classes_give(path: Path) -> None:
+def test_stubs_agree_with_the_classes(path: Path) -> None:
     module = importlib.import_module(f'{path.parent.name}.{path.stem}')
     found = list(messages_of(module, ast.parse(path.read_text(encoding='utf-8')).body))
     assert found

@@ -1,4 +1,4 @@
-"""What hides effects in measured records, and the page that tells how they were found."""
+"""The code that adds effects to measured records, and the page of the results."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_records_taken_again_have_noise_of_their_own() -> None:
     assert apart == pytest.approx(np.sqrt(2.0) * 1e-8, rel=0.1)
 
 
-def test_what_is_judged_begins_where_its_reference_ends(tmp_path: Path) -> None:
+def test_evaluated_records_begin_where_their_reference_ends(tmp_path: Path) -> None:
     whole = measured()
     case = replace(CASES[0], fitted='one.csv', evaluated=('one.csv',), parted=0.5 * whole.duration)
     write_csv(tmp_path / 'one.csv', whole)

@@ -1,4 +1,4 @@
-"""The world of the lottery does what its words say, and what was said is counted rightly."""
+"""The simulation of the lottery agrees with its description, and results are counted correctly."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_delay_comes_later_and_a_falling_gain_falls() -> None:
     assert falling[0][0] == plain[0][0]
 
 
-def test_slowly_it_is_the_loop_that_its_numbers_say() -> None:
+def test_the_quasi_static_loop_agrees_with_its_parameters() -> None:
     slow = replace(CONDITIONS, drives=((1.0, 1 / 3000),), kinds=('sine',))
     ((voltage, stroke),) = clean(ACTUATOR, slow)
     turn = int(np.argmax(voltage))
@@ -61,7 +61,7 @@ def test_records_have_the_noise_and_the_steps_of_their_conditions() -> None:
 
 
 @pytest.mark.parametrize('start', ['step', 'mid-period', 'remanent'])
-def test_records_start_where_they_say(start: str) -> None:
+def test_records_start_at_their_stated_state(start: str) -> None:
     (voltage, stroke), _ = clean(ACTUATOR, replace(CONDITIONS, start=start))
     if start == 'remanent':
         assert voltage[0] == 0.0
@@ -93,7 +93,7 @@ def test_sets_hide_every_effect_once_before_any_twice() -> None:
     assert all(len(set(hidden)) == 2 for kind, hidden in drawn if kind == 'pair')
 
 
-def test_what_was_said_is_counted_from_the_page() -> None:
+def test_results_are_counted_from_the_page() -> None:
     refused = Row('null', (), CONDITIONS, None, 'too short', 1.0)
     text = page([refused, replace(refused, kind='single', hidden=('delay',))], 3)
     assert 'single effects ranked first: 0 of 1' in text

@@ -1,4 +1,4 @@
-"""Programs of ours keep the linear algebra in one thread, unless the user said otherwise."""
+"""Programs of the suite keep linear algebra in one thread, unless the user sets it."""
 
 from __future__ import annotations
 

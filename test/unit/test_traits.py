@@ -75,7 +75,7 @@ def test_a_name_that_is_written_elsewhere_is_noticed(tmp_path: Path) -> None:
     assert [text for _, text in literals(file) if text in names()] == ['creep', 'mode']
 
 
-def test_a_record_at_rest_says_nothing_of_a_curved_sensor() -> None:
+def test_a_record_at_rest_does_not_determine_a_curved_sensor() -> None:
     from piezo_hysteresis.blocks.effect import Residual
     from piezo_hysteresis.blocks.sensor_curve import guess
 

@@ -1,4 +1,4 @@
-"""Every verb does what its help says with the fewest words that it takes."""
+"""Every verb works as its help states with the fewest arguments."""
 
 from __future__ import annotations
 

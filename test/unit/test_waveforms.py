@@ -99,7 +99,7 @@ def test_a_wrong_specification_is_refused_with_the_reason(
         from_spec(spec)
 
 
-def test_whole_numbers_are_taken_for_numbers_and_the_other_way_round() -> None:
+def test_integers_and_floats_are_interchangeable() -> None:
     assert vars(from_spec({'kind': 'sine', 'frequency': 3}))['frequency'] == 3.0
     assert from_spec({'kind': 'staircase', 'steps': 4.0}) == staircase(1.0, 4, 1.0)
 
@@ -163,7 +163,7 @@ def test_reversal_curves_turn_at_spread_points_and_come_back() -> None:
     assert np.abs(curves.sample(np.linspace(0.01, curves.duration - 0.01, 99)).velocity).max() == 4
 
 
-def test_a_sequence_goes_on_where_the_part_before_ended() -> None:
+def test_a_sequence_continues_where_the_previous_part_ended() -> None:
     sequence = Sequence((Sine(1.0, 2.0, 1.25), Sine(1.0, 3.0, 2.0)))
     before = sequence.sample(np.array([1.25 - 1e-9]))
     after = sequence.sample(np.array([1.25]))

@@ -1,4 +1,4 @@
-"""What entries share: the effects of the list as columns beside the tangent of the baseline."""
+"""Common parts of entries: the effects of the list as columns next to the baseline's tangent."""
 
 from __future__ import annotations
 

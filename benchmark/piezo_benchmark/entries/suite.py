@@ -75,7 +75,7 @@ np.save(out, np.array(columns).T)
 
 
 def answer(task: Task) -> Answer:
-    """Return what the verdict says.
+    """Return the answer of the verdict.
 
     Raises
     ------
