@@ -10,9 +10,9 @@ from piezo_hysteresis.identification.initial_conditions.revision import ZEROS
 __all__ = ['STARTS', 'START_HELP', 'ZEROS', 'ZERO_HELP', 'add_out']
 
 START_HELP = (
-    'how records begin: at rest at 0 V with a step (step), at rest at their first voltage (rest), '
-    'in their own steady cycle (settled), in a state to be estimated (estimate), or estimated '
-    'from the data (auto)'
+    'initial condition of the records: at rest at 0 V with a step (step), at rest at their first '
+    'voltage (rest), in their own steady cycle (settled), in a state to be estimated (estimate), '
+    'or estimated from the data (auto)'
 )
 ZERO_HELP = (
     'zero of the displacement: one for all records (common), one for each (record), or '

@@ -60,7 +60,7 @@ DASHBOARD = ParameterTable(
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of the verb and of the executable ``dashboard``."""
-    parser.add_argument('--namespace', help='of the actuator; all that are found where not given')
+    parser.add_argument('--namespace', help='namespace of the actuator; by default all that exist')
     parser.add_argument(
         '--folder', help='for sweeps and discoveries, whose reports are served; ~/piezo_hysteresis'
     )
