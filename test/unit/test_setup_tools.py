@@ -22,9 +22,8 @@ def test_uv_receives_the_options_of_pip() -> None:
         :env:.cert='/my.pem'
         freeze.timeout='10'
     """
-    assert install_wheels.told(config) == {
+    assert install_wheels.uv_settings(config) == {
         'UV_INDEX_STRATEGY': 'unsafe-best-match',
-        'UV_COMPILE_BYTECODE': 'true',
         'UV_DEFAULT_INDEX': 'https://index.example/simple',
         'UV_INDEX': 'https://one.example https://two.example',
         'UV_FIND_LINKS': '/wheels,/more',
@@ -34,7 +33,7 @@ def test_uv_receives_the_options_of_pip() -> None:
 
 @pytest.mark.parametrize('line', ["global.proxy='http://x'", "global.trusted-host='x'"])
 def test_pip_is_used_for_options_that_only_pip_has(line: str) -> None:
-    assert install_wheels.told(line) is None
+    assert install_wheels.uv_settings(line) is None
 
 
 @pytest.mark.component
@@ -48,10 +47,11 @@ def test_pip_takes_over_where_uv_fails(
         return 'uv' not in Path(ran[-1][0]).name
 
     monkeypatch.setattr(install_wheels, 'run', run)
-    monkeypatch.setattr(install_wheels, 'told', lambda config: {})
+    monkeypatch.setattr(install_wheels, 'uv_settings', lambda config: {})
     assert install_wheels.main(['-r', 'some.txt']) == 0
-    assert ran[-1][1:3] == ['-m', 'pip']
-    assert ran[-1][-2:] == ['-r', 'some.txt']
+    assert ran[-2][1:3] == ['-m', 'pip']
+    assert ran[-2][-2:] == ['-r', 'some.txt']
+    assert ran[-1][1:3] == ['-m', 'compileall']
     assert 'pip takes longer' in capsys.readouterr().err
 
 
@@ -79,12 +79,14 @@ def test_pip_takes_nothing_for_installed_that_is_not_all_there(
     def run(words: list[object], environment: object = None) -> bool:
         if install_wheels.UV in words or Path(str(words[0])).name == 'uv':
             return True  # and yet not all is there
+        if 'compileall' in words:
+            return True
         missing = not half.exists()
         install('half' if missing else 'third', whole=missing)
         return True
 
     monkeypatch.setattr(install_wheels, 'run', run)
-    monkeypatch.setattr(install_wheels, 'told', lambda config: {})
+    monkeypatch.setattr(install_wheels, 'uv_settings', lambda config: {})
     monkeypatch.setattr(install_wheels.sysconfig, 'get_path', lambda name: str(site))
     assert install_wheels.main(['-r', 'some.txt']) == 0
     assert install_wheels.incomplete(site) == []

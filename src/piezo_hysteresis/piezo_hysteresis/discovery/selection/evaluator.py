@@ -29,7 +29,7 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate, candidates
 
 DetectionTest = Callable[[Sequence[FloatArray]], Callable[[float], bool]]
-"""``opening(changes)(factor)``: whether scaled response changes [m] start a search."""
+"""``test(changes)(factor)``: whether scaled response changes [m] start a search."""
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
