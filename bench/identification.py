@@ -32,11 +32,11 @@ from piezo_hysteresis.identification import (
     output_error,
     targets_of,
 )
-from piezo_hysteresis.identification.errors import errors_of, free_run
+from piezo_hysteresis.identification.error_measures import errors_of, free_run
+from piezo_hysteresis.identification.global_search import METHODS, search
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.output_error import suited
-from piezo_hysteresis.identification.search import METHODS, search
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, read_csv
 from piezo_sim.sweep import simulate

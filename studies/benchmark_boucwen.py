@@ -20,7 +20,7 @@ import numpy as np
 from bench.quick import parsed
 from piezo_hysteresis.blocks.bouc_wen_oscillator import from_linear
 from piezo_hysteresis.identification import FitResult, fit, output_error, targets_of
-from piezo_hysteresis.identification.errors import errors_of
+from piezo_hysteresis.identification.error_measures import errors_of
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, read_csv

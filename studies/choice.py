@@ -22,11 +22,11 @@ import numpy as np
 
 from bench.quick import parsed
 from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.choice.choice_policy import CHOICE
 from piezo_hysteresis.discovery.choice.choose import choose_model
-from piezo_hysteresis.discovery.choice.policy import CHOICE
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import MEMORIES

@@ -29,7 +29,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.data.dataset import HELD_OUT
 from piezo_hysteresis.discovery.selection.candidate_fit import evaluated_on
-from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, load

@@ -31,8 +31,8 @@ from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
-from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.start import Searching, unsearched
+from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices

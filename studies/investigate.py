@@ -30,9 +30,9 @@ if not __package__:
 
 from bench.quick import parsed
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.investigation.choose import ExperimentChoice
+from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
+from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits
 from piezo_hysteresis.investigation.history import History
-from piezo_hysteresis.investigation.limits import ExperimentLimits
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec

@@ -23,7 +23,7 @@ PAGES = {
     'models': ('Chains of blocks. Guide: [models](../models.md).', ('models',)),
     'identification': (
         'Parameters from records. Guide: [identification](../identification.md).',
-        ('identification', 'identification.errors'),
+        ('identification', 'identification.error_measures'),
     ),
     'compensation': (
         'Voltages from a reference. Guide: [compensation](../compensation.md).',
@@ -65,7 +65,7 @@ def reference_pages() -> dict[Path, str]:
 
 
 def _policy() -> str:
-    from piezo_hysteresis.discovery.choice import policy as choice
+    from piezo_hysteresis.discovery.choice import choice_policy as choice
     from piezo_hysteresis.discovery.selection import policy
 
     example = (

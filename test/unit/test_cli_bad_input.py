@@ -13,7 +13,7 @@ import pytest
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError, RecordError
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.settings import driven_at, held_at, warmed
+from piezo_hysteresis.identification.method_settings import driven_at, held_at, warmed
 from piezo_hysteresis.identification.units import require_plausible, unit_findings
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, load

@@ -14,7 +14,7 @@ import yaml
 
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.identification.errors import errors_of
+from piezo_hysteresis.identification.error_measures import errors_of
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import load
 from piezo_hysteresis.reporting.folder import MARKER, replacing

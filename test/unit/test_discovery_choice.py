@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.choice import rules
+from piezo_hysteresis.discovery.choice import choice_rules as rules
+from piezo_hysteresis.discovery.choice.choice_policy import CHOICE, ChoicePolicy
 from piezo_hysteresis.discovery.choice.choose import choose_model
-from piezo_hysteresis.discovery.choice.policy import CHOICE, ChoicePolicy
 from piezo_hysteresis.discovery.selection.policy import rows
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import add_effect, described, named

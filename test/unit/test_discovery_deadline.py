@@ -8,7 +8,7 @@ import pytest
 
 from piezo_hysteresis.cli.discover import configure, task_of
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.selection.deadline import Deadline
+from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo

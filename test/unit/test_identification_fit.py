@@ -9,7 +9,7 @@ from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.free_run import shifted
-from piezo_hysteresis.identification.linear import linear_parameters
+from piezo_hysteresis.identification.linear_fit import linear_parameters
 from piezo_hysteresis.identification.objective import Prior
 from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.periods import period_of

@@ -7,7 +7,7 @@ import pytest
 
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.identification import fit, identify, output_error, targets_of
-from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.identification.error_measures import free_run
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.models import named

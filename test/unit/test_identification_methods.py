@@ -13,7 +13,7 @@ from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify, online
 from piezo_hysteresis.identification.checks import check_records
-from piezo_hysteresis.identification.errors import errors_of, one_step
+from piezo_hysteresis.identification.error_measures import errors_of, one_step
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.rls import RlsSettings

@@ -5,10 +5,10 @@ import pytest
 
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.global_search import FANG, Swarm
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.identification.inverse_rows import row_of
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
-from piezo_hysteresis.identification.search import FANG, Swarm
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.runtime.identification_plan import RecordSegmenter, SegmentEdge

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.search import SEARCHES, search
+from piezo_hysteresis.identification.global_search import SEARCHES, search
 
 LOW, HIGH = np.array([-2.0, -1.0, 0.0]), np.array([2.0, 3.0, 50.0])
 

@@ -10,7 +10,7 @@ import pytest
 
 from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.limits import (
+from piezo_hysteresis.investigation.experiment_limits import (
     ExperimentLimits,
     InvestigationError,
     granted_range,

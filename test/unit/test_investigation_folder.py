@@ -12,8 +12,8 @@ import pytest
 
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.identification.identify import identify
+from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.journal import Journal, Setup
-from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.runner import InvestigationProgress, conduct, repeated
 from piezo_hysteresis.investigation.session import Rules
 from piezo_hysteresis.models import named

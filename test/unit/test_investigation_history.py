@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.identification.errors import free_run
+from piezo_hysteresis.identification.error_measures import free_run
 from piezo_hysteresis.investigation.history import LONGEST, History
 from piezo_hysteresis.models import candidates, named
 from piezo_hysteresis.records import Record

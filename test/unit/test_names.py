@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from ast import Module
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -83,3 +83,11 @@ def test_no_test_file_is_called_like_another() -> None:
     """Pytest takes a second one for the first, and refuses to collect the whole of test/."""
     files = [path.name for path in Path(__file__).parents[1].rglob('test_*.py')]
     assert sorted(name for name in set(files) if files.count(name) > 1) == []
+
+
+def test_no_module_is_called_like_another() -> None:
+    """A verb may be called like the module that does what it says, ``identify``."""
+    package = ROOT / 'piezo_hysteresis' / 'piezo_hysteresis'
+    modules = [path for path in package.rglob('*.py') if path.stem[:2] != '__']
+    names = Counter(path.stem for path in modules if path.parent.name != 'cli')
+    assert [name for name, count in names.items() if count > 1] == []

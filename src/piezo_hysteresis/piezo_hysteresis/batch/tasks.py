@@ -120,8 +120,8 @@ class Identify:
         from piezo_hysteresis.identification import identify
         from piezo_hysteresis.identification.identify import evaluated_on
         from piezo_hysteresis.identification.initial_conditions.record_start import preceded
+        from piezo_hysteresis.identification.method_settings import driven_at, warmed
         from piezo_hysteresis.identification.methods import base_of
-        from piezo_hysteresis.identification.settings import driven_at, warmed
         from piezo_hysteresis.models.choice import chosen
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.folder import check_folder
@@ -219,7 +219,7 @@ class Discover:
         """
         from piezo_hysteresis.discovery import discover
         from piezo_hysteresis.discovery.selection.policy import POLICY
-        from piezo_hysteresis.identification.settings import require_settings, warmed
+        from piezo_hysteresis.identification.method_settings import require_settings, warmed
         from piezo_hysteresis.models.choice import chosen
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.discovery_folder import write_discovery

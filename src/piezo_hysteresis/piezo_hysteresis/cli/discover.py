@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 def task_of(arguments: argparse.Namespace) -> Discover:
     """Return the discovery task from the arguments."""
     from piezo_hysteresis.batch.tasks import Discover
-    from piezo_hysteresis.identification.settings import pairs
+    from piezo_hysteresis.identification.method_settings import pairs
 
     if not arguments.time_limit >= 0.0:
         raise IdentificationError('--time-limit must be 0 (none) or more seconds')

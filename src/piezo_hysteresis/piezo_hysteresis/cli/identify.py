@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
 def task_of(arguments: argparse.Namespace) -> Identify:
     """Return the identification task from the arguments."""
     from piezo_hysteresis.batch.tasks import Identify
-    from piezo_hysteresis.identification.settings import pairs
+    from piezo_hysteresis.identification.method_settings import pairs
 
     return Identify(
         model=arguments.model,
@@ -132,8 +132,8 @@ def task_of(arguments: argparse.Namespace) -> Identify:
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the selected method; options of other methods are rejected."""
+    from piezo_hysteresis.identification.method_settings import pairs
     from piezo_hysteresis.identification.options import options_of
-    from piezo_hysteresis.identification.settings import pairs
 
     given = {
         'weights': arguments.weights,
@@ -166,7 +166,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _print_result(found: Any, data: Sequence[str], out: str) -> None:
     """Print parameters with their significant digits, errors and warnings."""
-    from piezo_hysteresis.identification.discrepancy import discrepancy_text
+    from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
     from piezo_hysteresis.identification.uncertainty import digits
     from piezo_hysteresis.reporting.display_units import shown
     from piezo_hysteresis.reporting.identification_report import (

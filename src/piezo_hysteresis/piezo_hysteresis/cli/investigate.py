@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         text = ModelFile.load(arguments.model).text()
     with ros_needed():
-        from piezo_hysteresis.nodes.investigation.client import Asking, goal_of
+        from piezo_hysteresis.nodes.investigation.loop_client import Asking, goal_of
     goal = goal_of(
         model_yaml=text,
         out=arguments.out,

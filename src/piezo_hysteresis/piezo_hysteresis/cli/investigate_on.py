@@ -69,8 +69,8 @@ def run_on(
     PiezoError
         If the limits allow no investigation, or the controller fails.
     """
+    from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, granted_range
     from piezo_hysteresis.investigation.journal import Setup
-    from piezo_hysteresis.investigation.limits import ExperimentLimits, granted_range
     from piezo_hysteresis.investigation.runner import FOUND, conduct
     from piezo_hysteresis.investigation.session import Rules
 

@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit and write the file."""
     from piezo_hysteresis.identification.arx import fit_transfer_function
-    from piezo_hysteresis.identification.settings import warmed
+    from piezo_hysteresis.identification.method_settings import warmed
     from piezo_hysteresis.records import load
 
     records = warmed(load(arguments.data, actuator=arguments.actuator), arguments.warm_up)

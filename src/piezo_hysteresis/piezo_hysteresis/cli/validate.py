@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate every record and write the errors."""
     from piezo_hysteresis.discovery import limits_of
-    from piezo_hysteresis.identification.settings import warmed
+    from piezo_hysteresis.identification.method_settings import warmed
     from piezo_hysteresis.identification.validate import validate
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.detection_table import limits_line

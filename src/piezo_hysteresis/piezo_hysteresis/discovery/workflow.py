@@ -17,17 +17,17 @@ from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detectio
 from piezo_hysteresis.discovery.detection.look_alikes import look_alikes
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
-from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 from piezo_hysteresis.discovery.selection.start import Searching, find, unsearched
+from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.discovery.verdict.build_verdict import build_verdict
 from piezo_hysteresis.discovery.verdict.final_model import final_model
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
-from piezo_hysteresis.identification.settings import require_settings
+from piezo_hysteresis.identification.method_settings import require_settings
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chosen
 from piezo_hysteresis.records import Record, listed

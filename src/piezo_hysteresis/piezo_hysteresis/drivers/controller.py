@@ -19,7 +19,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.drivers.errors import DriverError
+from piezo_hysteresis.drivers.driver_errors import DriverError
 
 #: Default limits; those of the controller apply in addition.
 UNLIMITED = Limits(-math.inf, math.inf, math.inf)

@@ -6,7 +6,7 @@ import socket
 import time
 from typing import Any, Protocol
 
-from piezo_hysteresis.drivers.errors import ConnectionLostError, DriverError
+from piezo_hysteresis.drivers.driver_errors import ConnectionLostError, DriverError
 
 #: Timeout of a response [s].
 TIMEOUT = 5.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.identification.discrepancy import RecordResidual
+from piezo_hysteresis.identification.model_discrepancy import RecordResidual
 from piezo_hysteresis.models import Discrepancy
 
 # Error, in multiples of the expected one, from which a record shows more than the model is

@@ -16,17 +16,17 @@ from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
-from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual_of
-from piezo_hysteresis.identification.errors import RecordErrors, errors_in, views_of
+from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.method_settings import held_at, require_settings
 from piezo_hysteresis.identification.methods import base_of, options_implied_by
+from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.options import require_options
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.result import FitResult
-from piezo_hysteresis.identification.settings import held_at, require_settings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.staged_fit import output_error_in_stages
 from piezo_hysteresis.identification.swarm import identify_by_search

@@ -15,9 +15,9 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.bouc_wen_exact import kernel as bouc_wen
 from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.global_search import Swarm, search
 from piezo_hysteresis.identification.initial_conditions.record_start import NEAR_ZERO
 from piezo_hysteresis.identification.periods import period_of
-from piezo_hysteresis.identification.search import Swarm, search
 from piezo_hysteresis.numerics.linalg import failing_as, solve_least_squares
 from piezo_hysteresis.records import Record
 

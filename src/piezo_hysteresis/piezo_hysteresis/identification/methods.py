@@ -8,8 +8,8 @@ from typing import Any
 
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.global_search import METHODS as SEARCHES
 from piezo_hysteresis.identification.online import ONLINE_METHODS
-from piezo_hysteresis.identification.search import METHODS as SEARCHES
 
 GENERAL: tuple[str, ...] = ('output_error', *ONLINE_METHODS, *SEARCHES)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import overload
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.records import Record, listed

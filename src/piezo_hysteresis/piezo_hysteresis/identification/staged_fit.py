@@ -12,7 +12,7 @@ from typing import Any
 
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.identification.inverse_fit import law_of, output_error_of_inverse
-from piezo_hysteresis.identification.linear import linear_parameters
+from piezo_hysteresis.identification.linear_fit import linear_parameters
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.result import FitResult

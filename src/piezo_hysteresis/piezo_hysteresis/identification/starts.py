@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Tuned
-from piezo_hysteresis.identification.linear import linear_parameters, solve_linear
+from piezo_hysteresis.identification.linear_fit import linear_parameters, solve_linear
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.models import Model

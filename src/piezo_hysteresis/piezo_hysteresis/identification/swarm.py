@@ -11,19 +11,19 @@ from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import FARTHEST, target_weights
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
-from piezo_hysteresis.identification.inverse_fit import fit_direct, law_of
-from piezo_hysteresis.identification.inverse_rows import by_swarm
-from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
-from piezo_hysteresis.identification.output_error import suited
-from piezo_hysteresis.identification.result import FitResult, result_at
-from piezo_hysteresis.identification.search import (
+from piezo_hysteresis.identification.global_search import (
     SWARMS,
     Progress,
     SearchResult,
     Swarm,
     search,
 )
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
+from piezo_hysteresis.identification.inverse_fit import fit_direct, law_of
+from piezo_hysteresis.identification.inverse_rows import by_swarm
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
+from piezo_hysteresis.identification.output_error import suited
+from piezo_hysteresis.identification.result import FitResult, result_at
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record

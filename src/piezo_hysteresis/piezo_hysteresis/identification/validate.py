@@ -18,10 +18,14 @@ from piezo_hysteresis.identification.comparison import (
     comparison_summary,
     comparison_text,
 )
-from piezo_hysteresis.identification.discrepancy import RecordResidual, discrepancy_of, residual_of
-from piezo_hysteresis.identification.errors import RecordErrors, errors_in, views_of
+from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
 from piezo_hysteresis.identification.identify import record_summary
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.model_discrepancy import (
+    RecordResidual,
+    discrepancy_of,
+    residual_of,
+)
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.units import require_plausible

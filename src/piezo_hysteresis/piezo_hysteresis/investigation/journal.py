@@ -17,8 +17,8 @@ from typing import Any
 
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.investigation.belief import Belief
-from piezo_hysteresis.investigation.choose import ExperimentChoice
-from piezo_hysteresis.investigation.limits import ExperimentLimits, InvestigationError
+from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
+from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.session import ExperimentAnswer, Investigation, Rules
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load

@@ -12,7 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.investigation.experiments import PlannedExperiment

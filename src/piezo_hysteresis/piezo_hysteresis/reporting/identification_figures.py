@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.errors import RecordErrors
+from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 

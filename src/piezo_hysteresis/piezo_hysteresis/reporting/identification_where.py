@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
-from piezo_hysteresis.identification.discrepancy import discrepancy_text
-from piezo_hysteresis.identification.errors import RecordErrors
+from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
+from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
 from piezo_hysteresis.numerics.harmonics import phase_of
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.display_units import micrometres

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
-from piezo_hysteresis.identification.errors import RecordErrors
+from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.validate import Validation
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.detection_table import detection_section

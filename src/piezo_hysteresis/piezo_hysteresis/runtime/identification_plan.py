@@ -14,11 +14,11 @@ import numpy as np
 from piezo_hysteresis.common.order import AHEAD, SequenceFilter, StampValidator
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
+from piezo_hysteresis.identification.method_settings import pairs
 from piezo_hysteresis.identification.online import online, settled
 from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
-from piezo_hysteresis.identification.settings import pairs
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.runtime.rollback import RollbackBuffer, Sample

@@ -15,14 +15,14 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.effect import Effect
-from piezo_hysteresis.discovery.choice.policy import CHOICE, FITS
-from piezo_hysteresis.discovery.choice.rules import (
+from piezo_hysteresis.discovery.choice.choice_policy import CHOICE, FITS
+from piezo_hysteresis.discovery.choice.choice_rules import (
     differs_from_none,
     has_one_amplitude,
     predicts_better,
 )
 from piezo_hysteresis.discovery.choice.score import HeldOutScore
-from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET

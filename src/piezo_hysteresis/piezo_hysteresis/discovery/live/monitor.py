@@ -9,7 +9,7 @@ from math import ceil, isfinite
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.errors import free_run, views_of
+from piezo_hysteresis.identification.error_measures import free_run, views_of
 from piezo_hysteresis.identification.free_run import samples_late, shifted
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP, first_guess
 from piezo_hysteresis.identification.prediction import Prediction

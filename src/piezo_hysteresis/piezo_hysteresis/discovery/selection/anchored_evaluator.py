@@ -28,16 +28,16 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     has_zero_time_constant,
 )
-from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change, widened
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, costs, expectation
 from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.clock import clock_about
-from piezo_hysteresis.identification.discrepancy import discrepancy_text
+from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import (
     Candidate,

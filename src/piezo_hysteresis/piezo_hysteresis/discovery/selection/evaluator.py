@@ -22,9 +22,9 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     fitted_to,
 )
-from piezo_hysteresis.discovery.selection.deadline import Deadline
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate, candidates
 

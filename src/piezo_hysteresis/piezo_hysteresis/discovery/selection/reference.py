@@ -14,10 +14,10 @@ import numpy as np
 
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual_of
-from piezo_hysteresis.identification.errors import views_of
+from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.trace import Trace

@@ -17,12 +17,12 @@ import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray, IntArray
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
-from piezo_hysteresis.identification.discrepancy import LEAST_POWER
 from piezo_hysteresis.identification.drive_lines import (
     amplitudes,
     drive_lines,
     phase_at,
 )
+from piezo_hysteresis.identification.model_discrepancy import LEAST_POWER
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.qr import projected_out
 from piezo_hysteresis.identification.targets import Target

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from piezo_hysteresis.identification.discrepancy import discrepancy_of, residual_of
+from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance

@@ -1,6 +1,6 @@
 """Controllers of PI that speak GCS 2: E-727, E-712, E-753 and their kin."""
 
-from piezo_hysteresis.drivers.gcs.connection import GcsConnection
-from piezo_hysteresis.drivers.gcs.controller import GcsController
+from piezo_hysteresis.drivers.gcs.gcs_connection import GcsConnection
+from piezo_hysteresis.drivers.gcs.gcs_controller import GcsController
 
 __all__ = ['GcsConnection', 'GcsController']

@@ -1,6 +1,6 @@
 """Controllers of piezosystem jena that speak the commands of the NV200: d-Drive, NV200/D NET."""
 
-from piezo_hysteresis.drivers.nv200.connection import Nv200Connection
-from piezo_hysteresis.drivers.nv200.controller import Nv200Controller
+from piezo_hysteresis.drivers.nv200.nv200_connection import Nv200Connection
+from piezo_hysteresis.drivers.nv200.nv200_controller import Nv200Controller
 
 __all__ = ['Nv200Connection', 'Nv200Controller']

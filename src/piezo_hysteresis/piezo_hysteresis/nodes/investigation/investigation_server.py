@@ -181,8 +181,11 @@ class InvestigationServer:
             self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
     def _setup(self, request: Investigate.Goal, stopped: Callable[[], bool]) -> Setup:
+        from piezo_hysteresis.investigation.experiment_limits import (
+            ExperimentLimits,
+            granted_range,
+        )
         from piezo_hysteresis.investigation.journal import Setup
-        from piezo_hysteresis.investigation.limits import ExperimentLimits, granted_range
         from piezo_hysteresis.investigation.session import Rules
 
         model = self._model(request)

@@ -7,8 +7,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.controller import UNLIMITED, Controller, Identity, Measurement
-from piezo_hysteresis.drivers.errors import DriverError
-from piezo_hysteresis.drivers.gcs.connection import IDENTITY, STOP, GcsConnection
+from piezo_hysteresis.drivers.driver_errors import DriverError
+from piezo_hysteresis.drivers.gcs.gcs_connection import IDENTITY, STOP, GcsConnection
 
 _UPDATE_TIME = '0x0E000200'  # period of the servo [s]
 _POSITION, _OUTPUT = 2, 7  # what the recorder holds: position [um], voltage of the output [V]

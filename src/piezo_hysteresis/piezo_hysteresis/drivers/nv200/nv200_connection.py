@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from piezo_hysteresis.drivers.errors import DriverError
+from piezo_hysteresis.drivers.driver_errors import DriverError
 from piezo_hysteresis.drivers.wires import ATTEMPTS, Wire, silent
 
 #: Of its telnet server.

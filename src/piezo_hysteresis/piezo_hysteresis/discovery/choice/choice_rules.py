@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.choice.policy import CHOICE, FITS, ChoicePolicy
+from piezo_hysteresis.discovery.choice.choice_policy import CHOICE, FITS, ChoicePolicy
 from piezo_hysteresis.discovery.selection.rules import is_no_worse
 from piezo_hysteresis.numerics.linalg import solve_square
 

@@ -13,8 +13,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.controller import UNLIMITED, Controller, Identity, Measurement
-from piezo_hysteresis.drivers.errors import DriverError
-from piezo_hysteresis.drivers.nv200.connection import MODEL, Nv200Connection
+from piezo_hysteresis.drivers.driver_errors import DriverError
+from piezo_hysteresis.drivers.nv200.nv200_connection import MODEL, Nv200Connection
 
 #: Of its servo, recorder and generator [Hz].
 SERVO = 20_000.0
