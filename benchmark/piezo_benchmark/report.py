@@ -85,7 +85,7 @@ def _calibration_table(entries: dict[str, list[Row]]) -> Iterator[str]:
 
 
 def losses(entries: dict[str, Summary]) -> list[str]:
-    """Return where the suite is behind another entry that competes, as items of a list."""
+    """Return a list of the scores in which another entry is better than the suite."""
     found: list[str] = []
     if 'suite' not in entries:
         return found

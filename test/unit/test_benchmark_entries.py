@@ -96,7 +96,7 @@ def test_results_are_kept_and_nothing_runs_twice(drawn: dict[str, Any], tmp_path
         run.keep(file, 'coin', [], 6)
 
 
-def test_the_page_states_every_entry_and_where_the_suite_is_behind(
+def test_the_page_states_every_entry_and_better_ones(
     drawn: dict[str, Any], tmp_path: Path
 ) -> None:
     file = tmp_path / 'results.json'
@@ -107,7 +107,7 @@ def test_the_page_states_every_entry_and_where_the_suite_is_behind(
     assert '| `always_none` |' in text
     assert '- log score, nothing: 6.09 against `always_none`' in text
     assert '| 5 |' in text
-    assert 'No number that decides' in text
+    assert 'No threshold of the suite' in text
     assert '$' not in text
 
 

@@ -262,7 +262,7 @@ class LinkNode(LifecycleNode):
             )
         else:
             self.get_logger().warning(
-                f'{message}; nobody publishes {self._source} any more: start that node again',
+                f'{message}; no node publishes {self._source} any more: start that node again',
                 throttle_duration_sec=5.0,
             )
 

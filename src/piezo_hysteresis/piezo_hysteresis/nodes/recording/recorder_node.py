@@ -132,7 +132,7 @@ class RecorderNode(Node):
             if status.problem:
                 self.get_logger().error(f'nothing can be written: {status.problem}')
         for name in self._missing:
-            self.get_logger().warning(f'nobody publishes {name} yet', throttle_duration_sec=10.0)
+            self.get_logger().warning(f'no node publishes {name} yet', throttle_duration_sec=10.0)
 
     def _judge(self) -> Health:
         status = self._recorder.status
@@ -141,7 +141,7 @@ class RecorderNode(Node):
         findings = self._watch.findings(counts)
         if status.problem:
             findings.append((Level.ERROR, f'nothing can be written: {status.problem}'))
-        findings += [(Level.WARN, f'nobody publishes {name} yet') for name in self._missing]
+        findings += [(Level.WARN, f'no node publishes {name} yet') for name in self._missing]
         fine = f'{status.written} messages are in {self._recorder.path}'
         return judge(findings, fine, counts)
 
