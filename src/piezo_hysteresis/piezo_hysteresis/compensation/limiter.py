@@ -93,7 +93,7 @@ def packed_limits(limits: Limits, dt: float, energy: EnergyLimits | None = None)
 
 
 class Limiter:
-    """Clamps range, slew and mean power of a voltage sample by sample, and counts what it did.
+    """Limits range, slew and mean power of a voltage sample by sample, and counts its actions.
 
     Parameters
     ----------

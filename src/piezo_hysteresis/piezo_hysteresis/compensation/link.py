@@ -1,4 +1,4 @@
-"""What a link of the voltage chain is: it knows the reference, not ROS and not the clock."""
+"""Interface of a link of the voltage chain, independent of ROS and of the clock."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ReferencePoint(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """The newest measurement a link knows; in lock-step that of the tick before.
+    """The newest measurement available to a link; in lock-step that of the previous tick.
 
     Attributes
     ----------

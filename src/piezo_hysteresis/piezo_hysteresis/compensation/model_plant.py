@@ -49,7 +49,7 @@ class ModelPlant:
         self._random = np.random.default_rng(self._seed)
 
     def exchange(self, voltage: float) -> float:
-        """Apply `voltage` [V] for one tick; answer the displacement of the tick [m]."""
+        """Apply `voltage` [V] for one tick; return the displacement of the tick [m]."""
         self._voltage[0] = voltage
         response = self._model.respond(self._voltage, self._packed, self._dt, state=self._state)
         displacement = float(response[0])

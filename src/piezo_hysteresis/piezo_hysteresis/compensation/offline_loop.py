@@ -18,10 +18,10 @@ from piezo_hysteresis.waveforms.waveform import Samples
 
 
 class LoopPlant(Protocol):
-    """Anything that takes a voltage and answers what was measured before it acted."""
+    """Interface of a plant: voltage in, displacement measured before it acts out."""
 
     def exchange(self, voltage: float) -> float:
-        """Apply `voltage` [V] for one tick; answer the displacement before it acts [m]."""
+        """Apply `voltage` [V] for one tick; return the displacement before it acts [m]."""
 
 
 @dataclass(frozen=True)

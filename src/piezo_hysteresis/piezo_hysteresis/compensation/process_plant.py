@@ -17,7 +17,7 @@ _TIMEOUT = 10.0  # for it to end [s]
 
 
 class ProcessPlant:
-    """Drives a program that answers voltages with displacements.
+    """Plant in a separate program that returns a displacement for each voltage.
 
     The program writes one line of JSON about itself, then for every double that it reads (eight
     bytes, the lowest first) the displacement [m] before that voltage [V] acts. A voltage that is
@@ -51,7 +51,7 @@ class ProcessPlant:
             raise CompensationError(f'the plant cannot be started: {self._last()}') from None
 
     def exchange(self, voltage: float) -> float:
-        """Apply `voltage` [V] for one tick; answer the displacement before it acts [m]."""
+        """Apply `voltage` [V] for one tick; return the displacement before it acts [m]."""
         return self._ask(_NUMBER.pack(voltage))
 
     def reset(self) -> None:
@@ -70,7 +70,7 @@ class ProcessPlant:
         return float(_NUMBER.unpack(answer)[0])
 
     def _last(self) -> str:
-        """Return the last line that the program said, without what every error begins with."""
+        """Return the last line that the program printed, without the prefix of errors."""
         self._process.kill()
         _, output = self._process.communicate()
         lines = output.decode('utf-8', 'replace').strip().splitlines()
@@ -93,7 +93,7 @@ class ProcessPlant:
 def simulated(
     preset: str, rate: float, seed: int = 0, settings: Sequence[str] = ()
 ) -> ProcessPlant:
-    """Return the simulated actuator of a preset, in a process of its own.
+    """Return the simulated actuator of a preset, in a separate process.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which measurements a controller may believe, and which tick of the reference they belong to."""
+"""Validation of measurements for a controller, and their assignment to reference ticks."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def write_read(place: FloatArray, measured: Measured | None) -> None:
 
 
 class SensorWatch:
-    """Pairs each measurement with the reference of its own tick and refuses bad ones.
+    """Pairs each measurement with the reference of its tick and rejects bad ones.
 
     A measurement that is missing, repeated, not a number, older than the history or frozen is
     counted and not used; the controller then holds what it has learned.

@@ -212,7 +212,7 @@ class ResettablePlant(Protocol):
     """A plant that can be put back to rest."""
 
     def exchange(self, voltage: float) -> float:
-        """Apply `voltage` [V] for one tick; answer the displacement before it acts [m]."""
+        """Apply `voltage` [V] for one tick; return the displacement before it acts [m]."""
 
     def reset(self) -> None:
         """Go back to rest, with the same noise."""

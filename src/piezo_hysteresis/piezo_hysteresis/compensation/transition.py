@@ -102,7 +102,7 @@ class CrossFade:
         begin_cross(self._memory)
 
     def retune(self, duration: float, _slew: float) -> None:
-        """Change how long a change takes [s]; the slew is left to the limiter behind."""
+        """Set the duration of a transition [s]; the slew is limited by the limiter."""
         self._duration = float(duration)
 
     def apply(self, raw: float) -> float:

@@ -289,7 +289,7 @@ class Investigation:
     def keep(
         self, experiment: PlannedExperiment, measured: Record, after: Belief | None = None
     ) -> None:
-        """Add a record; the belief stays until `judge` runs, unless `after` is given."""
+        """Add a record; probabilities change when `judge` runs, unless `after` is given."""
         name = f'{len(self.records) + 1:02} {experiment.name}'
         self.records.append(self.history.following(experiment.record(name, measured)))
         spent, before = self.spent + experiment.seconds, self.belief

@@ -1,4 +1,4 @@
-"""Where the machine code of kernels lies: with the workspace, else with the user."""
+"""Folder of the machine code of kernels: in the workspace, otherwise of the user."""
 
 from __future__ import annotations
 

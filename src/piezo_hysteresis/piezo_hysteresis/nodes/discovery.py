@@ -1,4 +1,4 @@
-"""The actions ``discover`` and ``investigate``: what a model misses."""
+"""The actions ``discover`` and ``investigate``, which find missing effects of a model."""
 
 from __future__ import annotations
 

@@ -166,7 +166,7 @@ def _answered(future: Any) -> bool:
 
 
 def _meant(text: str) -> Any:
-    """Return what a typed value means; a mapping stays the text it is."""
+    """Return the value of an entered text; a mapping remains text."""
     try:
         value = plain_yaml.load(text)
     except yaml.YAMLError:

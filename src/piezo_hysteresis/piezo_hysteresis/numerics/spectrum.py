@@ -19,9 +19,9 @@ from piezo_hysteresis.numerics.linalg import straight_line
 BINS = 3.0
 # Lines of the mean and its leakage.
 _SLOW = 3
-# A line on a harmonic above the highest that is reported stands alone where it is so many times as
-# large as any of the four harmonics beside what it covers: ten harmonics that fall as a square law
-# differ by half from one to the next.
+# A line on a harmonic above the highest reported one is separate if it is this factor larger than
+# each of the four neighbouring harmonics: ten harmonics that fall by a square law differ by half
+# from one to the next.
 _ALONE = 5.0
 
 

@@ -1,4 +1,4 @@
-"""The parameter tables of the nodes; knows no ROS, so that documents and checks can read them."""
+"""The parameter tables of the nodes; independent of ROS, for documentation and checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each node is for and what it speaks: its page, its ``--help`` and the policy come from it.
+"""Purpose, topics, services and actions of each node, the source of its page and ``--help``.
 
 This file knows no ROS, so that a node answers ``--help`` without starting.
 """

@@ -62,7 +62,7 @@ class Meaning:
 
 
 def meaning(name: str) -> Meaning:
-    """Return what a column of this name is."""
+    """Return quantity and unit of a column by its name."""
     name = name.strip()
     stem, _, tail = name.rpartition('_')
     if stem.lower() in UNITS:

@@ -72,7 +72,7 @@ class CompressedFile:
         self._reader = reader
 
     def blocks(self) -> Generator[MessageBlock]:
-        """Yield the blocks of the uncompressed file, which lies in a temporary folder."""
+        """Yield the blocks of the uncompressed file, which is in a temporary folder."""
         from backports import zstd
 
         with tempfile.TemporaryDirectory() as folder:

@@ -186,7 +186,7 @@ class McapFile:
             self.log.add(self.path, what)
 
     def _resume(self, at: int) -> int:
-        """Return where the next chunk begins that the index knows, behind a broken record."""
+        """Return the start of the next chunk in the index after a damaged record."""
         later = [start for start in self._chunk_starts if start > at]
         self.log.add(self.path, f'the record at byte {at} is broken or cut off')
         return min(later, default=self._size)

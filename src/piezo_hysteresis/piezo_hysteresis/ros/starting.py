@@ -73,7 +73,7 @@ def _watch(owner: int) -> None:
 
 
 def print_help(node: str) -> None:
-    """Print what a node is for and takes, from its sheet."""
+    """Print purpose and parameters of a node, from its sheet."""
     sheet = importlib.import_module(SHEETS[package_of(node)]).SHEETS[node]
     try:
         print(sheet.help_text(Path(sys.argv[0]).name), flush=True)

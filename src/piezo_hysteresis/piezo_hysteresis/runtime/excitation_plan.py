@@ -106,7 +106,7 @@ class Experiment:
     _ahead: list[tuple[float, ...]] = field(default_factory=list, init=False, repr=False)
 
     def over(self, sample: int) -> bool:
-        """Return whether `sample` lies behind the end."""
+        """Return whether `sample` is after the end."""
         return self.length > 0 and sample - self.first >= self.length
 
     def point(self, sample: int) -> ReferencePoint:

@@ -1,4 +1,4 @@
-"""Which inverse answers the reference, and how the next one takes over."""
+"""Selection of the active inverse for the reference, and the transition to the next one."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ class Sweep:
             self._cancelled_at = (sample, self.voltage(sample - 1))
 
     def over(self, sample: int) -> bool:
-        """Return whether tick `sample` lies behind the end."""
+        """Return whether tick `sample` is after the end."""
         if self._cancelled_at is not None:
             return sample >= self._cancelled_at[0] + self.way_back
         return not self._rests(sample) and self._place(sample) >= self.length

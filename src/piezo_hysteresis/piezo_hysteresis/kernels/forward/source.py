@@ -37,13 +37,13 @@ def hints_of(function: Callable[..., Any]) -> dict[str, str]:
 
 
 def answer_of(function: Callable[..., Any]) -> str:
-    """Return the hint of what a function returns."""
+    """Return the type hint of the return value of a function."""
     hint = definition(function).returns
     return ast.unparse(hint) if hint else 'None'
 
 
 def space_of(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return what a Python function may name."""
+    """Return the namespace of a Python function."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     return {**function.__globals__, **dict(zip(function.__code__.co_freevars, cells, strict=True))}
 

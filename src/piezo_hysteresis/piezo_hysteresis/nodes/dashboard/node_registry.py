@@ -28,7 +28,7 @@ NOT_SHOWN = ('_', 'dashboard', 'launch_ros', 'ros2cli', 'rqt', 'transform_listen
 
 
 def from_ros(node: str, name: str, value: Any, about: ParameterDescriptor) -> ParameterState:
-    """Return a parameter as the page knows it."""
+    """Return a parameter in the form of the page."""
     ranges = list(about.floating_point_range) + list(about.integer_range)
     bounds = (float(ranges[0].from_value), float(ranges[0].to_value)) if ranges else None
     return described(
@@ -150,7 +150,7 @@ class NodeRegistry:
             self._ask(name)
 
     def set(self, name: str, values: Mapping[str, Value], answer: Answer) -> None:
-        """Set parameters of a node; `answer` receives the first refusal."""
+        """Set parameters of a node; `answer` receives the first rejection."""
         state = self._live.nodes.get(name)
         if state is None or not state.present:
             answer.give(f'{name} is not there; start it first')

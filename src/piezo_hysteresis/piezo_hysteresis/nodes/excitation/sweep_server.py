@@ -179,7 +179,7 @@ class SweepServer:
         return voltage
 
     def over(self, sample: int) -> bool:
-        """Return whether a sweep has started and tick `sample` lies behind its end."""
+        """Return whether a sweep has started and tick `sample` is after its end."""
         return self._run is not None and self._first >= 0 and self._run.sweep.over(sample)
 
     def note_state(self, sample: int, voltage: float, payload: bytes) -> None:
