@@ -46,7 +46,7 @@ def reset_watch(memory: FloatArray) -> None:
 def partner_of(
     point: FloatArray, read: FloatArray, memory: FloatArray, frozen_ticks: float
 ) -> int:
-    """Return where in the memory the reference of the measured tick lies; -1 for none.
+    """Return the index of the reference of the measured tick in the memory; -1 for none.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ from piezo_hysteresis.records import Record
 #: Lines and bands with less than this of the power of a residual are not reported.
 LEAST_POWER = 1e-3
 # Parts of a record whose harmonics are compared, as long as what is held out, and the mean
-# amplitude of the drive, over the largest, from which a part says something.
+# amplitude of the drive, over the largest, from which a part is evaluated.
 _PARTS = 4
 _MOVES = 0.25
 # Periods for which a drive must hold its largest amplitude to have phases.

@@ -142,7 +142,7 @@ def predictions(
     model, values : Model, mapping of str to float
         The chain and its parameters.
     views : sequence of Target
-        Records with initial conditions and zeros, see `errors.views_of`.
+        Records with initial conditions and zeros, see `error_measures.views_of`.
     sampling_offset : float
         Delay of the displacement samples relative to the convention [s].
     checked : bool

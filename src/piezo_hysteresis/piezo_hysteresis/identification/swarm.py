@@ -153,7 +153,7 @@ def identify_by_search(
     method, seed, max_evaluations, progress
         See `search`.
     swarm : mapping of str to float, optional
-        Constants of the swarm that differ from the defaults, see `search.Swarm`.
+        Constants of the swarm that differ from the defaults, see `global_search.Swarm`.
     steps : str
         ``one``, ``two``, or ``auto``: two for a swarm if the chain and the records allow it.
     direct : bool

@@ -24,7 +24,7 @@ RATIO, SMALL = 1000, 1 << 30
 
 
 def inflated(data: bytes, compression: str, size: int = LARGEST) -> bytes:
-    """Return what a chunk or message holds, never more than `size` + 1 bytes.
+    """Return the content of a chunk or message, at most `size` + 1 bytes.
 
     Raises
     ------
