@@ -224,7 +224,7 @@ def pictures(results: dict[str, Any], folder: Path) -> bool:
         axes.bar(at, values[:, 0], width, yerr=spread, label=name, error_kw={'lw': 0.7})
     axes.set_xticks(np.arange(len(groups)), groups)
     axes.set_ylabel('log score [bits], less is better')
-    axes.legend(fontsize=7, ncols=3)
+    axes.legend(fontsize=7, ncols=4, loc='lower center', bbox_to_anchor=(0.5, 1.0))
     _save(figure, folder / 'benchmark_bits.svg')
     figure, axes = plt.subplots(figsize=(4.2, 3.8), layout='constrained')
     axes.plot([0, 1], [0, 1], color='0.7', lw=1)
