@@ -82,7 +82,7 @@ def lively(block: Any, ticks: float, u: Any) -> dict[Any, Any]:
 def chain_of(first: Any, second: Any) -> Model:
     # what stands beside a hysteresis is next to nothing alone
     blocks = [
-        side_by_side(BLOCKS['bouc_wen_exact'], b) if b.beside else b for b in (first, second)
+        side_by_side(BLOCKS['bouc_wen_exact'], b) if b.in_parallel else b for b in (first, second)
     ]
     if Slot.HYSTERESIS not in (first.slot, second.slot):
         electrical = [b for b in blocks if b.slot is Slot.INPUT]
