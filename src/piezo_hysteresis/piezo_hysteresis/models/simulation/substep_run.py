@@ -155,11 +155,7 @@ class PathRun:
             return JOINED_STEPS
         if self.by_quadrature is not None and self.by_quadrature.fits(p, dt):
             return 0
-        shaping = self._groups
-        if shaping[-1][1] and not self.delays:
-            # linear blocks at the end are exact for their input and sampled at the end of a step
-            shaping = shaping[:-1]
-        pace = max(_pace(parts, p) for parts, _, _ in shaping)
+        pace = max((_pace(parts, p) for parts in self._shaping()), default=0.0)
         if not np.isfinite(pace):
             return _MOST
         least = max(part.block.least_steps for part in self._moving)
@@ -171,6 +167,18 @@ class PathRun:
         stride, most = (0.5 * _STRIDE, 2 * _MOST) if corners else (_STRIDE, _MOST)
         needed = int(2 ** ceil(log2(max(dt * pace / stride, 1.0))))
         return max(least, min(needed, most))
+
+    def _shaping(self) -> list[tuple[PlacedBlock, ...]]:
+        """Return the groups whose dynamics ask for steps: all but lags at the end of the chain.
+
+        A lag at the end is exact for its input and sampled at the end of a step. A mode is not
+        left out: it rings with what its input deviates between the points of the path.
+        """
+        *groups, (last, linear, _) = self._groups
+        if linear and not self.delays:
+            while last and last[-1].block.approach is not None:
+                last = last[:-1]
+        return [*(parts for parts, _, _ in groups), *([last] if last else [])]
 
     def order(self, p: FloatArray) -> float:
         """Return the interpolation order of a measured input between ticks; 0 if it is held."""
