@@ -15,9 +15,9 @@ import pytest
 from piezo_hysteresis.jit import jit, leaf
 
 FRESH = """
-    from piezo_hysteresis.kernels.rehearse import forgotten, rehearsals, rehearse
+    from piezo_hysteresis.kernels.rehearse import not_rehearsed, rehearsals, rehearse
     failed = [done.failed for done in map(rehearse, rehearsals()) if done.failed]
-    print(failed + forgotten())
+    print(failed + not_rehearsed())
 """
 
 
