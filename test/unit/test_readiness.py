@@ -61,7 +61,7 @@ def test_compiling_is_reported_while_it_lasts_and_once_in_the_log(ear: Ear) -> N
         ear.wait(len(ear.said) + 2)
         watch.end()
     assert ear.said[-1][0] is Readiness.STARTING
-    assert ear.said[-1][1].startswith('starting: compiles its kernels, once (')
+    assert ear.said[-1][1].startswith('starting: compiles its kernels (first start only) (')
     assert ear.compiled == 1
     told.close()
 
@@ -75,7 +75,7 @@ def test_later_compiling_is_reported(ear: Ear) -> None:
     watch.begin('kernel')
     ear.wait(before + 2)
     watch.end()
-    assert ear.said[-1] == (Readiness.COMPILING, 'compiles its kernels, once (0 s)')
+    assert ear.said[-1] == (Readiness.COMPILING, 'compiles its kernels (first start only) (0 s)')
     told.close()
 
 

@@ -95,7 +95,7 @@ class HeartbeatPublisher:
             threading.Thread(target=self._log, name='herald log', daemon=True).start()
         state = Readiness.COMPILING if self._ready else Readiness.STARTING
         values = [state.value] if state is Readiness.STARTING else []
-        values += ['compiles its kernels, once'] if kernel else []
+        values += ['compiles its kernels (first start only)'] if kernel else []
         self._publish_state(state, f'{": ".join(values)} ({seconds:.0f} s)')
 
     def _log(self) -> None:
