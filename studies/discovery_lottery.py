@@ -186,8 +186,8 @@ def page(rows: Sequence[Row], seed: int) -> str:
         '',
         *calibration(rows),
         '',
-        '| hidden | initial condition | noise | bits | rate Hz | reported | held-out, noise',
-        'floors | |---|---|---|---:|---:|---|---:|',
+        '| hidden | initial condition | noise | bits | rate Hz | reported | held out, floors |',
+        '|---|---|---|---:|---:|---|---:|',
     ]
     for row in rows:
         c = row.conditions

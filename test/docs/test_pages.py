@@ -88,6 +88,23 @@ def test_a_command_is_understood(page: str, program: str, words: str) -> None:
         assert node, f'{page}: {program} has no executable {arguments[0]}'
 
 
+SEPARATOR = re.compile(r'\|[-:| ]*--[-:| ]*\|')
+
+
+def columns(line: str) -> int:
+    """Return the columns of a row of a table; bars in code or behind a backslash are text."""
+    return re.sub(r'`[^`]*`|\\\|', '', line).count('|')
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_tables_have_a_whole_head(page: Path) -> None:
+    lines = page.read_text(encoding='utf-8').split('\n')
+    heads = [k for k, line in enumerate(lines) if SEPARATOR.search(line)]
+    for k in heads:
+        assert SEPARATOR.fullmatch(lines[k]), lines[k]
+        assert columns(lines[k - 1]) == columns(lines[k]), lines[k - 1]
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r'\]\(([^)#\s]+)', page.read_text()):

@@ -92,7 +92,7 @@ class HeartbeatPublisher:
             self._reported = True
             # rclpy searches all modules for the caller of a logger: beside a thread that
             # compiles this takes seconds, which the heartbeats must not wait for
-            threading.Thread(target=self._log, name='herald log', daemon=True).start()
+            threading.Thread(target=self._log, name='heartbeat log', daemon=True).start()
         state = Readiness.COMPILING if self._ready else Readiness.STARTING
         values = [state.value] if state is Readiness.STARTING else []
         values += ['compiles its kernels (first start only)'] if kernel else []
