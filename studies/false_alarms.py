@@ -111,7 +111,7 @@ def table(rows: Sequence[Blocks], seed: int) -> str:
         conformal = row.conformal(np.random.default_rng(seed))
         lines.append(
             f'| {row.case} | `{row.baseline}` | {row.record} | {row.scores.size} | {row.alarms} '
-            f'| {conformal} |'
+            f'({100.0 * row.alarms / max(row.scores.size, 1):.1f} %) | {conformal} |'
         )
     return '\n'.join(lines)
 

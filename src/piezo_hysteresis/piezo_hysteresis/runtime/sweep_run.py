@@ -10,6 +10,10 @@ from typing import Protocol
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REPEATED
 from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord
 
+# Messages of a sweep whose actuator restarts or stops: a client can start the sweep again.
+ACTUATOR_RESTARTED = 'the actuator was restarted during the sweep; run it again'
+NOT_RUNNING = 'the actuator or a link of the chain is not running; start it and set mode again'
+
 # Largest number of repetitions of a record with a lost state.
 MOST_REPEATS = 3
 

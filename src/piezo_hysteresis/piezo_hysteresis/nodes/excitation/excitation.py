@@ -33,6 +33,7 @@ from piezo_hysteresis.runtime.excitation_health import SILENCE, Doing, Excitatio
 from piezo_hysteresis.runtime.excitation_plan import Experiment, extremes
 from piezo_hysteresis.runtime.steady_command import SteadyCommand
 from piezo_hysteresis.runtime.sweep_plan import parse_options, waveform_of
+from piezo_hysteresis.runtime.sweep_run import NOT_RUNNING
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
 
@@ -311,8 +312,8 @@ class Excitation(Node):
             )
         else:
             reason = (
-                f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: the '
-                'actuator or a link of the chain is not running; start it and set mode again'
+                f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: '
+                f'{NOT_RUNNING}'
             )
         if self._sweeps.active:
             self._sweeps.give_up(reason)

@@ -17,7 +17,7 @@ from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.sweep_plan import Sweep, narrowed, parse_options
-from piezo_hysteresis.runtime.sweep_run import SweepRun, kept_message
+from piezo_hysteresis.runtime.sweep_run import ACTUATOR_RESTARTED, SweepRun, kept_message
 from piezo_interfaces.action import RunSweep
 
 # Time between two feedback messages [s].
@@ -201,7 +201,7 @@ class SweepServer:
         self._recount = False
         self._known_until = 0
         if self._run is not None and self._newest > self._first:
-            self.give_up('the actuator was restarted during the sweep; run it again')
+            self.give_up(ACTUATOR_RESTARTED)
         else:
             self._markers.close(empty=True)
             self._first = -1

@@ -21,6 +21,7 @@ from piezo_hysteresis.nodes.investigation.in_thread import in_thread_of
 from piezo_hysteresis.nodes.investigation.node_requests import Unanswered, waited
 from piezo_hysteresis.nodes.investigation.sweep_goals import SweepGoals
 from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.runtime.sweep_run import ACTUATOR_RESTARTED, NOT_RUNNING
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState
 
@@ -152,7 +153,7 @@ class Sweeper:
     def _done(self, goal: RunSweep.Goal, under: Circumstances) -> RunSweep.Result:
         result = self._goals.run(goal, under.stopped, 10.0 * goal.seconds + LATE)
         if not result.success:
-            away = 'anew' in result.message or 'not running' in result.message
+            away = any(each in result.message for each in (ACTUATOR_RESTARTED, NOT_RUNNING))
             raise (Unanswered if away else PiezoError)(result.message)
         return result
 
