@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,9 @@ FEEDBACK_EVERY = 0.2
 
 # Period of the check for subscribers that a sweep waits for [s].
 LOOK_EVERY = 0.05
+# Time in which a recorder that has just started is discovered, before a sweep without its own bag
+# [s]. Without it, two of ten such recorders missed the first record.
+DISCOVERY = 0.5
 
 
 class SweepServer:
@@ -73,6 +77,7 @@ class SweepServer:
         self._reason = ''
         self._ended: SweepRun | None = None
         self._bag = ''
+        self._accepted = 0.0
         self._range = (0.0, 0.0)
         self._voltage = 0.0
         self._refused = self._refused_before = self._known_until = 0
@@ -112,6 +117,8 @@ class SweepServer:
         """
         if self._recount:
             return 'loop/status: what was refused of the sweep before is not known yet'
+        if not self._bag and time.monotonic() - self._accepted < DISCOVERY:
+            return 'recorders that have just started'
         return self._markers.missing()
 
     @property
@@ -285,6 +292,7 @@ class SweepServer:
         self._done = Future()
         sweep = self._planned(goal.request)
         self._bag = self._path(goal.request)
+        self._accepted = time.monotonic()
         self._run = SweepRun(sweep, self._markers, recorded=bool(self._bag))
         self._counts['sweeps'] += 1
         self._begin()
