@@ -98,7 +98,12 @@ def answer(task: Task) -> Answer:
 
 
 def _run(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=SECONDS, check=False
+        )
+    except subprocess.TimeoutExpired:  # its own text names folders of the machine
+        raise RuntimeError(f'no answer within {SECONDS:g} s') from None
     if done.returncode:
         said = (done.stderr or done.stdout).strip().splitlines() or ['no message']
         raise RuntimeError(said[-1])
