@@ -19,6 +19,8 @@ from studies.discovery_worlds import PRESET, Hidden, draw
 
 # Time at rest between two experiments [s].
 PAUSE = 0.3
+# Motion before the first experiment, unknown to the investigation [s], in part of the range.
+EARLIER, PART = 3.0, (0.3, 0.9)
 # What is no change of an actuator but another law of its loop.
 OTHER_LAWS = ('play', 'preisach', 'bouc_wen')
 EFFECTS = tuple(name for name in KNOBS if name not in OTHER_LAWS)
@@ -64,6 +66,8 @@ class Changed:
 class Bench:
     """An actuator that runs experiments in sequence and keeps its state between them.
 
+    It moved before the first experiment, and no record shows that motion.
+
     Parameters
     ----------
     changed : Changed
@@ -81,6 +85,7 @@ class Bench:
         self._plant = Plant.from_preset(PRESET, changed.rate, changed.seed, changed.overrides)
         self.seconds = self._clock = 0.0
         self.extremes = [0.0, 0.0, 0.0]
+        self._plant.run(earlier_motion(changed.seed, changed.rate))
 
     def run(self, experiment: PlannedExperiment) -> Record:
         """Return the record of an experiment."""
@@ -93,7 +98,7 @@ class Bench:
 
     def _measured(self, name: str, voltage: np.ndarray) -> Record:
         rate = self._plant.rate
-        if self._clock:  # it changes when it is asked first
+        if self._clock:
             self._plant.run(np.zeros(round(PAUSE * rate)))
             self._clock += PAUSE
         change = np.diff(voltage, prepend=0.0, append=0.0) * rate
@@ -106,6 +111,16 @@ class Bench:
         self.seconds += voltage.size / rate
         start, self._clock = self._clock, self._clock + voltage.size / rate
         return Record(name, 1.0 / rate, voltage, self._plant.run(voltage), start=start)
+
+
+def earlier_motion(seed: int, rate: float) -> np.ndarray:
+    """Return a sine that stops anywhere, and the rest after it [V]."""
+    rng = np.random.default_rng([seed, 31])
+    times = np.arange(round(EARLIER * rate)) / rate
+    level, frequency = rng.uniform(*PART), rng.uniform(1.0, 10.0)
+    motion = level * np.sin(2.0 * np.pi * frequency * times)
+    down = np.linspace(motion[-1], 0.0, round(0.05 * rate))
+    return np.concatenate([motion, down, np.zeros(round(PAUSE * rate))])
 
 
 def changed(kind: str, index: int, seed: int) -> Changed:

@@ -23,7 +23,7 @@ from piezo_sim.plant import Plant
 from piezo_sim.sweep import grid, simulate
 
 PRESET, RATE, LIMITS = 'generic_bouc_wen', 1000.0, ExperimentLimits(-1.0, 1.0, slew=700.0)
-QUIET = {'effects.noise': True, 'sensor.noise_rms': 5e-8}
+QUIET = {'effects.noise': True, 'sensor.noise_rms': 2e-8}
 
 
 @pytest.fixture(scope='module')
@@ -34,12 +34,17 @@ def model() -> ModelFile:
 
 
 def actuator(**effects: Any) -> Callable[..., Any]:
+    """Return an actuator that moved before, which no record shows."""
     plant = Plant.from_preset(PRESET, RATE, 3, QUIET | effects)
+    plant.run(0.8 * np.sin(2.0 * np.pi * 5.0 * np.arange(2050) / RATE))
+    clock = 0.0
 
     def run(experiment: Any) -> Record:
+        nonlocal clock
         plant.run(np.zeros(300))
         voltage = experiment.voltage(RATE)
-        return Record(experiment.name, 1.0 / RATE, voltage, plant.run(voltage))
+        start, clock = clock + 0.3, clock + 0.3 + voltage.size / RATE
+        return Record(experiment.name, 1.0 / RATE, voltage, plant.run(voltage), start=start)
 
     return run
 

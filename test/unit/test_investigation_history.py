@@ -23,7 +23,7 @@ def test_a_record_that_follows_at_rest_has_all_that_went_before() -> None:
     history = History()
     first = history.following(record([0.0, 1.0, 0.5], 100.0))
     assert first.before is None
-    assert (first.start, first.info.start) == (0.0, 'auto')
+    assert (first.start, first.info.start) == (0.0, 'estimate')
     second = history.following(record([0.0, 2.0], 100.005))
     np.testing.assert_array_equal(second.before, [0.0, 1.0, 0.5, 0.0, 0.0])
     assert second.start == pytest.approx(0.005)

@@ -101,7 +101,7 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
     """
     verdict = found.verdict
     names = tuple(effect.name for effect in verdict.effects)
-    rounds = [step.round for step in found.steps] if names else []
+    rounds = _first_rounds(found) if names else []
     contest = min(rounds, key=_certainty) if rounds else found.last
     chances, candidates = hidden.chances(done), tuple[CandidateModel, ...]()
     if contest is not None and contest.finalists:
@@ -121,6 +121,14 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
         verdict.held_out.after_in_floors,
         any(found.alike.values()),
     )
+
+
+def _first_rounds(found: Discovery) -> list[SelectionRound]:
+    """Return the round that accepted each name; later ones only add elements of its law."""
+    rounds: dict[str, SelectionRound] = {}
+    for step in found.steps:
+        rounds.setdefault(step.fit.effect, step.round)
+    return list(rounds.values())
 
 
 def _first(chances: dict[str, float]) -> tuple[str, float]:

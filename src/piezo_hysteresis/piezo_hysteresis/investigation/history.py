@@ -3,7 +3,9 @@
 Creep, heat and fatigue outlast an experiment and its conditioning. All commands since the first
 experiment are known, and the actuator rests at 0 V between experiments. The model is therefore
 simulated through this history before each record, on one common clock, and its slow states carry
-over from one record to the next. Neither a free initial condition nor a waiting time is needed.
+over from one record to the next without a waiting time. What the actuator did before the first
+experiment is unknown, so the initial state of the first record is estimated: otherwise creep
+after earlier motion appears as drift.
 """
 
 from __future__ import annotations
@@ -39,6 +41,8 @@ class History:
     def following(self, record: Record) -> Record:
         """Return a record with its voltage history, and append it to the history.
 
+        The initial state of a record with an unknown history is estimated.
+
         Parameters
         ----------
         record : Record
@@ -52,7 +56,7 @@ class History:
             before = self._voltage_before(rest, round(LONGEST / record.dt)) if rest >= 0 else None
         if before is None:
             self._zero, start = record.start, 0.0
-        begins = record.info.start if before is None else 'step'
+        begins = 'estimate' if before is None else 'step'
         info = replace(record.info, start=begins)
         self._last = replace(record, start=start, before=before, info=info)
         return self._last

@@ -127,7 +127,8 @@ class HeldEvaluator(Evaluator):
     def score(self, fit: CandidateFit) -> float:
         """Return the penalized negative log likelihood on the training views [nats]."""
         fitted = self.counted(fit) - len(fit.shifted)
-        return costs(fit.errors, self.expected)[0] + self.policy.price * fitted + self._moved(fit)
+        penalty = self.policy.price * fitted + self._moved(fit) + self.further_names(fit)
+        return costs(fit.errors, self.expected)[0] + penalty
 
     def fit(
         self,

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from math import inf
+from math import inf, log
 from typing import TypeVar
 
 import numpy as np
@@ -26,7 +26,7 @@ from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import Candidate, candidates
+from piezo_hysteresis.models import EFFECT_NAMES, Candidate, candidates
 
 DetectionTest = Callable[[Sequence[FloatArray]], Callable[[float], bool]]
 """``test(changes)(factor)``: whether scaled response changes [m] start a search."""
@@ -182,6 +182,16 @@ class Evaluator(ABC):
         """Largest delay that is indistinguishable from the sampling offset of the records [s]."""
         low, high = self.clock or (0.0, 2.0 * self.views[0].dt)
         return 0.5 * (high - low)
+
+    def further_names(self, fit: CandidateFit) -> float:
+        """Return the penalty of the names of a model beyond the first one [nats].
+
+        Each is one of many names, so it pays the logarithm of their number, as in the extended
+        Bayesian criterion (Chen and Chen 2008). Another element of an accepted effect needs no
+        further name: the laws of creep, modes and loops are sums of an unknown number of elements.
+        """
+        names = {added.effect for added in fit.added}
+        return max(len(names) - 1, 0) * log(len(EFFECT_NAMES))
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return the model extended by each effect that it can accept."""

@@ -113,9 +113,10 @@ class FreeEvaluator(Evaluator):
         return within * best.square
 
     def penalty(self, fit: CandidateFit) -> float:
-        """Return the parameter penalty, in units of the log sum of squares."""
+        """Return the penalty of parameters and names, in units of the log sum of squares."""
         independent = self.policy.records_information * len(self.views)
-        return fit.parameters * float(np.log(independent)) / independent
+        nats = 0.5 * fit.parameters * float(np.log(independent)) + self.further_names(fit)
+        return 2.0 * nats / independent
 
     def score(self, fit: CandidateFit) -> float:
         """Return the penalized log sum of squares, similar to the criterion of Schwarz 1978."""
