@@ -210,7 +210,7 @@ def test_slow_noise_has_fewer_independent_samples() -> None:
         scatter = np.std([np.mean(x**2) for x in signals])
         assert scatter == pytest.approx(np.sqrt(2.0 / independent(4000, share)), rel=0.2)
     lines = np.array([np.abs(np.fft.rfft(x)) ** 2 / x.size for x in slows]).mean(axis=0)[1:]
-    expected = density(0.9, 2.0 * np.pi * np.arange(1, lines.size + 1) / 4000)
+    expected = density(0.9, np.cos(2.0 * np.pi * np.arange(1, lines.size + 1) / 4000))
     assert np.median(lines / expected) == pytest.approx(1.0, abs=0.02)
 
 

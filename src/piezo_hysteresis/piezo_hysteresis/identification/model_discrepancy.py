@@ -213,7 +213,7 @@ def _beyond_noise(residual: RecordResidual, left: FloatArray, least: float) -> d
 
     def noise(low: float) -> float:
         angle = 2.0 * np.pi * residual.dt * low * _WITHIN
-        return white * low * float(np.mean(density(residual.noise_colour, angle)))
+        return white * low * float(np.mean(density(residual.noise_colour, np.cos(angle))))
 
     found = _octaves(left, residual.dt, 0.0)
     beyond = {low: rms**2 - noise(low) for low, rms in found.items() if low > 0.0}

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import comb, hypot, isfinite, sqrt
+from math import comb, hypot, isfinite, nan, sqrt
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import brentq
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
-from piezo_hysteresis.identification.outliers import interpolated, outliers
+from piezo_hysteresis.identification.outliers import interpolated, outliers, step_of
 from piezo_hysteresis.identification.periods import cached_per_record, period_of, periodic_from
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.repeats import (
     Repeat,
     gain_of_difference,
@@ -54,6 +55,8 @@ _LOWER_HALF = 1.24  # bias of the lower half of windows of n samples, times sqrt
 # Number of levels from which their smallest distance is the step of a converter and not of a drive
 # with few levels.
 _LEVELS = 8
+# Ratio of a step to the noise below which it adds less than 1e-7 of its mean square.
+_NEGLIGIBLE_STEP = 1e-3
 _MAD = 1.4826  # of a normal distribution: standard deviation over the median absolute deviation
 
 
@@ -104,12 +107,13 @@ def _memory(colour: float) -> float:
     return min(max(colour, 0.0), _SLOWEST)
 
 
-def density(memory: float, angle: FloatArray) -> FloatArray:
-    """Return the spectrum relative to white noise of equal rms at `angle` [rad/sample].
+def density(memory: float, cosine: FloatArray) -> FloatArray:
+    """Return the spectrum relative to white noise of equal rms.
 
-    The noise is a first-order autoregression with the coefficient `memory`.
+    The noise is a first-order autoregression with the coefficient `memory`; `cosine` is that of
+    the angle per sample.
     """
-    return np.asarray((1.0 - memory**2) / (1.0 + memory**2 - 2.0 * memory * np.cos(angle)))
+    return np.asarray((1.0 - memory**2) / (1.0 + memory**2 - 2.0 * memory * cosine))
 
 
 def independent(samples: int, memory: float) -> float:
@@ -128,7 +132,9 @@ def noise_of(record: Record) -> Noise:
     moves by less than a step, does not show.
     """
     seen, repeats = _seen_noise(record)
-    step = converter_step(record.displacement)
+    step = step_of(
+        record.displacement, same=0.0, fewest=_LEVELS, negligible=_NEGLIGIBLE_STEP * seen.rms
+    )
     if not seen.lines or not max(seen.rms, step) > 0.0:
         return UNKNOWN_NOISE
     with_repeated = _with_repeated_rounding(seen.rms, step)
@@ -164,12 +170,6 @@ def _with_repeated_rounding(seen: float, step: float) -> float:
         return step**2 / 12.0
     std = brentq(missed, 0.0, seen) if missed(seen) > 0.0 else seen
     return float(std) ** 2 + step**2 / 12.0
-
-
-def converter_step(measured: FloatArray) -> float:
-    """Return the smallest distance between two values [m]; 0 if there are too few of them."""
-    levels = np.unique(measured)
-    return float(np.diff(levels).min()) if levels.size >= _LEVELS else 0.0
 
 
 @cached_per_record
@@ -341,13 +341,15 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
     gain = gain_of_difference(window, period) if period else np.ones(power.size)
     # no estimate at frequencies that the difference cancels
     kept = np.flatnonzero(gain > 0.3)[2:]
-    seen, angle = power[kept] / gain[kept], 2.0 * np.pi * kept / signal.size
-    turn, colour = np.cos(angle), 0.0
+    seen, cosine = power[kept] / gain[kept], np.cos(2.0 * np.pi * kept / signal.size)
     # a median runs low where the spectrum falls within its width: it is levelled for it
+    memory, colour = nan, 0.0
     for _ in range(_PASSES):
-        shape = density(_memory(colour), angle)
+        if memory == (memory := _memory(colour)):
+            break
+        shape = density(memory, cosine)
         smooth = shape * median_filter(seen / shape, WIDTH, mode='reflect') / RUNNING_MEDIAN
-        colour = float(smooth @ turn) / max(float(smooth.sum()), 1e-300)
+        colour = inner(smooth, cosine) / max(float(smooth.sum()), 1e-300)
     alike = float(smooth.mean()) ** 2 / max(float(np.mean(smooth**2)), 1e-300)
     return Noise(float(np.sqrt(np.mean(smooth))), int(alike * kept.size / 2), colour)
 

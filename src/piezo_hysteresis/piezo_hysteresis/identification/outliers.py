@@ -18,6 +18,7 @@ _FROZEN = 4  # number of samples for which a reading may be constant by chance
 _SETTLING = 3.0  # typical difference of a transient period, over that of most
 _SMALLEST = 1e-5  # share of the stroke below which no sample is an outlier
 _SAME = 1e-9  # share of the stroke within which two readings are the same
+_OFF_GRID = 1e-6  # share of a step by which rounding moves a reading off a whole step
 _FEWEST_PERIODS = 3  # smallest number of periods whose median is robust to one outlier
 
 
@@ -52,23 +53,49 @@ def _unlike(periods: FloatArray) -> BoolArray:
     size = np.abs(left)
     typical = np.median(size, axis=1, keepdims=True)
     # if most samples of a coarse sensor repeat exactly, its steps are the usual deviation
-    usual = max(
-        float(np.median(typical)),
-        _SMALLEST * float(np.ptp(periods)),
-        0.5 * step_of(periods.ravel()),
-    )
+    usual = max(float(np.median(typical)), _SMALLEST * float(np.ptp(periods)))
+    usual = max(usual, 0.5 * step_of(periods.ravel(), negligible=usual))
     # a period within the transient differs everywhere from the others: these are no outliers
     return np.asarray((size > _FAR * _MAD * usual) & (typical < _SETTLING * usual))
 
 
-def step_of(y: FloatArray) -> float:
-    """Return the smallest difference between two readings [m]: the step of a coarse sensor."""
-    levels = np.unique(np.round(y / (_SAME * (float(np.ptp(y)) or 1.0))))
-    return (
-        float(np.min(np.diff(levels), initial=np.inf) * _SAME * np.ptp(y))
-        if len(levels) > 1
-        else 0.0
-    )
+def step_of(
+    y: FloatArray, *, same: float = _SAME, fewest: int = 2, negligible: float = 0.0
+) -> float:
+    """Return the smallest difference between two readings [m]: the step of a coarse sensor.
+
+    Parameters
+    ----------
+    y : ndarray, shape (n,)
+        Readings [m].
+    same : float
+        Share of the stroke within which two readings are the same.
+    fewest : int
+        Number of different readings below which there is no step, and 0 is returned.
+    negligible : float
+        Size [m] of a step without effect: if consecutive readings differ by so little, their
+        smallest difference is returned.
+    """
+    least = same * float(np.ptp(y))
+
+    def differences(readings: FloatArray) -> FloatArray:
+        size = np.abs(np.diff(readings))
+        return size[size > least]
+
+    nearest = float(differences(y).min(initial=np.inf))
+    if nearest <= negligible or _levels(y, nearest) >= fewest:
+        return nearest
+    steps = differences(np.sort(y))  # takes ten times as long as the tests above
+    return float(steps.min()) if steps.size >= max(fewest - 1, 1) else 0.0
+
+
+def _levels(y: FloatArray, step: float) -> int:
+    """Return the number of different readings if they are whole steps apart, else 0."""
+    place = (y - y.min()) / step
+    whole = np.rint(place)
+    if float(whole.max()) > y.size or float(np.abs(place - whole).max()) > _OFF_GRID:
+        return 0
+    return int(np.count_nonzero(np.bincount(whole.astype(np.intp))))
 
 
 def excursions(y: FloatArray) -> BoolArray:

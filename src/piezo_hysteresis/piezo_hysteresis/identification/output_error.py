@@ -19,6 +19,7 @@ from piezo_hysteresis.identification.initial_conditions.revision import (
 )
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.starts import Start, representative, starts
@@ -309,7 +310,7 @@ def _alike(one: Target, other: Target, error: FloatArray) -> bool:
 
     def square(target: Target) -> float:
         weighted = error if target.influence is None else error * target.influence
-        return float(weighted @ weighted) * target.precision**2
+        return inner(weighted, weighted) * target.precision**2
 
     return abs(square(one) - square(other)) <= _ALIKE * square(one)
 

@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.periods import PERIODIC, cached_per_record
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.records import Record
 
 # Interpolation taps on either side, and the parameter of their window.
@@ -93,8 +94,8 @@ def gain_of_difference(window: FloatArray, period: float) -> FloatArray:
     placed = np.zeros(window.size)
     np.add.at(placed, (lag - _HALF + np.arange(taps.size)) % window.size, taps)
     before = np.fft.rfft(placed)
-    shared = float(window[lag:] @ window[:-lag]) if lag < window.size else 0.0
-    alike = shared / float(window @ window)
+    shared = inner(window[lag:], window[:-lag]) if lag < window.size else 0.0
+    alike = shared / inner(window, window)
     return np.asarray(1.0 + np.abs(before) ** 2 - 2.0 * alike * before.real)
 
 

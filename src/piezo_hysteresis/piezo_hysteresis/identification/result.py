@@ -12,6 +12,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Part
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.solver import Solution
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.uncertainty import (
@@ -98,7 +99,7 @@ class FitResult:
     def rms(self) -> float:
         """Rms of the error over all compared samples [m]."""
         return sqrt(
-            sum(float(e @ e) for e in self.residuals.values())
+            sum(inner(e, e) for e in self.residuals.values())
             / sum(e.size for e in self.residuals.values())
         )
 

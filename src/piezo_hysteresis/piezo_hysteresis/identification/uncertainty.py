@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 
 #: Scaled condition number beyond which single parameters are not determined.
@@ -88,7 +89,7 @@ def inflation(residuals: Sequence[FloatArray]) -> float:
     """
     weight = total = 0.0
     for e in residuals:
-        power = float(e @ e)
+        power = inner(e, e)
         if e.size < 8 or power <= 0.0:
             continue
         size = 1 << (2 * e.size - 1).bit_length()
