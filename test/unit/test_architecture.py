@@ -25,7 +25,7 @@ ARROWS = {
     'identification': 'blocks common kernels models numerics records',
     'compensation': 'blocks common models numerics waveforms',
     'discovery': 'blocks common identification models numerics records',
-    'investigation': 'common discovery identification models records reporting waveforms',
+    'investigation': 'common discovery identification models numerics records reporting waveforms',
     'reporting': 'blocks common compensation discovery identification models numerics records',
     'dashboard': 'common models reporting',
     'batch': 'discovery identification models records reporting',

@@ -51,6 +51,19 @@ def test_a_second_mode_is_found_whatever_the_drives_are() -> None:
     assert abs(first - second) > 0.15 * first
 
 
+def test_a_screening_ends_with_the_time() -> None:
+    base = named('bouc_wen_mode')
+    own = base.defaults() | MODE
+    u = np.sin(2 * np.pi * 11.0 * DT * np.arange(2000))
+    record = Record('r', DT, u, 1.1 * answer(base, own, u), info=RecordInfo(frequency=11.0))
+    before = evaluated_on(ModelSpec(base, own), [whole(record)])
+    candidate = add_effect(base, next(e for e in described('resonance')))
+    every = Screen(before, [whole(record)]).score(candidate)
+    early = Screen(before, [whole(record)], stopped=lambda: True).score(candidate)
+    assert len(early.starts) == 1 < len(every.starts)
+    assert 0.0 <= early.explained <= every.explained
+
+
 @pytest.mark.parametrize('cubic', [4e6, -4e6])
 def test_a_sensor_that_is_bent_both_ways_is_seen(cubic: float) -> None:
     hidden = {'sensor_quadratic': 0.0, 'sensor_cubic': cubic}

@@ -10,10 +10,10 @@ import pytest
 
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.identification import fit
-from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.simulation.plan import LinearStage
+from piezo_hysteresis.numerics.qr import triangle
 from piezo_hysteresis.records import Record, RecordInfo
 
 

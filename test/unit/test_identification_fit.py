@@ -13,12 +13,12 @@ from piezo_hysteresis.identification.linear_fit import linear_parameters
 from piezo_hysteresis.identification.objective import Prior
 from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.periods import period_of
-from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.starts import representative
 from piezo_hysteresis.identification.targets import fold, targets_of, whole
 from piezo_hysteresis.identification.uncertainty import Covariance, digits, warnings_of
 from piezo_hysteresis.models import Model, named
+from piezo_hysteresis.numerics.qr import triangle
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT = 1e-3

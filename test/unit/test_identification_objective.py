@@ -38,3 +38,16 @@ def test_cost_and_linearisation_agree_where_the_start_is_estimated(
     squares = objective.linearise(x)[2]
     assert objective.cost(x) == pytest.approx(squares, rel=1e-9)
     assert squares > 0.0
+
+
+def test_a_fit_does_not_reach_modes_far_above_the_sampling_rate() -> None:
+    model = named('bouc_wen_oscillator')
+    record = Record('r', DT, np.sin(0.1 * np.arange(400)), 1e-5 * np.sin(0.1 * np.arange(400)))
+    values = {**model.defaults(), SAMPLING_OFFSET: 0.0}
+    objective = Objective(model, [whole(record)], ('mass',), values)
+    assert np.isfinite(objective.cost(np.array([values['mass']])))
+    assert objective.cost(np.array([1e-9])) == np.inf
+    assert objective.linearise(np.array([1e-9]))[2] == np.inf
+    # a mode that is known to be fast stays one
+    known = Objective(model, [whole(record)], ('stiffness',), {**values, 'mass': 1e-6})
+    assert np.isfinite(known.cost(np.array([values['stiffness']])))

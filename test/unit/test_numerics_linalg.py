@@ -35,6 +35,20 @@ def test_the_least_squares_solution_is_numpys_to_the_bit() -> None:
     np.testing.assert_array_equal(solved.values, np.linalg.lstsq(matrix, target)[0])
 
 
+@pytest.mark.parametrize('dependent', [False, True])
+def test_a_tall_matrix_has_the_solution_of_its_factor(dependent: bool) -> None:
+    matrix, target = problem(rows=2000)
+    if dependent:
+        matrix[:, 4] = matrix[:, 3]
+    kept = matrix.copy(), target.copy()
+    solved = linalg.solve_least_squares(matrix, target)
+    np.testing.assert_allclose(
+        solved.values, np.linalg.lstsq(matrix, target)[0], rtol=1e-10, atol=1e-13
+    )
+    np.testing.assert_array_equal(matrix, kept[0])
+    np.testing.assert_array_equal(target, kept[1])
+
+
 def test_dependent_columns_get_the_smallest_solution() -> None:
     matrix, target = problem()
     matrix[:, 4] = matrix[:, 3]

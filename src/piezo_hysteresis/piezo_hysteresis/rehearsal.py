@@ -232,8 +232,8 @@ def bags() -> None:
 
 def screening() -> None:
     """Hold a sensitivity against others, and an error against the lines of a drive or a tone."""
-    from piezo_hysteresis.identification.qr import orthonormal, projected_out
     from piezo_hysteresis.numerics.harmonics import tone_amplitude
+    from piezo_hysteresis.numerics.qr import orthonormal, projected_out
 
     tone_amplitude(np.arange(8.0), 100.0, DT)
     projected_out(np.ones(8), orthonormal(np.eye(3, 8), 1e-6)[1:])

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
-from piezo_hysteresis.identification.qr import orthonormal
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, lines_and_rest, phase_of
+from piezo_hysteresis.numerics.qr import orthonormal
 
 #: Length of a record [periods] from which harmonics are resolved: lines are three bins apart.
 PERIODS = 3.0

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.qr import triangle
 
 
 def linear_parameters(model: Model, free: Sequence[str], amplitude: float) -> tuple[str, ...]:

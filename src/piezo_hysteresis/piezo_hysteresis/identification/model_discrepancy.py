@@ -20,9 +20,9 @@ from piezo_hysteresis.identification.drive_lines import (
 )
 from piezo_hysteresis.identification.noise import density
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.qr import projected_out
 from piezo_hysteresis.models import Condition, Discrepancy
 from piezo_hysteresis.numerics.harmonics import harmonics, line_amplitudes, phase_of
+from piezo_hysteresis.numerics.qr import projected_out
 from piezo_hysteresis.records import Record
 
 #: Lines and bands with less than this of the power of a residual are not reported.

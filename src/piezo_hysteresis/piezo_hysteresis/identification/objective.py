@@ -15,11 +15,11 @@ from piezo_hysteresis.identification.initial_conditions.nuisances import (
     Nuisances,
 )
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.qr import triangle
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.numerics.qr import triangle
 
 #: Name of the nuisance parameter: delay of the displacement samples [s].
 SAMPLING_OFFSET = 'sampling_offset'
@@ -39,6 +39,11 @@ class Prior:
     std: float
 
 
+# Largest rate of a mode in a fit, times the sampling interval: five times the sampling rate.
+# Records show no faster mode, and the integration of one takes minutes.
+_FASTEST = 30.0
+# A fit that starts faster, as with a known mode in slow samples, may become this much faster.
+_FASTER = 2.0
 # Share of a sensitivity below which its remainder is rounding.
 _ROUNDING = 1e-8
 
@@ -92,6 +97,7 @@ class Objective:
         ]
         self._workers = workers
         self.grains = self._grains()
+        self._fastest = self._limit()
 
     def _grains(self) -> FloatArray:
         """Return the smallest step of each unknown: a tick for delays of a held signal, else 0."""
@@ -103,11 +109,20 @@ class Objective:
         """Return all parameters of the chain, and the sampling offset, at the point `x`."""
         return {**self._fixed, **dict(zip(self.free, x.tolist(), strict=True))}
 
+    def _limit(self) -> float:
+        """Return the largest rate of a mode that the fit may reach [1/s]."""
+        tick = min((target.dt for target in self.targets), default=1.0)
+        own = [self._fixed.get(each.name, each.default) for each in self.model.parameters]
+        return max(_FASTEST / tick, _FASTER * self.model.fastest_rate(np.array(own)))
+
     def packed(self, x: FloatArray) -> FloatArray:
         """Return the parameters of the chain at `x`; ModelError if they are invalid."""
         values = self.values(x)
         values.pop(SAMPLING_OFFSET, None)
-        return self.model.pack(values)
+        packed = self.model.pack(values)
+        if self.model.fastest_rate(packed) > self._fastest:
+            raise ModelError('a mode is far above the sampling rate: sample faster')
+        return packed
 
     def simulate(self, target: Target, x: FloatArray, packed: FloatArray) -> FloatArray:
         """Return the simulated samples of `target` [m]."""

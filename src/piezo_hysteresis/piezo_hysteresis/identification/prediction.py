@@ -17,10 +17,10 @@ from piezo_hysteresis.identification.free_run import (
 )
 from piezo_hysteresis.identification.initial_conditions.initial_state import BestFit
 from piezo_hysteresis.identification.initial_conditions.nuisances import Nuisances, nuisances_of
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.chain import State
+from piezo_hysteresis.numerics.qr import inner
 
 # Invalid parameters may make a model overflow; their cost is infinite and needs no warning.
 _quiet = partial(np.errstate, over='ignore', invalid='ignore')

@@ -17,10 +17,10 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.models import Discrepancy, ModelFile
+from piezo_hysteresis.numerics.qr import inner
 
 # Ticks of rest at 0 V before a record.
 _EDGE = 4

@@ -147,6 +147,22 @@ class Model:
         ]
         return np.concatenate(packed) if packed else np.empty(0)
 
+    def fastest_rate(self, packed: FloatArray) -> float:
+        """Return the fastest rate of the blocks that integrate a mode in small steps [1/s].
+
+        Parameters
+        ----------
+        packed : ndarray, shape (p,)
+            Parameters as `pack` orders them.
+        """
+        first, rate = 0, 0.0
+        for block in self.blocks:
+            last = first + len(block.parameters)
+            if block.pace is not None:
+                rate = max(rate, float(block.pace(packed[first:last])))
+            first = last
+        return rate
+
     def block_values(self, values: Mapping[str, float], block_name: str) -> dict[str, float]:
         """Return the values of the last block called `block_name` under the block's own names.
 

@@ -15,6 +15,10 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.numerics.qr import triangle
+
+# Equations per unknown from which the factor R replaces the matrix before its singular values.
+_TALL = 16
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,11 @@ def solve_least_squares(
     Solved
         Unsound if an entry or the solution is not finite.
     """
+    count, unknowns = np.shape(matrix)
+    if count > _TALL * unknowns:
+        rcond = np.finfo(float).eps * count if rcond is None else rcond
+        factor = triangle(np.vstack([np.transpose(matrix), target]))
+        matrix, target = factor[:unknowns, :unknowns], factor[:unknowns, unknowns]
     given = matrix, target
     found = _attempt(lambda: (np.linalg.lstsq(matrix, target, rcond=rcond)[0],), given)
     if found is None:

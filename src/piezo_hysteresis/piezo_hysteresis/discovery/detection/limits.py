@@ -33,9 +33,9 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.free_run import StageCache
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.models import Candidate
 from piezo_hysteresis.models.effects import is_never_reached
+from piezo_hysteresis.numerics.qr import inner
 
 # Distance at which an effect is detected with a power of 95 %: 3.29 + 1.64 standard deviations.
 DETECTED = 4.93

@@ -27,7 +27,7 @@ from piezo_hysteresis.discovery.detection.limits import (
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
-from piezo_hysteresis.identification.qr import inner
+from piezo_hysteresis.numerics.qr import inner
 
 # Largest distance of a similar effect, relative to the change: it explains 75 % of its power.
 SIMILAR = 0.5

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.qr import inner, orthonormal, projected_out
+from piezo_hysteresis.numerics.qr import inner, orthonormal, projected_out
 
 # Bins of the periodogram over which the spectrum of a residual is averaged.
 _SMOOTHED = 15

@@ -24,11 +24,11 @@ from piezo_hysteresis.identification.drive_lines import (
 )
 from piezo_hysteresis.identification.model_discrepancy import LEAST_POWER
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
-from piezo_hysteresis.identification.qr import projected_out
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.models.trace import stretches_of
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, phase_of
+from piezo_hysteresis.numerics.qr import projected_out
 
 # Parts of a residual: harmonic orders 0 to the highest, then octaves.
 _ORDERS = HIGHEST_ORDER + 1

@@ -80,7 +80,13 @@ def select(
     """
     every = refined_candidates(evaluator, before)
     free = evaluator.free_of(before)
-    screen = Screen(before, evaluator.screened, free, evaluator.workers)
+    screen = Screen(
+        before,
+        evaluator.screened,
+        free,
+        evaluator.workers,
+        stopped=lambda: evaluator.deadline.passed,
+    )
     screened = evaluator.map(lambda each: _screened(evaluator, screen, each), every)
     scores = [each for each in screened if each is not None]
     progress(0.2, f'{len(every)} candidates screened')

@@ -7,7 +7,7 @@ share is an upper bound on the effect near its starting values.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +22,11 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.free_run import StageCache, differentiated, simulated
-from piezo_hysteresis.identification.qr import inner, orthonormal, projected_out
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Candidate, Model
 from piezo_hysteresis.models.effects import is_never_reached
+from piezo_hysteresis.numerics.qr import inner, orthonormal, projected_out
 
 # Relative norm of a projected sensitivity below which it is linearly dependent on the others.
 _DEPENDENT = 1e-7
@@ -79,6 +79,8 @@ class Screen:
         Parameters that a fit may change; by default all that the model does not hold.
     workers : int
         Number of threads over these parameters.
+    stopped : callable
+        Whether the time is over; the rest of the starting points is then left out.
     """
 
     def __init__(
@@ -87,8 +89,9 @@ class Screen:
         views: Sequence[Target],
         free: Sequence[str] | None = None,
         workers: int = 1,
+        stopped: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._fit = fit
+        self._fit, self._stopped = fit, stopped
         self._free = fit.model.free_names if free is None else tuple(free)
         self._views = views
         packed, late = fit.model.pack(fit.values), fit.sampling_offset
@@ -131,6 +134,8 @@ class Screen:
         found: list[tuple[float, dict[str, float]]] = []
         steps: Sequence[float] = _STEPS
         for start in (*self._guesses(candidate), *candidate.starts):
+            if found and self._stopped():
+                break
             values = candidate.values(before, start)
             share, chosen, linear = self._best_step(candidate, values, steps)
             # an effect that is linear in its size is linear from every starting point
@@ -170,9 +175,12 @@ class Screen:
         self, candidate: Candidate, values: dict[str, float], steps: Sequence[float]
     ) -> tuple[float, dict[str, float], bool]:
         """Return the best explained share, its starting values and the linearity of the effect."""
-        best, chosen, shares = 0.0, values, []
+        shares: list[float] = []
+        best, chosen = 0.0, values
         neutral = candidate.neutral
         for step in steps:
+            if shares and self._stopped():
+                break
             tried = {
                 name: neutral[name] + step * (value - neutral[name])
                 if name in neutral and not is_never_reached(neutral[name])
@@ -206,6 +214,8 @@ class Screen:
         except PiezoError:
             return 0.0
         for view in self._views:
+            if self._stopped():
+                return 0.0
             late = self._fit.sampling_offset
             _, change, _ = differentiated(candidate.model, packed, candidate.added, view, late)
             rows.append(change[:, view.compared])

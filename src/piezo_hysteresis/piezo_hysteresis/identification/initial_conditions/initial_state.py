@@ -15,12 +15,12 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.initial_conditions.free_response import FreeResponse
 from piezo_hysteresis.identification.initial_conditions.record_start import path_to
-from piezo_hysteresis.identification.qr import gram, products
 from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import PathStage, free_states
 from piezo_hysteresis.numerics.linalg import solve_square
+from piezo_hysteresis.numerics.qr import gram, products
 
 # Step of an initial state for its sensitivity, as a share of its size.
 _NUDGE = 1e-2

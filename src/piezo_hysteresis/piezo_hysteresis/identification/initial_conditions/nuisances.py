@@ -21,10 +21,10 @@ from piezo_hysteresis.identification.initial_conditions.initial_state import (
     level_rows,
     start_rows,
 )
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.numerics.qr import inner
 
 # Ratio of noise to stroke that a prior assumes if the noise of a record is unknown.
 _UNKNOWN_NOISE = 1e-3

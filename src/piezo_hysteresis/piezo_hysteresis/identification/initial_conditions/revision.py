@@ -18,10 +18,10 @@ from piezo_hysteresis.identification.initial_conditions.start_hypotheses import 
     StartSearch,
     square_of,
 )
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
 
 ZEROS = ('auto', 'record', 'common')

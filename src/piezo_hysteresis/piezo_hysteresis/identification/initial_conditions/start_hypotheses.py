@@ -24,10 +24,10 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     rivals,
 )
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.targets import WAY_IN, Target, led_in
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import free_states
+from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
 
 Hypothesis = tuple[float, RecordStart]
