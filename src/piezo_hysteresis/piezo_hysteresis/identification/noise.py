@@ -19,13 +19,13 @@ from scipy.optimize import brentq
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.identification.outliers import interpolated, outliers, step_of
 from piezo_hysteresis.identification.periods import cached_per_record, period_of, periodic_from
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.repeats import (
     Repeat,
     gain_of_difference,
     less_the_period_before,
     repeat_of,
 )
+from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
 
 # Lines of a running median, and that of a windowed spectrum of white noise over its mean: half of

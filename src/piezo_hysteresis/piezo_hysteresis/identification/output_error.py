@@ -19,12 +19,12 @@ from piezo_hysteresis.identification.initial_conditions.revision import (
 )
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.starts import Start, representative, starts
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model, for_range
+from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
 
 #: Number of simulated samples over all starts, which determines `count`.

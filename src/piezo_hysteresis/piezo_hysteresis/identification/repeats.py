@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.periods import PERIODIC, cached_per_record
-from piezo_hysteresis.identification.qr import inner
+from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
 
 # Interpolation taps on either side, and the parameter of their window.

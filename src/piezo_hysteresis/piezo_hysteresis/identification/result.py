@@ -12,7 +12,6 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Part
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.identification.solver import Solution
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.uncertainty import (
@@ -23,6 +22,7 @@ from piezo_hysteresis.identification.uncertainty import (
     warnings_of,
 )
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.numerics.qr import inner
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.qr import inner
 from piezo_hysteresis.numerics.linalg import column_norms, right_singular
+from piezo_hysteresis.numerics.qr import inner
 
 #: Scaled condition number beyond which single parameters are not determined.
 CONDITION_LIMIT = 1e6
