@@ -28,6 +28,7 @@ SAME = {
     'index-url': 'UV_DEFAULT_INDEX',
     'extra-index-url': 'UV_INDEX',
     'find-links': 'UV_FIND_LINKS',
+    'constraint': 'UV_CONSTRAINT',
     'cert': 'SSL_CERT_FILE',
     'timeout': 'UV_HTTP_TIMEOUT',
     'default-timeout': 'UV_HTTP_TIMEOUT',

@@ -19,6 +19,7 @@ def test_uv_receives_the_options_of_pip() -> None:
         global.index-url='https://index.example/simple'
         global.extra-index-url='\nhttps://one.example\nhttps://two.example'
         install.find-links='/wheels /more'
+        global.constraint='/etc/constraints.txt'
         :env:.cert='/my.pem'
         freeze.timeout='10'
     """
@@ -27,6 +28,7 @@ def test_uv_receives_the_options_of_pip() -> None:
         'UV_DEFAULT_INDEX': 'https://index.example/simple',
         'UV_INDEX': 'https://one.example https://two.example',
         'UV_FIND_LINKS': '/wheels,/more',
+        'UV_CONSTRAINT': '/etc/constraints.txt',
         'SSL_CERT_FILE': '/my.pem',
     }
 
