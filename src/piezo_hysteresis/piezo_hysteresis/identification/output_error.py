@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -270,12 +271,15 @@ def refined(
     names = tuple(model.free_names if free is None else free)
 
     def attempt(
-        seen: Sequence[Target], values: Mapping[str, float], late: bool | float
+        seen: Sequence[Target],
+        values: Mapping[str, float],
+        late: bool | float,
+        enough: float = inf,
     ) -> FitResult:
         return _attempt(
             model, seen, values, free=names, priors=priors, weights=weights,
             sampling_offset=late, max_evaluations=max_evaluations, workers=workers,
-            stopped=stopped, progress=progress,
+            stopped=stopped, progress=progress, enough=enough,
         )  # fmt: skip
 
     result = attempt(targets, start, sampling_offset)
@@ -292,13 +296,15 @@ def refined(
     search = StartSearch(model, result.values, result.sampling_offset, records, choices.start)
     other = search.with_steps(targets)
     if other is not None:
-        plain = attempt(other[0], _with_offset(result), sampling_offset)
-        if plain.cost <= (1.0 + other[1]) * result.cost:
+        enough = (1.0 + other[1]) * result.cost
+        plain = attempt(other[0], _with_offset(result), sampling_offset, enough)
+        if plain.cost <= enough:
             targets, result = other[0], plain
     if sampling_offset is True and result.sampling_offset != 0.0:
-        trusted = attempt(targets, result.values, False)
         samples = sum(left.size for left in result.residuals.values())
-        if trusted.cost <= (1.0 + max(_NO_WORSE, _CHANCE / samples)) * result.cost:
+        enough = (1.0 + max(_NO_WORSE, _CHANCE / samples)) * result.cost
+        trusted = attempt(targets, result.values, False, enough)
+        if trusted.cost <= enough:
             return trusted
     return result
 
