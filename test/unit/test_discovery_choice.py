@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import fields
 from math import inf
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery.choice import choice_rules as rules
 from piezo_hysteresis.discovery.choice.choice_policy import CHOICE, ChoicePolicy
-from piezo_hysteresis.discovery.choice.choose import choose_model
+from piezo_hysteresis.discovery.choice.choose import TriedModel, _climbed, choose_model
+from piezo_hysteresis.discovery.choice.ladder import Rung
 from piezo_hysteresis.discovery.selection.policy import rows
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import add_effect, described, named
@@ -58,6 +60,38 @@ def test_nothing_is_added_where_nothing_is_missing() -> None:
     assert [step.name for step in plain if step.kept] == ['modified']
     assert choice.model.name == 'modified'
     assert tried == [name for memory in MEMORIES for name in (memory, *LADDER)]
+
+
+class Rungs:
+    """A ladder whose mode lowers the held-out error only beside creep."""
+
+    def memory(self, name: str) -> Any:
+        return rung(1.0, 1.0, name)
+
+    def larger(self, before: Any, name: str) -> Any:
+        had = before.fit.model
+        if name == 'creep':
+            return rung(0.9 * before.trained, 0.8 * before.held_out, f'{had} creep')
+        if name == 'mode':
+            worse = 1.0 if 'creep' in had else 1.05
+            return rung(0.8 * before.trained, worse * before.held_out, f'{had} mode')
+        return rung(before.trained, before.held_out, f'{had} {name}')
+
+
+def rung(trained: float, held_out: float, name: str) -> Any:
+    return Rung(cast(Any, SimpleNamespace(model=name, free=())), trained, held_out, (), True)
+
+
+def test_an_effect_that_was_rejected_is_tried_again_with_those_after_it() -> None:
+    steps: list[TriedModel] = []
+    best = _climbed(cast(Any, Rungs()), 'plays', steps, lambda name, share: None)
+    assert cast(Any, best.fit.model) == 'plays creep mode'
+    assert [(s.name, s.kept) for s in steps if s.name in ('mode', 'creep')] == [
+        ('mode', False),
+        ('creep', True),
+        ('mode', True),
+    ]
+    assert [s.name for s in steps].count('amplifier_lag') == 1  # it improved nothing
 
 
 def test_useless_records_are_refused() -> None:

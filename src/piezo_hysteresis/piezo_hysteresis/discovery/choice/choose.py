@@ -83,7 +83,8 @@ def choose_model(
     a bank of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record
     jointly with all others. It is kept if it reduces the free-run error there or on the rest of
     the records by 2 %, does not increase the latter, and has parameters that the records
-    determine. The plays are selected unless the other model is clearly better on the rest, because
+    determine. An effect that only increased the error on the rest is tried once more with the
+    effects accepted after it. The plays are selected unless the other model is clearly better on the rest, because
     their inner loops close, as those of ceramics do.
 
     Records of one amplitude contain no inner loop, and they determine only one static curve, but
@@ -109,19 +110,40 @@ def choose_model(
     steps: list[TriedModel] = []
     ends: list[Rung] = []
     for k, memory in enumerate(MEMORIES):
-        best: Rung | None = None
-        for j, name in enumerate((memory, *LADDER)):
-            progress((k + j / (1 + len(LADDER))) / len(MEMORIES), name)
-            tried = ladder.memory(name) if best is None else ladder.larger(best, name)
-            if tried is None:
-                continue
-            kept = best is None or tried.improves(best)
-            row = (memory, name, len(tried.fit.free), tried.trained, tried.held_out, kept)
-            steps.append(TriedModel(*row))
-            best = tried if kept else best
-        if best is not None:
-            ends.append(best)
+
+        def report(name: str, share: float, k: int = k) -> None:
+            progress((k + share) / len(MEMORIES), name)
+
+        ends.append(_climbed(ladder, memory, steps, report))
     plain, plays = ends
     bearable = plays_are_bearable(plays.held_out, plain.held_out, ladder.one_amplitude)
     chosen = plays if bearable else plain
     return Choice(chosen.fit.model, chosen.values(), tuple(steps), chosen.records)
+
+
+def _climbed(
+    ladder: Ladder, memory: str, steps: list[TriedModel], report: Callable[[str, float], None]
+) -> Rung:
+    """Return a model with the accepted effects, and append the tested ones to `steps`."""
+
+    def test(name: str, before: Rung | None) -> Rung | None:
+        report(name, min(len(steps) % (1 + len(LADDER)) / (1 + len(LADDER)), 1.0))
+        tried = ladder.memory(name) if before is None else ladder.larger(before, name)
+        if tried is None:
+            return None
+        kept = before is None or tried.improves(before)
+        row = (memory, name, len(tried.fit.free), tried.trained, tried.held_out, kept)
+        steps.append(TriedModel(*row))
+        if not kept and before is not None and tried.fits_better(before):
+            rejected[name] = before
+        return tried if kept else None
+
+    rejected: dict[str, Rung] = {}
+    best = test(memory, None)
+    assert best is not None
+    for name in LADDER:
+        best = test(name, best) or best
+    for name, before in list(rejected.items()):
+        if before is not best:
+            best = test(name, best) or best
+    return best

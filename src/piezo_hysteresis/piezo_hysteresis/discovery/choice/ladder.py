@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil
 
@@ -62,6 +62,10 @@ class Rung:
         """Return whether the last effect is significant and improves the prediction."""
         trained = (before.trained, self.trained)
         return self.sure and predicts_better(trained, (before.held_out, self.held_out))
+
+    def fits_better(self, before: Rung) -> bool:
+        """Return whether the last effect is significant and improves the fitted part."""
+        return self.sure and predicts_better((before.trained, self.trained), (1.0, 1.0))
 
     def values(self) -> dict[str, float]:
         """Return the fitted values as starting values of another fit."""
@@ -165,19 +169,24 @@ class Ladder:
         """Fit the previous model with a block whose frequency is searched globally."""
         block = named_block(name)
         model = before.fit.model.with_block(block)
-        known = before.values()
-        return self._evaluated(
-            output_error(
-                model,
-                self._training,
-                start=known,
-                folded=False,
-                begins=self._choices.start,
-                zero=self._choices.zero,
-                count=3,
-            ),
-            {parameter.name: 0.0 for parameter in block.parameters},
+        known, neutral = before.values(), {each.name: 0.0 for each in block.parameters}
+        found = output_error(
+            model,
+            self._training,
+            start=known,
+            folded=False,
+            begins=self._choices.start,
+            zero=self._choices.zero,
+            count=3,
         )
+        rung = self._evaluated(found, neutral)
+        if rung.trained <= before.trained:
+            return rung
+        # a richer model that fits worse is a local minimum: continue from the simpler model
+        late = known.pop(SAMPLING_OFFSET)
+        near = replace(found, values={**found.values, **known}, sampling_offset=late)
+        again = self._polished(near, before.fit.targets, neutral)
+        return min(rung, again, key=lambda each: each.trained)
 
     def _fitted(self, before: Rung, candidates: Sequence[Candidate]) -> Rung:
         """Fit briefly from every starting point of every candidate, and continue from the best."""
