@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.identification.sensitivities import FirstStage, sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.linalg import solve_least_squares
@@ -70,11 +72,28 @@ def _affine(model: Model, names: Sequence[str], voltage: FloatArray) -> bool:
     return bool(np.isfinite(gap) and gap <= 1e-7 * scale)
 
 
+@dataclass
+class Simulated:
+    """Simulations of scanned points, which are also valid for other zeros of the same records.
+
+    Attributes
+    ----------
+    points : dict of bytes to list of ndarray
+        Triangular factors of every target by its parameters, see `_factor`.
+    first : dict of str to FirstStage
+        Results of the first stage by target.
+    """
+
+    points: dict[bytes, list[FloatArray]] = field(default_factory=dict)
+    first: defaultdict[str, FirstStage] = field(default_factory=lambda: defaultdict(FirstStage))
+
+
 def solve_linear(
     model: Model,
     targets: Sequence[Target],
     values: Mapping[str, float],
     names: Sequence[str],
+    simulated: Simulated,
 ) -> dict[str, float]:
     """Return `values` with the unknowns `names` at their least-squares optimum.
 
@@ -88,23 +107,25 @@ def solve_linear(
         The other parameters.
     names : sequence of str
         From `linear_parameters`.
+    simulated : Simulated
+        Simulations of these records, which are extended.
     """
-    base = {**values, **dict.fromkeys(names, 0.0)}
-    packed = model.pack(base, checked=False)
-    p = len(names)
-    blocks = []
-    with np.errstate(over='ignore', invalid='ignore'):
-        for target in targets:
-            y, rows = sensitivities(
-                model, packed, names, target.voltage, target.dt, target.frequency, target.start
-            )
-            part = np.vstack([rows[:, target.compared], target.measured - target.pick(y)])
-            if not np.all(np.isfinite(part)):
-                return dict(values)
-            if target.own_zero:
-                part -= part.mean(axis=1, keepdims=True)
-            blocks.append(triangle(target.weight * part))
-    full = triangle(np.ascontiguousarray(np.vstack(blocks).T))
+    packed, p = model.pack({**values, **dict.fromkeys(names, 0.0)}, checked=False), len(names)
+    key = packed.tobytes()
+    if key not in simulated.points:
+        simulated.points[key] = [
+            _factor(model, packed, names, target, simulated.first[target.name])
+            for target in targets
+        ]
+    factors = simulated.points[key]
+    if not all(np.all(np.isfinite(each)) for each in factors):
+        return dict(values)
+    # without the first row, a zero of the record is projected out
+    parts = [
+        target.weight * factor[int(target.own_zero) :, 1:]
+        for target, factor in zip(targets, factors, strict=True)
+    ]
+    full = triangle(np.ascontiguousarray(np.vstack(parts).T))
     norms = np.linalg.norm(full[:p, :p], axis=0)
     norms[norms == 0.0] = 1.0
     solved = solve_least_squares(full[:p, :p] / norms, full[:p, p], rcond=1e-7)
@@ -117,3 +138,16 @@ def solve_linear(
     )
     best_values = dict(zip(names, (float(v) for v in best), strict=True))
     return {**values, **best_values}
+
+
+def _factor(
+    model: Model, packed: FloatArray, names: Sequence[str], target: Target, first: FirstStage
+) -> FloatArray:
+    """Return R of the QR factorisation of [1, derivatives, residual] of a target."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        y, rows = sensitivities(
+            model, packed, names, target.voltage, target.dt, target.frequency, target.start,
+            first=first,
+        )  # fmt: skip
+        error = target.measured - target.pick(y)
+        return triangle(np.vstack([np.ones_like(error), rows[:, target.compared], error]))

@@ -19,6 +19,7 @@ from piezo_hysteresis.identification.initial_conditions.revision import (
     zeros_lie_apart,
 )
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
+from piezo_hysteresis.identification.linear_fit import Simulated
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
@@ -165,12 +166,13 @@ def output_error(
             **common,
         )
 
-    found = starts(chain, few, names, known, count=count, stopped=stopped)
+    simulated = Simulated()
+    found = starts(chain, few, names, known, count=count, stopped=stopped, simulated=simulated)
     best = follow(few, found)
     result = end(targets, best)
     if leaves_noise(result) or stopped():
         return result
-    apart = _by_own_zeros(chain, few, names, known, found, choices)
+    apart = _by_own_zeros(chain, few, names, known, found, choices, simulated)
     if apart is None:
         return result
     best = follow(*apart)
@@ -187,6 +189,7 @@ def _by_own_zeros(
     known: Mapping[str, float],
     found: Sequence[Start],
     choices: Choices,
+    simulated: Simulated,
 ) -> tuple[list[Target], list[Start]] | None:
     """Return targets with a zero per record and start values, if these fit much better.
 
@@ -195,7 +198,7 @@ def _by_own_zeros(
     if choices.zero != 'auto' or len(targets) < 2:
         return None
     own = [replace(target, own_zero=True) for target in targets]
-    others = starts(model, own, names, known, count=len(found))
+    others = starts(model, own, names, known, count=len(found), simulated=simulated)
     return (own, others) if zeros_lie_apart(others[0].cost, found[0].cost) else None
 
 

@@ -24,6 +24,9 @@ from piezo_hysteresis.models.simulation.state_layout import StateJump
 from piezo_hysteresis.models.simulation.substep_sensitivities import carried
 
 _MOST_VALUES = 2_000_000  # derivatives times samples stored along the path of each tick
+# Results of a first stage that are kept, more than the memories that a scan combines with a mode,
+# and the largest number of derivatives of each.
+_KEPT, _KEPT_VALUES = 4, 500_000
 _STEP = 1e-6  # relative step of numerical differences, above sqrt of the rounding
 
 
@@ -43,6 +46,20 @@ class StateOffset(NamedTuple):
     amount: float
 
 
+class FirstStage(dict[tuple[object, ...], tuple[FloatArray, FloatArray]]):
+    """The last few results of the first stage of a chain, by its parameters and its unknowns.
+
+    A scan of the dynamics behind a memory simulates the memory once.
+    """
+
+    def keep(self, key: tuple[object, ...], found: tuple[FloatArray, FloatArray]) -> None:
+        """Add a result that is not large, in place of the oldest."""
+        if found[1].size <= _KEPT_VALUES and key not in self:
+            if len(self) == _KEPT:
+                del self[next(iter(self))]
+            self[key] = found
+
+
 def sensitivities(
     model: Model,
     packed: FloatArray,
@@ -54,6 +71,7 @@ def sensitivities(
     *,
     origin: int = 0,
     offsets: Sequence[StateOffset] = (),
+    first: FirstStage | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the free run from rest and its derivatives.
 
@@ -79,6 +97,8 @@ def sensitivities(
         Sample before which `offsets` are added to states.
     offsets : sequence of StateOffset
         Empty for a run from rest.
+    first : FirstStage, optional
+        Known results of the first stage for the same input, which are extended.
 
     Returns
     -------
@@ -87,7 +107,7 @@ def sensitivities(
     rows : ndarray, shape (len(free), n)
         Row j is the derivative by ``free[j]`` [m per unit of the parameter].
     """
-    given: dict[str, Any] = {'origin': origin, 'offsets': offsets}
+    given: dict[str, Any] = {'origin': origin, 'offsets': offsets, 'first': first}
     held = delays_by_ticks(model)
     if any(name in held for name in free):
         others = [name for name in free if name not in held]
@@ -116,7 +136,11 @@ def sensitivities(
         p = packed[stage.columns]
         places = np.arange(packed.size)[stage.columns]
         own = [model.parameters[place] for place in places]
-        if isinstance(stage, TickStage):
+        columns += [each.name for each in own if each.name in free]
+        key = (p.tobytes(), *columns)
+        if k == 0 and first is not None and key in first:
+            signal, tangent = first[key]
+        elif isinstance(stage, TickStage):
             signal, tangent = _alone(stage, own, p, free, signal, tangent, clock)
         else:
             numbers = [j for j, parameter in enumerate(own) if parameter.name in free]
@@ -124,7 +148,8 @@ def sensitivities(
                 _by_quadrature if _is_quadrature(stage, p, signal, tangent, clock) else _by_path
             )
             signal, tangent = carry(stage, own, p, numbers, signal, tangent, clock)
-        columns += [each.name for each in own if each.name in free]
+        if k == 0 and first is not None:
+            first.keep(key, (signal, tangent))
     order = [columns.index(name) for name in free]
     return signal, tangent if order == list(range(len(order))) else tangent[order]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Tuned
-from piezo_hysteresis.identification.linear_fit import linear_parameters, solve_linear
+from piezo_hysteresis.identification.linear_fit import Simulated, linear_parameters, solve_linear
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.models import Model
@@ -44,6 +44,7 @@ def starts(
     *,
     count: int = 8,
     stopped: Callable[[], bool] = lambda: False,
+    simulated: Simulated | None = None,
 ) -> list[Start]:
     """Return up to `count` start points that lie in different basins, the best first.
 
@@ -65,16 +66,18 @@ def starts(
         Largest number of start points.
     stopped : callable
         Returns True to stop before the next point; the best so far are returned.
+    simulated : Simulated, optional
+        Simulations of a scan of the same records with other zeros.
     """
     seen = representative(targets)
     amplitude = max(float(np.max(np.abs(t.voltage))) for t in seen)
-    known = dict(given or {})
+    known, simulated = dict(given or {}), simulated or Simulated()
     linear = tuple(n for n in linear_parameters(model, free, amplitude) if n not in known)
     base = {**model.defaults(), **known}
     scanned = [name for name in free if name not in known and name not in linear]
 
     def evaluated(values: Mapping[str, float]) -> Start:
-        solved = solve_linear(model, seen, values, linear)
+        solved = solve_linear(model, seen, values, linear, simulated)
         x = np.array([solved[name] for name in free])
         return Start(solved, Objective(model, seen, free, solved).cost(x))
 
