@@ -224,37 +224,29 @@ def run_held_four(
     Four recursions are interleaved, because a single one mostly waits for its own last value. The
     results are bitwise those of `run_held`.
     """
-    n, many = row.size, x.shape[0]
-    buffer, places, shares, counts = (
-        np.empty((2, n, 4)),
-        scratch((n, n)),
-        scratch((n, n)),
-        scratch(n),
-    )
+    n, last = row.size, x.shape[0] - 1
+    places, shares, counts = scratch((n, n)), scratch((n, n)), scratch(n)
+    states, u, total, moved = np.empty((2, n, 4)), scratch(4), scratch(4), scratch(4)
     nonzero(phi, places, shares, counts)
-    for begin in range(0, many, 4):
-        a, b = begin, min(begin + 1, many - 1)
-        c, d = min(begin + 2, many - 1), min(begin + 3, many - 1)
-        buffer[:] = 0.0
+    for begin in range(0, last + 1, 4):
+        states[:] = 0.0
         for k in range(x.shape[1]):
-            state, new = buffer[k & 1], buffer[1 - (k & 1)]
-            u0, u1, u2, u3 = x[a, k], x[b, k], x[c, k], x[d, k]
-            y0, y1, y2, y3 = gain * u0, gain * u1, gain * u2, gain * u3
+            now, new = states[k & 1], states[1 - (k & 1)]
+            for lane in range(4):
+                u[lane] = x[min(begin + lane, last), k]
+                total[lane] = gain * u[lane]
             for i in range(n):
-                share, more = row[i], gamma[i]
-                y0 += share * state[i, 0]
-                y1 += share * state[i, 1]
-                y2 += share * state[i, 2]
-                y3 += share * state[i, 3]
-                n0, n1, n2, n3 = more * u0, more * u1, more * u2, more * u3
+                for lane in range(4):
+                    total[lane] += row[i] * now[i, lane]
+                    moved[lane] = gamma[i] * u[lane]
                 for r in range(int(counts[i])):
                     share, j = shares[i, r], int(places[i, r])
-                    n0 += share * state[j, 0]
-                    n1 += share * state[j, 1]
-                    n2 += share * state[j, 2]
-                    n3 += share * state[j, 3]
-                new[i, 0], new[i, 1], new[i, 2], new[i, 3] = n0, n1, n2, n3
-            y[a, k], y[b, k], y[c, k], y[d, k] = y0, y1, y2, y3
+                    for lane in range(4):
+                        moved[lane] += share * now[j, lane]
+                for lane in range(4):
+                    new[i, lane] = moved[lane]
+            for lane in range(4):
+                y[min(begin + lane, last), k] = total[lane]
 
 
 @jit
@@ -313,60 +305,50 @@ def run_path(
 def run_path_four(
     x: FloatArray,
     y: FloatArray,
-    states: FloatArray,
+    memory: FloatArray,
     phi: FloatArray,
     gamma: FloatArray,
     rows: FloatArray,
     gains: FloatArray,
 ) -> None:
-    """Return the outputs along several paths, `x` and `y` of shape (m, n); `states` in place.
+    """Return the outputs along several paths, `x`, `y` of shape (m, n); `memory` in place.
 
     Four are interleaved as in `run_held_four`; the results are bitwise those of `run_path`.
     """
-    many, n = states.shape
-    buffer, places, shares, counts = (
-        np.zeros((2, n, 4)),
-        scratch((n, n)),
-        scratch((n, n)),
-        scratch(n),
-    )
+    last, n = memory.shape[0] - 1, memory.shape[1]
+    places, shares, counts = scratch((n, n)), scratch((n, n)), scratch(n)
+    states, u, total, moved = np.empty((2, n, 4)), scratch((3, 4)), scratch(4), scratch(4)
     nonzero(phi, places, shares, counts)
-    for begin in range(0, many, 4):
-        a, b = begin, min(begin + 1, many - 1)
-        c, d = min(begin + 2, many - 1), min(begin + 3, many - 1)
+    for begin in range(0, last + 1, 4):
         for i in range(n):
-            buffer[0, i, 0], buffer[0, i, 1] = states[a, i], states[b, i]
-            buffer[0, i, 2], buffer[0, i, 3] = states[c, i], states[d, i]
+            for lane in range(4):
+                states[0, i, lane] = memory[min(begin + lane, last), i]
         side = 0
         for k in range(0, x.shape[1], 3):
-            state, new = buffer[side], buffer[1 - side]
+            now, new = states[side], states[1 - side]
             side = 1 - side
+            for lane in range(4):
+                for r in range(3):
+                    u[r, lane] = x[min(begin + lane, last), k + r]
             for r in range(3):
                 g0, g1, g2 = gains[r, 0], gains[r, 1], gains[r, 2]
-                y0 = g0 * x[a, k] + g1 * x[a, k + 1] + g2 * x[a, k + 2]
-                y1 = g0 * x[b, k] + g1 * x[b, k + 1] + g2 * x[b, k + 2]
-                y2 = g0 * x[c, k] + g1 * x[c, k + 1] + g2 * x[c, k + 2]
-                y3 = g0 * x[d, k] + g1 * x[d, k + 1] + g2 * x[d, k + 2]
+                for lane in range(4):
+                    total[lane] = g0 * u[0, lane] + g1 * u[1, lane] + g2 * u[2, lane]
                 for i in range(n):
-                    share = rows[r, i]
-                    y0 += share * state[i, 0]
-                    y1 += share * state[i, 1]
-                    y2 += share * state[i, 2]
-                    y3 += share * state[i, 3]
-                y[a, k + r], y[b, k + r], y[c, k + r], y[d, k + r] = y0, y1, y2, y3
+                    for lane in range(4):
+                        total[lane] += rows[r, i] * now[i, lane]
+                for lane in range(4):
+                    y[min(begin + lane, last), k + r] = total[lane]
             for i in range(n):
                 g0, g1, g2 = gamma[i, 0], gamma[i, 1], gamma[i, 2]
-                n0 = g0 * x[a, k] + g1 * x[a, k + 1] + g2 * x[a, k + 2]
-                n1 = g0 * x[b, k] + g1 * x[b, k + 1] + g2 * x[b, k + 2]
-                n2 = g0 * x[c, k] + g1 * x[c, k + 1] + g2 * x[c, k + 2]
-                n3 = g0 * x[d, k] + g1 * x[d, k + 1] + g2 * x[d, k + 2]
+                for lane in range(4):
+                    moved[lane] = g0 * u[0, lane] + g1 * u[1, lane] + g2 * u[2, lane]
                 for r in range(int(counts[i])):
                     share, j = shares[i, r], int(places[i, r])
-                    n0 += share * state[j, 0]
-                    n1 += share * state[j, 1]
-                    n2 += share * state[j, 2]
-                    n3 += share * state[j, 3]
-                new[i, 0], new[i, 1], new[i, 2], new[i, 3] = n0, n1, n2, n3
+                    for lane in range(4):
+                        moved[lane] += share * now[j, lane]
+                for lane in range(4):
+                    new[i, lane] = moved[lane]
         for i in range(n):
-            states[a, i], states[b, i] = buffer[side, i, 0], buffer[side, i, 1]
-            states[c, i], states[d, i] = buffer[side, i, 2], buffer[side, i, 3]
+            for lane in range(4):
+                memory[min(begin + lane, last), i] = states[side, i, lane]
