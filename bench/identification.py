@@ -32,11 +32,12 @@ from piezo_hysteresis.identification import (
     output_error,
     targets_of,
 )
-from piezo_hysteresis.identification.error_measures import errors_of, free_run
+from piezo_hysteresis.identification.error_measures import errors_of
 from piezo_hysteresis.identification.global_search import METHODS, search
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.output_error import suited
+from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, read_csv
 from piezo_sim.sweep import simulate
@@ -311,9 +312,9 @@ def measured(path: Path) -> None:
     for words, cut in (('whole record', len(record)), ('first 7 s', len(record) - 15_000)):
         known = record.section(0, cut)
         result = fit(model, [known], start, folded=False, sampling_offset=True)
-        error = record.displacement - free_run(
-            model, result.values, record, result.sampling_offset
-        )
+        views = targets_of([record], folded=False)
+        (run,) = predictions(model, result.values, views, result.sampling_offset)
+        error = record.displacement - run.displacement
         for part, e in (('fitted', error[record.warm_up_samples : cut]), ('unseen', error[cut:])):
             if e.size:
                 rms = float(np.sqrt(np.mean(e**2)))

@@ -9,14 +9,9 @@ from math import sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.free_run import simulated
-from piezo_hysteresis.identification.initial_conditions.record_start import (
-    RecordStart,
-    first_guess,
-)
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
 from piezo_hysteresis.identification.prediction import Prediction, predictions
-from piezo_hysteresis.identification.targets import Target, targets_of, whole
+from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
@@ -53,38 +48,6 @@ class RecordErrors:
     own_zero: bool = False
     noise_rms: float = float('nan')
     lost: int = 0
-
-
-def free_run(
-    model: Model,
-    values: Mapping[str, float],
-    record: Record,
-    sampling_offset: float = 0.0,
-    *,
-    begins: RecordStart | None = None,
-    checked: bool = True,
-) -> FloatArray:
-    """Simulate a record; return the displacement [m], shape (n,).
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    values : mapping of str to float
-        Its parameters.
-    record : Record
-        Record with the voltage.
-    sampling_offset : float
-        Delay of the sampling of the displacement relative to the convention [s].
-    begins : RecordStart, optional
-        Initial condition of the record; estimated by default.
-    checked : bool
-        False also simulates values outside the valid range, such as unstable recursions.
-    """
-    target = whole(record, begins=begins or first_guess(record))
-    packed = model.pack(values, checked=checked)
-    with np.errstate(over='ignore', invalid='ignore'):
-        return simulated(model, packed, target, sampling_offset)[target.origin :]
 
 
 def views_of(

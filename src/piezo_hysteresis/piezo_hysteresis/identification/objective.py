@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.identification.free_run import differentiated, simulated
+from piezo_hysteresis.identification.free_run import differentiated
 from piezo_hysteresis.identification.initial_conditions.nuisances import (
     Nuisances,
 )
@@ -123,10 +123,6 @@ class Objective:
         if self.model.fastest_rate(packed) > self._fastest:
             raise ModelError('a mode is far above the sampling rate: sample faster')
         return packed
-
-    def simulate(self, target: Target, x: FloatArray, packed: FloatArray) -> FloatArray:
-        """Return the simulated samples of `target` [m]."""
-        return target.pick(simulated(self.model, packed, target, self.sampling_offset(x)))
 
     def sampling_offset(self, x: FloatArray) -> float:
         """Return the delay of the displacement samples relative to the convention [s]."""

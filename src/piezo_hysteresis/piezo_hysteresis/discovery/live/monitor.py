@@ -9,10 +9,11 @@ from math import ceil, isfinite
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.error_measures import free_run, views_of
+from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.free_run import samples_late, shifted
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP, first_guess
 from piezo_hysteresis.identification.prediction import Prediction
+from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record
@@ -174,8 +175,7 @@ class GapMonitor:
 
     def _explains(self, record: Record) -> bool:
         """Return whether the residual of the model started at rest is within the noise floor."""
-        with np.errstate(over='ignore', invalid='ignore'):
-            y = free_run(self._model, self._values, record, self._offset, begins=STEP)
+        y = Prediction(self._model, self._packed, whole(record), self._offset).displacement
         return float(np.sqrt(np.mean((record.displacement - y) ** 2))) <= GAP_RATIO * self._floor
 
     def _error(self, u: FloatArray, y: FloatArray) -> FloatArray:
