@@ -84,8 +84,8 @@ def choose_model(
     jointly with all others. It is kept if it reduces the free-run error there or on the rest of
     the records by 2 %, does not increase the latter, and has parameters that the records
     determine. An effect that only increased the error on the rest is tried once more with the
-    effects accepted after it. The plays are selected unless the other model is clearly better on the rest, because
-    their inner loops close, as those of ceramics do.
+    effects accepted after it. The plays are selected unless the other model is clearly better on
+    the rest, because their inner loops close, as those of ceramics do.
 
     Records of one amplitude contain no inner loop, and they determine only one static curve, but
     not whether it lies before or after the hysteresis. In this case the plays are selected
