@@ -7,9 +7,11 @@ are not used online, may be reordered (`jit_sums`).
 
 from __future__ import annotations
 
+import sys
 import warnings
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from piezo_hysteresis.kernels import watch
@@ -19,8 +21,24 @@ Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 #: Every kernel of this process that is still in use.
 MADE: weakref.WeakSet[Any] = weakref.WeakSet()
 
+
+@contextmanager
+def _without(name: str) -> Iterator[None]:
+    """Let the import of an optional module fail, unless it is imported already."""
+    if name in sys.modules:
+        yield
+        return
+    sys.modules[name] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        del sys.modules[name]
+
+
 try:
-    import numba
+    # where coverage is installed numba imports it, which a start of a node takes 45 ms longer
+    with _without('coverage'):
+        import numba
 except ImportError:  # pragma: no cover - exercised by a test in a subprocess
     numba = None
 else:
