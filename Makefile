@@ -21,7 +21,8 @@ setup build:
 dev:
 	@bash tools/setup.sh dev
 
-demo: setup
+demo:
+	@bash tools/setup.sh $(if $(DATA),,demo)
 	@$(run) python -m piezo_hysteresis demo $(if $(DATA),--data '$(DATA)') --out out/demo
 
 lint: dev

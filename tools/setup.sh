@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Makes the workspace usable: tools checked, .venv filled, interfaces and nodes built, kernels
-# compiled. `setup.sh dev` installs what tests and lint need besides. Called by the Makefile; a
-# second call finds everything done and returns at once.
+# compiled. `setup.sh dev` installs what tests and lint need besides; `setup.sh demo` compiles only
+# the kernels of the demo. Called by the Makefile; a second call finds everything done and returns
+# at once.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -119,17 +120,25 @@ build() {
 
 compile_kernels() {  # from the sources, so that the build need not be awaited; see piezo_hysteresis.kernels
   PYTHONPATH="src/piezo_sim:src/piezo_hysteresis${PYTHONPATH:+:$PYTHONPATH}" \
-    .venv/bin/python -m piezo_hysteresis.kernels
-  kernel_stamp >install/.compiled
+    .venv/bin/python -m piezo_hysteresis.kernels $1
+  kernel_stamp >"install/.compiled${1:+-for-demo}"
+}
+
+are_compiled() {
+  local kernels=$1 file
+  for file in install/.compiled ${kernels:+install/.compiled-for-demo}; do
+    [ "$(cat "$file" 2>/dev/null)" = "$(kernel_stamp)" ] && return
+  done
+  return 1
 }
 
 make_workspace() {
-  local begun=$SECONDS builds='' compiles='' words=()
+  local kernels=$1 begun=$SECONDS builds='' compiles='' words=()
   [ "$(cat install/.built 2>/dev/null)" = "$(build_stamp)" ] || words+=('building the workspace')
   [ "${#words[@]}" = 0 ] || builds=yes
-  if [ "$(cat install/.compiled 2>/dev/null)" != "$(kernel_stamp)" ]; then
+  if ! are_compiled "$kernels"; then
     compiles=yes
-    words+=('compiling the kernels')
+    words+=("compiling the kernels${kernels:+ of the demo; make setup compiles the others}")
   fi
   [ "${#words[@]}" = 0 ] && return
   stage "2/2: ${words[0]}${words[1]:+ and ${words[1]}}"
@@ -137,7 +146,7 @@ make_workspace() {
   if [ -n "$builds" ]; then build & fi
   local building=${builds:+$!}
   if [ -n "$compiles" ]; then
-    compile_kernels || echo 'setup: kernels are compiled when they are first used instead' >&2
+    compile_kernels "$kernels" || echo 'setup: kernels are compiled when they are first used instead' >&2
   fi
   if [ -n "$building" ]; then wait "$building" || exit 1; fi
   echo "  in $((SECONDS - begun)) s"
@@ -148,4 +157,4 @@ exec 9<tools/setup.sh
 ! command -v flock >/dev/null || flock -n 9 || { echo 'setup: waits for another one'; flock 9; }
 install
 if [ "${1:-}" = dev ]; then install_for_developers; fi
-make_workspace
+if [ "${1:-}" = demo ]; then make_workspace 'plant fit demo'; else make_workspace ''; fi

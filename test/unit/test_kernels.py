@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import textwrap
@@ -13,6 +14,9 @@ from typing import Any
 import pytest
 
 from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.kernels.rehearse import rehearsals
+
+SET_UP = Path(__file__).parents[2] / 'tools' / 'setup.sh'
 
 FRESH = """
     from piezo_hysteresis.kernels.rehearse import not_rehearsed, rehearsals, rehearse
@@ -66,6 +70,12 @@ CALL = """
 @pytest.mark.component
 def test_set_up_runs_every_kernel() -> None:
     assert python(FRESH)[0] == ['[]'], 'add what runs these kernels to a rehearsal module'
+
+
+def test_set_up_of_the_demo_finds_its_rehearsals() -> None:
+    names = re.search("make_workspace '([^']+)';", SET_UP.read_text())
+    assert names is not None
+    assert [name for _, name in rehearsals(names[1].split())] == ['plant', 'fit', 'demo']
 
 
 @pytest.mark.component

@@ -12,12 +12,15 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from itertools import product
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record, RecordInfo
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 
 DT = 1e-3
 
@@ -119,7 +122,6 @@ def inverses() -> None:
     """Invert every named model by every law that there is for it."""
     from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
     from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
-    from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
     from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
     from piezo_hysteresis.compensation.link import INVERSES, ReferencePoint
     from piezo_hysteresis.models import NAMES, named
@@ -134,32 +136,39 @@ def inverses() -> None:
         with contextlib.suppress(PiezoError):  # has no such inverse
             ways.append(inverse_for(model, model.defaults(), DT, law=law))
     for inverse in ways:
-        inverse.respond(np.zeros(3))
-        for k in range(3):
-            inverse.step(ReferencePoint(k, 1e-6 * k, 0.0, 0.0, 1.0, 0.0))
+        _invert(inverse)
     both = FrequencySwitch(ways[0], ways[0], 1.0, DT)
     both.step(ReferencePoint(0, 1e-6, 0.0, 0.0, 1.0, 0.0), 0.0)
 
 
+def _invert(inverse: InverseLink) -> None:
+    from piezo_hysteresis.compensation.link import ReferencePoint
+
+    inverse.respond(np.zeros(3))
+    for k in range(3):
+        inverse.step(ReferencePoint(k, 1e-6 * k, 0.0, 0.0, 1.0, 0.0))
+
+
 def laws() -> None:
     """Let every attenuation law take a few ticks."""
-    from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
-        AttenuationSettings,
-        Fit,
-        Method,
-    )
+    from piezo_hysteresis.compensation.harmonics.attenuation_settings import Fit, Method
+
+    for method, fit in product(get_args(Method), get_args(Fit)):
+        _attenuate(method=method, fit=fit, orders=(3,))
+
+
+def _attenuate(**settings: Any) -> None:
+    from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
     from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
     from piezo_hysteresis.compensation.linear_gain import ModeGain
     from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 
     gain = ModeGain(1e-6, 68.0, 0.02, DT)
-    for method, fit in product(get_args(Method), get_args(Fit)):
-        settings = AttenuationSettings(method=method, fit=fit, orders=(3,))
-        law = HarmonicAttenuation(settings, gain, DT)
-        law.set_gain(gain)
-        for k in range(700):
-            point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 2 * math.pi * 23.0 * k * DT)
-            law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))
+    law = HarmonicAttenuation(AttenuationSettings(**settings), gain, DT)
+    law.set_gain(gain)
+    for k in range(700):
+        point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 2 * math.pi * 23.0 * k * DT)
+        law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))
 
 
 def errors() -> None:
@@ -203,6 +212,19 @@ def limits() -> None:
     SensorWatch(DT).reset()
     model = named('bouc_wen_mode')
     inverse_for(model, model.defaults(), DT).set_parameters({'A': 3e-5})
+
+
+def demo() -> None:
+    """Track as `make demo` does, with the model that `fit` identifies."""
+    from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+    from piezo_hysteresis.models import named
+
+    model = named('bouc_wen_mode')
+    for law in ('auto', 'gain'):
+        _invert(inverse_for(model, model.defaults(), DT, law=law))
+    _attenuate(orders=(3,))
+    limits()
+    bags()
 
 
 def rivals() -> None:
@@ -250,9 +272,8 @@ REHEARSALS = (
     online_methods,
     errors,
     between_ticks,
-    limits,
     rivals,
-    bags,
+    demo,
     screening,
 )
 

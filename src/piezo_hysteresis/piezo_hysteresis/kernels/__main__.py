@@ -1,4 +1,4 @@
-"""``python -m piezo_hysteresis.kernels``: compile every kernel before its first use."""
+"""``python -m piezo_hysteresis.kernels [REHEARSAL ...]``: compile kernels in advance."""
 
 import sys
 

@@ -45,13 +45,13 @@ class Done:
     failed: str = ''
 
 
-def rehearsals(packages: Sequence[str] = PACKAGES) -> list[tuple[str, str]]:
-    """Return package and name of every rehearsal, longest first."""
+def rehearsals(names: Sequence[str] = ()) -> list[tuple[str, str]]:
+    """Return package and name of the named rehearsals, or of all, longest first."""
     found = []
-    for package in packages:
+    for package in PACKAGES:
         module = importlib.import_module(f'{package}.rehearsal')
         found += [(package, each.__name__) for each in module.REHEARSALS]
-    return found
+    return [each for each in found if not names or each[1] in names]
 
 
 def rehearse(which: tuple[str, str]) -> Done:
@@ -66,10 +66,10 @@ def rehearse(which: tuple[str, str]) -> Done:
     return Done(f'{package}: {name}', watch.compiled() - before, seconds, failed)
 
 
-def rehearse_all(packages: Sequence[str], workers: int) -> Iterator[Done]:
-    """Run every rehearsal, several at a time in processes of their own."""
-    found = rehearsals(packages)
-    # forked: numba is imported once, and nothing has been started that a fork would break
+def rehearse_all(found: Sequence[tuple[str, str]], workers: int) -> Iterator[Done]:
+    """Run rehearsals, several at a time in processes of their own."""
+    kernels()  # every module is imported once, which also writes its bytecode
+    # forked: nothing has been started that a fork would break
     with multiprocessing.get_context('fork').Pool(workers, _collect_rarely) as pool:
         yield from pool.imap_unordered(rehearse, found)
 
@@ -81,12 +81,12 @@ def _collect_rarely() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Compile every kernel of the given packages, or of all packages."""
-    packages = list(sys.argv[1:] if arguments is None else arguments) or list(PACKAGES)
+    """Compile the kernels of the named rehearsals, or of all."""
+    found = rehearsals(sys.argv[1:] if arguments is None else arguments)
     workers = max(1, min(4, len(os.sched_getaffinity(0))))
-    started, compiled, total = time.perf_counter(), 0, len(rehearsals(packages))
+    started, compiled, total = time.perf_counter(), 0, len(found)
     live = sys.stderr.isatty()
-    for k, done in enumerate(rehearse_all(packages, workers), 1):
+    for k, done in enumerate(rehearse_all(found, workers), 1):
         compiled += done.compiled
         if done.failed:
             print(f'note: {done.name} could not be rehearsed: {done.failed}', file=sys.stderr)
@@ -97,10 +97,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seconds = time.perf_counter() - started
     print(f'{compiled} kernels compiled in {seconds:.0f} s' if compiled else 'all compiled before')
     return 0
-
-
-# --- for the test of completeness
-# --------------------------------------------------------------------------
 
 
 # Packages that need ROS, one whose kernels are compiled for other machines only, and one without.
