@@ -2,7 +2,8 @@
 
 uv takes a third of the time and a quarter of the processor. It is used only where it can follow
 the configuration of pip; where it fails pip takes over and installs again what is incomplete. uv
-is not kept.
+is not kept. Bytecode is written where a module is first imported: compiling all of it takes longer
+than installing the packages, and half of it is never used.
 
     .venv/bin/python tools/install_wheels.py -r requirements.txt -c constraints-ros.txt
 """
@@ -101,21 +102,11 @@ def by_uv(arguments: Sequence[str], quiet: Sequence[str]) -> bool:
         return run(words, environment)
 
 
-def compile_modules(site: Path) -> None:
-    """Compile every module to bytecode, else each process would; tests of packages stay out.
-
-    They and pip are a fifth of the modules: 50 MB and 3 s of processor time.
-    """
-    words = ('-m', 'compileall', '-qq', '-j', '0', '-x', r'[/\\](tests|pip)[/\\]', site)
-    run((sys.executable, *words))
-
-
 def main(arguments: Sequence[str]) -> int:
     """Install what the arguments say, as those of pip; return the exit code."""
     quiet = () if sys.stderr.isatty() else ('-q',)
     site = Path(sysconfig.get_path('purelib'))
     if by_uv(arguments, quiet) and not incomplete(site):
-        compile_modules(site)
         return 0
     print('setup: uv cannot be used here; pip takes longer', file=sys.stderr)
     for metadata in incomplete(site):  # of an installation that was broken off
@@ -126,7 +117,6 @@ def main(arguments: Sequence[str]) -> int:
         names = ', '.join(path.stem for path in left)
         print(f'setup: files of {names} are missing: remove .venv and try again', file=sys.stderr)
         return 1
-    compile_modules(site)
     return 0
 
 

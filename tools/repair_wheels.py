@@ -11,6 +11,8 @@ from __future__ import annotations
 import filecmp
 import os
 import re
+import shutil
+import subprocess
 import sys
 import sysconfig
 from collections import defaultdict
@@ -23,6 +25,32 @@ FOREIGN = re.compile(r'/opt/(?:_internal|python)[^;"\s]*')
 
 # Smaller libraries are not worth a link [bytes].
 LARGE = 50_000
+
+# Behind the parser of interfaces. A tree in the folder of the build is read only by that build.
+KEPT_TREES = """
+
+_parsed = get_ast_from_idl_string
+
+
+def get_ast_from_idl_string(idl_string):  # added by tools/repair_wheels.py
+    import hashlib
+    import pickle
+    folder = os.environ.get('PIEZO_TREES')
+    if not folder:
+        return _parsed(idl_string)
+    path = os.path.join(folder, hashlib.sha256(idl_string.encode()).hexdigest())
+    try:
+        with open(path, 'rb') as kept:
+            return pickle.load(kept)
+    except FileNotFoundError:
+        tree = _parsed(idl_string)
+    os.makedirs(folder, exist_ok=True)
+    part = f'{path}.{os.getpid()}'
+    with open(part, 'wb') as kept:
+        pickle.dump(tree, kept)
+    os.replace(part, path)
+    return tree
+"""
 
 
 def replacement(found: re.Match[str]) -> str:
@@ -75,11 +103,45 @@ def link_copies(prefix: Path) -> int:
     return saved
 
 
+def share_trees(prefix: Path) -> None:
+    """Let the parser of interfaces keep its trees in a folder, if one is named."""
+    (parser,) = prefix.glob('lib/python*/site-packages/rosidl_parser/parser.py')
+    text = parser.read_text(encoding='utf-8')
+    if KEPT_TREES not in text:
+        part = parser.with_suffix('.part')
+        part.write_text(text + KEPT_TREES, encoding='utf-8')
+        part.replace(parser)
+
+
+def strip_symbols(prefix: Path) -> int:
+    """Remove symbols for debuggers from shared libraries; return the bytes that it saved."""
+    program, saved = shutil.which('strip'), 0
+    if program is None:
+        return 0
+    for path in sorted(prefix.rglob('*.so*')):
+        # what lies in `*.libs` has been edited by the maker of the wheel, which strip may not bear
+        edited = any(parent.suffix == '.libs' for parent in path.parents)
+        if path.is_symlink() or edited or path.stat().st_size < LARGE:
+            continue
+        part, before = path.with_name(f'{path.name}.part'), path.stat().st_size
+        words = (program, '--strip-unneeded', '--preserve-dates', '-o', part, path)
+        done = subprocess.run(words, capture_output=True, check=False)
+        if done.returncode == 0 and part.stat().st_size < before:
+            saved += before - part.stat().st_size
+            part.replace(path)
+        part.unlink(missing_ok=True)
+    return saved
+
+
 def main() -> int:
     """Mend the environment that runs this."""
     prefix = Path(sys.prefix)
-    exports, saved = mend_exports(prefix), link_copies(prefix)
-    print(f'  {exports} CMake exports mended, {saved / 1e6:.0f} MB of copies made links')
+    exports, linked, stripped = mend_exports(prefix), link_copies(prefix), strip_symbols(prefix)
+    share_trees(prefix)
+    print(
+        f'  {exports} CMake exports mended; copies made links: {linked / 1e6:.0f} MB, '
+        f'symbols of debuggers removed: {stripped / 1e6:.0f} MB'
+    )
     return 0
 
 

@@ -5,6 +5,7 @@
 # at once.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+unset PYTHONDONTWRITEBYTECODE  # else each process compiles every module that it imports
 
 fail() { echo "setup: $*" >&2; exit 1; }
 stage() { echo "setup $*"; }
@@ -69,7 +70,7 @@ install() {
     constraints-ros.txt tools/repair_wheels.py)"
   [ "$(cat .venv/.ready 2>/dev/null)" = "$wanted" ] && return
   check_tools
-  stage '1/2: packages into .venv (once; 200 MB to load, 640 MB there)'
+  stage '1/2: packages into .venv (once; 200 MB to load, 590 MB there)'
   rm -rf .venv build install log
   if [ "${ROS_DISTRO:-}" = jazzy ]; then install_with_ros; else install_with_wheels; fi
   echo "$wanted" >.venv/.ready
@@ -109,7 +110,7 @@ build() {
   fi
   # Generated code is not ours to mend: its thousands of warnings only cost time.
   # Without -j make looks at the load of the machine, and goes one by one beside busy neighbours.
-  MAKEFLAGS="${MAKEFLAGS:--j$(nproc)}" .venv/bin/python -m colcon build --symlink-install \
+  PIEZO_TREES="$PWD/build/trees" MAKEFLAGS="${MAKEFLAGS:--j$(nproc)}" .venv/bin/python -m colcon build --symlink-install \
     --event-handlers console_direct- --base-paths src --cmake-args \
     -DPython3_EXECUTABLE="$PWD/.venv/bin/python" -DBUILD_TESTING=OFF -DPIEZO_TOGETHER=$together \
     -DCMAKE_C_FLAGS=-w -DCMAKE_CXX_FLAGS=-w \

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -51,9 +54,8 @@ def test_pip_takes_over_where_uv_fails(
     monkeypatch.setattr(install_wheels, 'run', run)
     monkeypatch.setattr(install_wheels, 'uv_settings', lambda config: {})
     assert install_wheels.main(['-r', 'some.txt']) == 0
-    assert ran[-2][1:3] == ['-m', 'pip']
-    assert ran[-2][-2:] == ['-r', 'some.txt']
-    assert ran[-1][1:3] == ['-m', 'compileall']
+    assert ran[-1][1:3] == ['-m', 'pip']
+    assert ran[-1][-2:] == ['-r', 'some.txt']
     assert 'pip takes longer' in capsys.readouterr().err
 
 
@@ -81,8 +83,6 @@ def test_pip_takes_nothing_for_installed_that_is_not_all_there(
     def run(words: list[object], environment: object = None) -> bool:
         if install_wheels.UV in words or Path(str(words[0])).name == 'uv':
             return True  # and yet not all is there
-        if 'compileall' in words:
-            return True
         missing = not half.exists()
         install('half' if missing else 'third', whole=missing)
         return True
@@ -133,3 +133,39 @@ def test_exports_are_corrected_without_changing_the_cache_of_the_installer(tmp_p
     assert '/usr/include' in export.read_text()
     assert '/opt/python' in cached.read_text()
     assert repair_wheels.mend_exports(tmp_path) == 0
+
+
+def test_symbols_of_debuggers_are_removed_once(tmp_path: Path) -> None:
+    source, library = tmp_path / 'x.c', tmp_path / 'lib' / 'libx.so'
+    edited = tmp_path / 'x.libs' / 'libx.so'
+    source.write_text('static int inner[20000] = {1}; int *outer(void) { return inner; }')
+    for path in (library, edited):
+        path.parent.mkdir()
+        subprocess.run(['gcc', '-g', '-shared', '-fPIC', '-o', path, source], check=True)
+    before = edited.stat().st_size
+    saved = repair_wheels.strip_symbols(tmp_path)
+    assert saved == before - library.stat().st_size > 0
+    assert edited.stat().st_size == before
+    assert ctypes.CDLL(str(library)).outer() != 0
+    assert repair_wheels.strip_symbols(tmp_path) == 0
+
+
+def test_the_parser_of_interfaces_keeps_its_trees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parser = tmp_path / 'lib' / 'python3' / 'site-packages' / 'rosidl_parser' / 'parser.py'
+    parser.parent.mkdir(parents=True)
+    parser.write_text(
+        'import os\nparsed = []\n'
+        'def get_ast_from_idl_string(text):\n    parsed.append(text)\n    return [text]\n'
+    )
+    repair_wheels.share_trees(tmp_path)
+    once = parser.read_text()
+    repair_wheels.share_trees(tmp_path)
+    assert parser.read_text() == once
+    space = runpy.run_path(str(parser))
+    for folder, count in (('', 2), (str(tmp_path / 'trees'), 1)):
+        monkeypatch.setenv('PIEZO_TREES', folder)
+        space['parsed'].clear()
+        assert [space['get_ast_from_idl_string']('a') for _ in range(2)] == [['a'], ['a']]
+        assert len(space['parsed']) == count
