@@ -54,7 +54,7 @@ def _unlike(periods: FloatArray) -> BoolArray:
     typical = np.median(size, axis=1, keepdims=True)
     # if most samples of a coarse sensor repeat exactly, its steps are the usual deviation
     usual = max(float(np.median(typical)), _SMALLEST * float(np.ptp(periods)))
-    usual = max(usual, 0.5 * step_of(periods.ravel(), negligible=usual))
+    usual = max(usual, 0.5 * step_of(periods.ravel(), negligible=2.0 * usual))
     # a period within the transient differs everywhere from the others: these are no outliers
     return np.asarray((size > _FAR * _MAD * usual) & (typical < _SETTLING * usual))
 

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.records import Record
 
 Result = TypeVar('Result')
@@ -42,19 +42,23 @@ def period_of(record: Record) -> int:
     if n < 8 or power <= 1e-30 * max(1.0, float(np.max(np.abs(u))) ** 2):
         return 0
     centred = u - u.mean()
+    lags = 1 + np.flatnonzero(mean_changes(centred) < PERIODIC**2 * power)
+    exact = _smallest(centred, lags, 1e-9 * sqrt(power))
+    return exact or _smallest(centred, lags, PERIODIC * sqrt(power))
+
+
+def mean_changes(centred: FloatArray) -> FloatArray:
+    """Return the mean square of ``u(k + lag) - u(k)`` for the lags 1 to n // 2 of a signal."""
+    n = centred.size
     size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(centred, size)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(centred, size)) ** 2, size)
     squares = np.concatenate([[0.0], np.cumsum(centred**2)])
     lags = np.arange(1, n // 2 + 1)
-    # mean of (u[k+N] - u[k])^2 for every lag N at once
     energy = squares[n - lags] + squares[n] - squares[lags]
-    change = (energy - 2 * correlation[lags]) / (n - lags)
-    exact = _smallest(centred, lags[change < PERIODIC**2 * power], 1e-9 * sqrt(power))
-    return exact or _smallest(centred, lags[change < PERIODIC**2 * power], PERIODIC * sqrt(power))
+    return np.asarray((energy - 2.0 * correlation[lags]) / (n - lags))
 
 
-def _smallest(u: FloatArray, lags: FloatArray, limit: float) -> int:
+def _smallest(u: FloatArray, lags: IntArray, limit: float) -> int:
     for lag in lags:
         if sqrt(float(np.mean((u[lag:] - u[:-lag]) ** 2))) < limit:
             return int(lag)

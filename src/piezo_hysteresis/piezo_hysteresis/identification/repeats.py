@@ -14,7 +14,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.periods import PERIODIC, cached_per_record
+from piezo_hysteresis.identification.periods import PERIODIC, cached_per_record, mean_changes
 from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
 
@@ -108,15 +108,10 @@ def _taps(period: float) -> tuple[FloatArray, int]:
 
 def _near_lags(centred: FloatArray, spread: float) -> list[int]:
     """Return whole lags near which the drive may repeat, the smallest first."""
-    n = centred.size
-    spectrum = np.fft.rfft(centred, 1 << (2 * n - 1).bit_length())
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
-    squares = np.concatenate([[0.0], np.cumsum(centred**2)])
-    lags = np.arange(1, int(n / _PERIODS) + 1)
-    change = (squares[n - lags] + squares[n] - squares[lags] - 2 * correlation[lags]) / (n - lags)
-    inner = change[1:-1]
-    dips = 1 + np.flatnonzero((inner < change[:-2]) & (inner < change[2:]))
-    return [int(lags[k]) for k in dips if change[k] < 2.0 * _NEAR * spread**2][:_TRIED]
+    change = mean_changes(centred)
+    middle = change[1:-1]
+    dips = 1 + np.flatnonzero((middle < change[:-2]) & (middle < change[2:]))
+    return [int(k) + 1 for k in dips if change[k] < 2.0 * _NEAR * spread**2][:_TRIED]
 
 
 def _refined(u: FloatArray, lag: int) -> float:
