@@ -53,6 +53,22 @@ def test_a_repeating_discrepancy_is_predicted_by_the_phase_of_the_drive() -> Non
     assert not expected.out_of_phase().new_deviation(expected.powers(third(0.02)))
 
 
+def test_coloured_noise_is_expected_where_it_is() -> None:
+    memory, count = 0.6, TIME.size
+    white = np.random.default_rng(4).standard_normal(count)
+    noise = np.zeros(count)
+    for k in range(1, count):
+        noise[k] = memory * noise[k - 1] + white[k]
+    noise *= 1e-7 / np.std(noise)
+    known = Discrepancy(True, (condition(drive(), 1e-12 * third()),))
+    view = replace(whole(record(drive(), noise)), noise=1e-7, noise_colour=memory)
+    expected = expectation(view, known, STROKE)
+    assert np.all(expected.expected >= 0.0)
+    kept = expected.independent >= 20
+    ratio = expected.powers(noise)[kept] / expected.expected[kept]
+    assert np.all((ratio > 0.5) & (ratio < 2.0))
+
+
 def test_a_small_change_costs_half_its_squared_distance() -> None:
     known = Discrepancy(True, (condition(drive(), third()),))
     view = replace(whole(record(drive(), third())), noise=1e-8)

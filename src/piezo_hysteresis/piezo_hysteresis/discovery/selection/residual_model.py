@@ -175,11 +175,11 @@ def expectation(
     parts = int(octave_of.max()) + 1
     angle = 2.0 * np.pi * dt
     broadband = missed.density(frequency) * (frequency[1] * stroke**2)
-    white = noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, angle * frequency)
+    white = noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, np.cos(angle * frequency))
     by_noise: FloatArray = np.bincount(octave_of, white, parts).astype(np.float64)
     ranks = np.bincount(line_of, minlength=parts)
     orders = view.frequency * np.arange(_ORDERS, dtype=np.float64)
-    at_lines = noise**2 / count * spectrum_of_noise(view.noise_colour, angle * orders)
+    at_lines = noise**2 / count * spectrum_of_noise(view.noise_colour, np.cos(angle * orders))
     by_noise[:_ORDERS] += ranks[:_ORDERS] * at_lines
     by_model: FloatArray = np.bincount(octave_of, broadband, parts).astype(np.float64)
     repeated, known_lines = _repeating(voltage, dt, view.frequency, known, stroke)
