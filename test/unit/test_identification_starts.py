@@ -1,12 +1,15 @@
 """What is reported of a record is what a run from its start gives."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from piezo_hysteresis import models
+from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.initial_conditions import start_hypotheses
 from piezo_hysteresis.identification.initial_conditions.record_start import (
     SETTLED,
     RecordStart,
@@ -14,10 +17,12 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     lead_in,
 )
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
-from piezo_hysteresis.identification.prediction import predictions
-from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.identification.prediction import Prediction, predictions
+from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import grid, simulate
+
+DT = 1e-3
 
 
 def sines(preset: str, *frequencies: float, cut: int = 0) -> list[Record]:
@@ -77,3 +82,29 @@ def test_a_loop_around_an_offset_voltage_is_led_into_its_steady_cycle() -> None:
     y = model.respond(np.concatenate([before, voltage]), model.pack(values), 5e-3)
     cycles = y[before.size :].reshape(4, 200)
     assert np.max(np.abs(cycles[0] - cycles[3])) < 1e-3 * np.ptp(cycles)
+
+
+@pytest.mark.parametrize(('blocks', 'searched'), [((), False), (('creep',), True)])
+def test_initial_conditions_are_searched_only_where_their_effect_lasts(
+    blocks: tuple[str, ...], searched: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The effect of the voltage before a record decays in a few cycles of a loop, not in creep."""
+    model = models.named('classical')
+    for name in blocks:
+        model = model.with_block(named_block(name))
+    slow = {'creep_share': 0.1, 'creep_time': 1e3} if blocks else {}
+    values = {**model.defaults(), **slow}
+    voltage = np.sin(2 * np.pi * 5.0 * DT * np.arange(8000))
+    y = model.respond(voltage, model.pack(values), DT)
+    record = Record('a', DT, voltage, 1.03 * y)  # an error that lasts over the record
+    evaluated: list[Target] = []
+
+    class Counted(Prediction):
+        def __init__(self, model: Any, packed: Any, target: Target, *rest: Any) -> None:
+            evaluated.append(target)
+            super().__init__(model, packed, target, *rest)
+
+    monkeypatch.setattr(start_hypotheses, 'Prediction', Counted)
+    (seen,) = revised(model, values, 0.0, [whole(record)], [record], Choices(), alone=True)
+    assert seen.begins.kind == 'step'
+    assert (len(evaluated) > 10) is searched

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
-from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, lines_and_rest, phase_of
+from piezo_hysteresis.numerics.harmonics import lines_and_rest, orders_below, phase_of
 from piezo_hysteresis.numerics.qr import orthonormal
 
 #: Length of a record [periods] from which harmonics are resolved: lines are three bins apart.
@@ -46,14 +46,13 @@ def drive_lines(
     count = voltage.size
     if drive <= 0.0 or drive * dt * count < periods:
         return np.zeros((0, count)), np.zeros(0, dtype=np.int64)
-    reach = amplitudes(voltage, dt, drive)
-    size = reach / max(float(reach.max()), 1e-300)
-    laws = [np.ones(count)]
-    if float(np.std(size)) > steady * float(np.mean(size)):
+    size, laws = amplitudes(voltage, dt, drive), [np.ones(count)]
+    if varies(size, steady):
+        size /= max(float(size.max()), 1e-300)
         laws += [size, size**2]
     angle = phase_of(drive, dt, count)
     rows, orders = list(laws), [0] * len(laws)
-    for order in range(1, min(HIGHEST_ORDER, int(0.45 / (drive * dt))) + 1):
+    for order in orders_below(drive, dt):
         for law in laws:
             rows += [law * np.cos(order * angle), law * np.sin(order * angle)]
             orders += [order, order]
@@ -66,6 +65,11 @@ def amplitudes(voltage: FloatArray, dt: float, drive: float) -> FloatArray:
     period = max(round(1.0 / (drive * dt)), 2)
     reach = maximum_filter1d(voltage, period) - minimum_filter1d(voltage, period)
     return np.asarray(0.5 * uniform_filter1d(reach, period))
+
+
+def varies(reach: FloatArray, steady: float = STEADY) -> bool:
+    """Return whether harmonics follow an amplitude [V], since it scatters; see `STEADY`."""
+    return float(np.std(reach)) > steady * float(np.mean(reach))
 
 
 def at_its_largest(voltage: FloatArray, dt: float, drive: float) -> NDArray[np.bool_]:

@@ -17,11 +17,17 @@ from piezo_hysteresis.identification.drive_lines import (
     at_its_largest,
     drive_lines,
     phase_at,
+    varies,
 )
 from piezo_hysteresis.identification.noise import density
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Condition, Discrepancy
-from piezo_hysteresis.numerics.harmonics import harmonics, line_amplitudes, phase_of
+from piezo_hysteresis.numerics.harmonics import (
+    line_amplitudes,
+    lines_and_rest,
+    orders_below,
+    phase_of,
+)
 from piezo_hysteresis.numerics.qr import projected_out
 from piezo_hysteresis.records import Record
 
@@ -144,21 +150,18 @@ def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
     Where the drive changes its amplitude, harmonics follow it: `drive_lines`.
     """
     error, dt, drive = residual.error, residual.dt, residual.frequency
-    if residual.voltage is not None:
+    if residual.voltage is not None and varies(amplitudes(residual.voltage, dt, drive)):
         rows, order_of = drive_lines(residual.voltage, dt, drive)
-        if np.any(order_of == 0):  # the mean follows an amplitude that changes
+        if order_of.size:
             mean = float(np.mean(error))
             shares, broadband = projected_out(error - mean, rows)
             power = np.bincount(order_of, shares**2 / error.size)
             power[0] += mean**2
             return {n: sqrt(float(p)) for n, p in enumerate(power)}, broadband
-    orders, phasors, _ = harmonics(error, drive, dt)
-    turn = 2j * np.pi * drive * dt * np.arange(error.size)
-    broadband = error.copy()
-    for order, phasor in zip(orders, phasors, strict=True):
-        broadband -= np.real(phasor * np.exp(order * turn))
-    sizes = np.abs(phasors) * np.where(np.array(orders) > 0, sqrt(0.5), 1.0)
-    return dict(zip(orders, map(float, sizes), strict=True)), broadband
+    orders = orders_below(drive, dt)
+    mean, phasors, broadband = lines_and_rest(error, phase_of(drive, dt, error.size), orders)
+    sizes = {n: sqrt(0.5) * float(abs(each)) for n, each in zip(orders, phasors, strict=True)}
+    return {0: abs(mean), **sizes}, broadband
 
 
 def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]:

@@ -52,11 +52,14 @@ def harmonics(
     left : float
         Rms of the remainder.
     """
-    highest = min(HIGHEST_ORDER, int(_BELOW_NYQUIST / (frequency * dt)))
-    orders = list(range(highest + 1))
-    phase = phase_of(frequency, dt, signal.size)
-    mean, phasors, left = lines_and_rest(signal, phase, orders[1:])
-    return orders, np.concatenate([[mean], phasors]), float(np.sqrt(np.mean(left**2)))
+    orders, phase = orders_below(frequency, dt), phase_of(frequency, dt, signal.size)
+    mean, phasors, left = lines_and_rest(signal, phase, orders)
+    return [0, *orders], np.concatenate([[mean], phasors]), float(np.sqrt(np.mean(left**2)))
+
+
+def orders_below(frequency: float, dt: float) -> list[int]:
+    """Return the orders of harmonics below half the sampling rate, up to `HIGHEST_ORDER`."""
+    return list(range(1, min(HIGHEST_ORDER, int(_BELOW_NYQUIST / (frequency * dt))) + 1))
 
 
 def line_amplitudes(
@@ -86,12 +89,13 @@ def lines_and_rest(
     left : ndarray, shape (n,)
         Remainder of the signal.
     """
-    columns = [np.ones_like(phase)]
-    for order in orders:
-        columns += [np.cos(order * phase), np.sin(order * phase)]
-    basis = np.column_stack(columns)
-    solution = solve_least_squares(basis, signal).values
-    return float(solution[0]), solution[1::2] - 1j * solution[2::2], signal - basis @ solution
+    rows = np.ones((1 + 2 * len(orders), phase.size))
+    for place, order in enumerate(orders):
+        angle = order * phase
+        np.cos(angle, out=rows[1 + 2 * place])
+        np.sin(angle, out=rows[2 + 2 * place])
+    solution = solve_least_squares(rows.T, signal).values
+    return float(solution[0]), solution[1::2] - 1j * solution[2::2], signal - solution @ rows
 
 
 def tone_amplitude(signal: FloatArray, frequency: float, dt: float, first: int = 0) -> complex:

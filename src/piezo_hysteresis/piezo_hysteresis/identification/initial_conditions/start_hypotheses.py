@@ -9,11 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from math import isfinite, log
+from math import isfinite, log, sqrt
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.identification.free_run import read, samples_late
+from piezo_hysteresis.identification.initial_conditions.initial_state import (
+    InitialStateRun,
+    start_rows,
+)
 from piezo_hysteresis.identification.initial_conditions.record_start import (
     SETTLED,
     STEP,
@@ -37,6 +42,9 @@ Hypothesis = tuple[float, RecordStart]
 _SHARE = 0.1
 _SHOWN = 0.3
 _SURE = 25.0
+# Part of a record, and share of the rms residual by which starts may still differ after it, where
+# the effect of the initial condition has decayed.
+_EARLY, _ALIKE = 8, 0.01
 # Another level is tested if the cost exceeds this multiple of the squared noise, and accepted if
 # it reduces the cost by this share.
 _LEFT = 1.05
@@ -120,14 +128,18 @@ class StartSearch:
         if record is None:
             return target
         free = replace(target, own_zero=zero != 'common')
-        kept = best = self.square(free), target.begins
+        found = self._predicted(free)
+        kept = best = _square(found), target.begins
         others: list[Hypothesis] = []
         if self._is_free(record):
-            others = [
-                self._tried(free, record, each)
+            starts = [
+                each
                 for each in rivals(record, self._wanted, levels=self._levels)
                 if each != SETTLED or self._repeats(target)
             ]
+            if target.begins.kind != 'estimate' and self._fading_start(found, record, starts):
+                return target
+            others = [self._tried(free, record, each) for each in starts]
             best = min([kept, *others], key=_cost)
         noise = target.noise if isfinite(target.noise) else 0.0
         enough = _LEFT * noise**2 * target.measured.size
@@ -140,6 +152,42 @@ class StartSearch:
             kept = best
         kept = self._plainest(kept, others, target.measured.size)
         return target if kept[1] == target.begins else led_in(target, record, kept[1])
+
+    def _fading_start(
+        self, found: Prediction, record: Record, starts: Sequence[RecordStart]
+    ) -> bool:
+        """Return whether no start can reduce the cost by `_SHOWN`, since their effect decays.
+
+        The residual after an eighth of the record is then the same for every start, up to
+        `_ALIKE` of it, and the larger part of the cost.
+        """
+        target = found.target
+        early = target.measured.size // _EARLY
+        count = target.voltage.size - target.first - early * target.stride
+        left = found.residual[early:]
+        if target.valid is not None:
+            left = left[target.valid[early:] > 0.0]
+        if target.own_zero:
+            left = left - left.mean()
+        least = square_of(left)
+        if not (1.0 - _ALIKE) ** 2 * least > (1.0 - _SHOWN) * _square(found):
+            return False
+        limit = _ALIKE * sqrt(least / left.size)
+        return all(
+            self._effect(led_in(target, record, start), found.response, count) <= limit
+            for start in starts
+        )
+
+    def _effect(self, target: Target, response: FloatArray, count: int) -> float:
+        """Return the largest change of the last samples by a start, infinite if it diverges."""
+        late = samples_late(self._model, target.dt, self._late)
+        run = InitialStateRun(self._model, self._packed, target)
+        change = read(run.response, target, late)[-count:] - response[-count:]
+        size = float(np.max(np.abs(change)))
+        if target.begins == RecordStart('estimate'):
+            rows = (read(row, target, late)[-count:] for row in start_rows(run)[0])
+            size += sum(float(np.max(np.abs(row))) for row in rows)
+        return largest_if_unknown(size)
 
     def _repeats(self, target: Target) -> bool:
         """Return whether the whole record has a cycle: a part of it may close by chance."""
