@@ -12,7 +12,7 @@ import pytest
 
 from piezo_hysteresis.discovery.choice import choice_rules as rules
 from piezo_hysteresis.discovery.choice.choice_policy import CHOICE, ChoicePolicy
-from piezo_hysteresis.discovery.choice.choose import TriedModel, _climbed, choose_model
+from piezo_hysteresis.discovery.choice.choose import TriedModel, choose_model, climbed
 from piezo_hysteresis.discovery.choice.ladder import Rung
 from piezo_hysteresis.discovery.selection.policy import rows
 from piezo_hysteresis.errors import IdentificationError
@@ -84,7 +84,7 @@ def rung(trained: float, held_out: float, name: str) -> Any:
 
 def test_an_effect_that_was_rejected_is_tried_again_with_those_after_it() -> None:
     steps: list[TriedModel] = []
-    best = _climbed(cast(Any, Rungs()), 'plays', steps, lambda name, share: None)
+    best = climbed(cast(Any, Rungs()), 'plays', steps, lambda name, share: None)
     assert cast(Any, best.fit.model) == 'plays creep mode'
     assert [(s.name, s.kept) for s in steps if s.name in ('mode', 'creep')] == [
         ('mode', False),

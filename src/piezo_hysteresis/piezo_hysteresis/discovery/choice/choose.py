@@ -114,14 +114,14 @@ def choose_model(
         def report(name: str, share: float, k: int = k) -> None:
             progress((k + share) / len(MEMORIES), name)
 
-        ends.append(_climbed(ladder, memory, steps, report))
+        ends.append(climbed(ladder, memory, steps, report))
     plain, plays = ends
     bearable = plays_are_bearable(plays.held_out, plain.held_out, ladder.one_amplitude)
     chosen = plays if bearable else plain
     return Choice(chosen.fit.model, chosen.values(), tuple(steps), chosen.records)
 
 
-def _climbed(
+def climbed(
     ladder: Ladder, memory: str, steps: list[TriedModel], report: Callable[[str, float], None]
 ) -> Rung:
     """Return a model with the accepted effects, and append the tested ones to `steps`."""

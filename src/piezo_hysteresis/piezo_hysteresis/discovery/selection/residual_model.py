@@ -175,7 +175,9 @@ def expectation(
     parts = int(octave_of.max()) + 1
     angle = 2.0 * np.pi * dt
     broadband = missed.density(frequency) * (frequency[1] * stroke**2)
-    white = noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, np.cos(angle * frequency))
+    white = (
+        noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, np.cos(angle * frequency))
+    )
     by_noise: FloatArray = np.bincount(octave_of, white, parts).astype(np.float64)
     ranks = np.bincount(line_of, minlength=parts)
     orders = view.frequency * np.arange(_ORDERS, dtype=np.float64)
