@@ -125,7 +125,7 @@ def cluster(workers: int) -> Iterator[tuple[Executor, Callable[[], None]]]:
 
 def warm() -> None:
     """Import in a worker what the first job would."""
-    import piezo_hysteresis.reporting.identification_folder  # noqa: F401
+    import piezo_hysteresis.reporting.identification_report  # noqa: F401
 
 
 def kill_half_way(out: Path, wanted: Any, kill: Callable[[], None]) -> None:

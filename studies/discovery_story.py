@@ -30,7 +30,7 @@ from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.identification.uncertainty import digits
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, load, write_bag
-from piezo_hysteresis.reporting.discovery_folder import write_discovery
+from piezo_hysteresis.reporting.discovery_report import write_discovery
 from piezo_sim.presets import load_preset
 from piezo_sim.sweep import simulate
 

@@ -13,7 +13,7 @@ from live_nodes import LiveNodes
 
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.reporting.discovery_folder import write_discovery
+from piezo_hysteresis.reporting.discovery_report import write_discovery
 from piezo_interfaces.msg import ActuatorState, Gap, Reference
 from piezo_sim.sweep import simulate
 

@@ -172,7 +172,7 @@ BY_NAME = {
     'ros/starting.py': 'only the node that is asked for is loaded',
     'kernels/rehearse.py': 'the rehearsals of all packages',
     'discovery/__init__.py': 'names of the room, loaded when they are used',
-    'nodes/recording/message_types.py': 'messages of any package, by the name of their type',
+    'nodes/recording/topic_profiles.py': 'messages of any package, by the name of their type',
 }
 
 

@@ -23,9 +23,9 @@ from piezo_hysteresis.batch.inputs import jobs_of
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
+from piezo_hysteresis.process_setup import number_of_workers
 from piezo_hysteresis.records import Record, load, write_bag, write_csv
 from piezo_hysteresis.reporting.folder import MARKER, write_folder
-from piezo_hysteresis.threads import number_of_workers
 
 DT = 1e-3
 TASK = Identify('classical', options={'count': 1})

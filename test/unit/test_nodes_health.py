@@ -8,11 +8,10 @@ from typing import Any
 import pytest
 
 from piezo_hysteresis.common.health import HOLD, CounterWatch, Level, judge
-from piezo_hysteresis.common.order import AHEAD, REORDERED, SequenceFilter, StampValidator
-from piezo_hysteresis.common.stamps import tick_nanoseconds
+from piezo_hysteresis.common.order import AHEAD, REORDERED, SequenceFilter
+from piezo_hysteresis.common.stamps import ActuatorClock, StampValidator, tick_nanoseconds
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
-from piezo_hysteresis.runtime.actuator_clock import ActuatorClock
 from piezo_hysteresis.runtime.excitation_health import Doing, ExcitationHealth
 from piezo_hysteresis.runtime.link_health import SILENCE, LinkHealth
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer

@@ -11,7 +11,7 @@ from multiprocessing.connection import wait
 from types import TracebackType
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.threads import one_for_linear_algebra
+from piezo_hysteresis.process_setup import one_for_linear_algebra
 
 
 class OwnPool:

@@ -13,8 +13,8 @@ from piezo_hysteresis.batch.inputs import Job, jobs_of
 from piezo_hysteresis.batch.pool import OwnPool
 from piezo_hysteresis.batch.tasks import Progress, Row, Task, silent
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.process_setup import number_of_workers
 from piezo_hysteresis.reporting.folder import claim
-from piezo_hysteresis.threads import number_of_workers
 
 Collect = Callable[[Job, Row], None]
 

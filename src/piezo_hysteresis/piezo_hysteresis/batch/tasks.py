@@ -125,7 +125,7 @@ class Identify:
         from piezo_hysteresis.models.choice import chosen
         from piezo_hysteresis.records import load
         from piezo_hysteresis.reporting.folder import check_folder
-        from piezo_hysteresis.reporting.identification_folder import write_identification
+        from piezo_hysteresis.reporting.identification_report import write_identification
 
         check_folder(out, self.verb)
         _require_apart(data, self.held_out)
@@ -222,7 +222,7 @@ class Discover:
         from piezo_hysteresis.identification.method_settings import require_settings, warmed
         from piezo_hysteresis.models.choice import chosen
         from piezo_hysteresis.records import load
-        from piezo_hysteresis.reporting.discovery_folder import write_discovery
+        from piezo_hysteresis.reporting.discovery_report import write_discovery
         from piezo_hysteresis.reporting.folder import check_folder
 
         check_folder(out, self.verb)

@@ -20,7 +20,7 @@ from piezo_hysteresis.cli import discover, identify, verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.threads import number_of_workers
+from piezo_hysteresis.process_setup import number_of_workers
 
 HELP = 'identify or discover over many bags, resumed after a kill'
 

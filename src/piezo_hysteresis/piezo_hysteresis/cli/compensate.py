@@ -71,7 +71,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
-    from piezo_hysteresis.reporting.compensation_folder import write_compensation
+    from piezo_hysteresis.reporting.compensation_report import write_compensation
 
     started = time.perf_counter()
     _require_used(arguments)
@@ -155,7 +155,7 @@ WAVE = 'wave.csv'
 
 def run_on(arguments: argparse.Namespace) -> int:
     """Run iterative learning on the controller, and write results as those of a study."""
-    from piezo_hysteresis.reporting.compensation_folder import write_compensation
+    from piezo_hysteresis.reporting.compensation_report import write_compensation
 
     started = time.perf_counter()
     reference = waveform_of(arguments.reference)

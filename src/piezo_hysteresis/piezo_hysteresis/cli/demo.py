@@ -9,6 +9,7 @@ params.yaml to the output folder.
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 import sys
 import time
@@ -20,6 +21,7 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.models import ModelFile
 
 HELP = 'record, identify, compensate and report; or identify your own record'
 
@@ -56,7 +58,6 @@ def _interrupt(*_: object) -> None:
 def show(out: Path) -> None:
     """Run the experiment on live nodes, print the table and write the results."""
     from piezo_hysteresis.cli.demo_live import Plan, run_demo
-    from piezo_hysteresis.cli.demo_results import demo_summary, write_model, write_summary
     from piezo_hysteresis.reporting.demo_report import write_demo_report
     from piezo_hysteresis.reporting.folder import replacing
 
@@ -68,15 +69,14 @@ def show(out: Path) -> None:
             write_demo_report(
                 folder / 'report.html', demo.sweep, demo.found, demo.runs, demo.plan, out
             )
-        write_model(demo.found.model_file(['bags/sweep'], demo.sweep[0].rate), folder)
-        write_summary(demo_summary(demo, time.perf_counter() - started), folder)
+        saved = demo.found.model_file(['bags/sweep'], demo.sweep[0].rate)
+        _write(folder, saved, demo.summary(), started)
     _print_runs(demo)
     print(f'{time.perf_counter() - started:.0f} s')
 
 
 def identify_own(data: Sequence[str], out: Path) -> None:
     """Select a model for the records of the user, identify it and write the results."""
-    from piezo_hysteresis.cli.demo_results import write_model, write_summary
     from piezo_hysteresis.discovery.choice.choose import choose_model
     from piezo_hysteresis.identification.identify import identify
     from piezo_hysteresis.records import load
@@ -96,17 +96,25 @@ def identify_own(data: Sequence[str], out: Path) -> None:
             progress(0.95, 'drawing the report')
             given = [str(each) for each in data]
             write_data_report(folder / 'report.html', records, found, choice.steps, given, out)
-        write_model(found.model_file(given, records[0].rate), folder)
         steps = [vars(step) for step in choice.steps]
         summary = {'choice': steps, 'held_out': [vars(each) for each in choice.held_out]}
-        seconds = round(time.perf_counter() - started, 3)
-        write_summary({**found.summary(), **summary, 'seconds': seconds}, folder)
+        saved = found.model_file(given, records[0].rate)
+        _write(folder, saved, {**found.summary(), **summary}, started)
     _print_fit(found)
     for each in choice.held_out:
         print(
             f'  {each.record}: last 30 %, fitted without them: {1e6 * each.free_run_rms:.4g} µm '
             f'({each.nrmse_percent:.3g} % of the standard deviation there)'
         )
+
+
+def _write(folder: Path, saved: ModelFile, summary: dict[str, Any], started: float) -> None:
+    """Write ``model.yaml``, ``params.yaml`` (for ``ros2 param load``) and ``summary.json``."""
+    saved.save(folder / 'model.yaml')
+    saved.save_ros_parameters(folder / 'params.yaml')
+    content = {**summary, 'seconds': round(time.perf_counter() - started, 3)}
+    text = json.dumps(content, indent=2, allow_nan=False) + '\n'
+    (folder / 'summary.json').write_text(text, encoding='utf-8')
 
 
 def _print_runs(demo: Any) -> None:

@@ -103,6 +103,28 @@ class Demo:
     runs: tuple[LiveRun, ...]
     seconds: dict[str, float]
 
+    def summary(self) -> dict[str, Any]:
+        """Return the content of ``summary.json``: identification and tracking errors."""
+        return {
+            **self.found.summary(),
+            'tracking': {
+                'frequency_hz': self.plan.tracked,
+                'judged_seconds': self.plan.judged_seconds,
+                'runs': [
+                    {
+                        'name': run.name,
+                        'rmse_m': run.metrics.rms,
+                        'rmse_without_mean_m': run.metrics.rms_without_mean,
+                        'mean_m': run.metrics.mean,
+                        'largest_m': run.metrics.largest,
+                        'harmonics_m': {str(n): a for n, a in run.metrics.harmonics.items()},
+                    }
+                    for run in self.runs
+                ],
+            },
+            'parts_seconds': {name: round(lap, 3) for name, lap in self.seconds.items()},
+        }
+
 
 def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
     """Run the complete demo; write ``model.yaml`` and the bags to `folder`.

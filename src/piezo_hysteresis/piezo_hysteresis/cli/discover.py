@@ -14,7 +14,7 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.threads import number_of_workers
+from piezo_hysteresis.process_setup import number_of_workers
 
 if TYPE_CHECKING:
     from piezo_hysteresis.batch.tasks import Discover

@@ -18,7 +18,7 @@ from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.common.ranges import range_refusal
 from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.threads import number_of_workers
+from piezo_hysteresis.process_setup import number_of_workers
 
 if TYPE_CHECKING:
     from piezo_hysteresis.investigation.runner import InvestigationProgress

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from piezo_hysteresis.drivers import Controller, measured, open_controller, write_measured
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.threads import number_of_workers
+from piezo_hysteresis.process_setup import number_of_workers
 
 if TYPE_CHECKING:
     from piezo_hysteresis.investigation.experiments import PlannedExperiment

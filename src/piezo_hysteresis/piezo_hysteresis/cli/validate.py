@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.folder import check_folder
-    from piezo_hysteresis.reporting.validation_folder import write_validation
+    from piezo_hysteresis.reporting.validation_report import write_validation
 
     check_folder(arguments.out, 'validate')
     saved = ModelFile.load(arguments.model)

@@ -1,6 +1,4 @@
-"""Filter of sample numbers, and check of stamps against them."""
-
-from piezo_hysteresis.common.stamps import NANOSECONDS
+"""Filter of sample numbers: order, gaps, repetitions and restarts."""
 
 # Messages of one writer arrive in order; a larger backward step means a restart.
 REORDERED = 64
@@ -12,9 +10,6 @@ COUNTS = ('missed', 'doubled', 'reordered', 'strays')
 
 # No number follows this one.
 _NONE = -REORDERED - 1
-
-# Permitted deviation of a stamp from the index: clock adjustment or jitter [ns].
-TOLERANCE = NANOSECONDS // 2
 
 
 class SequenceFilter:
@@ -66,48 +61,3 @@ class SequenceFilter:
     def counters(self) -> dict[str, int]:
         """Return the counters by the names of `COUNTS`."""
         return dict(self._counts)
-
-
-class StampValidator:
-    """Validates time stamps by the sample indices.
-
-    Parameters
-    ----------
-    dt : float
-        Time between two samples [s].
-
-    Attributes
-    ----------
-    jumps : int
-        Number of stamps that are inconsistent with the previous one.
-    """
-
-    def __init__(self, dt: float) -> None:
-        self.jumps = 0
-        self._step = dt * NANOSECONDS
-        self._sample = -1
-        self._stamped = 0  # stamp of the newest sample
-        self._time = 0  # accepted time
-
-    def begin(self) -> None:
-        """Accept the stamp of the next sample for any index."""
-        self._sample = -1
-
-    def true_time(self, sample: int, nanoseconds: int) -> int:
-        """Return the time of `sample` with the stamp `nanoseconds` [ns].
-
-        A single inconsistent stamp is replaced by the time from the index; a changed clock is
-        accepted from the next sample on. Samples must be in order. A source without stamps sends
-        0, which is no jump.
-        """
-        gained = round((sample - self._sample) * self._step)
-        moved = nanoseconds - self._stamped
-        follows = moved > 0 and abs(moved - gained) <= TOLERANCE
-        begins = self._sample < 0 or gained <= 0
-        if begins or follows or not (nanoseconds or self._time):
-            true = nanoseconds
-        else:
-            self.jumps += 1
-            true = self._time + gained
-        self._sample, self._stamped, self._time = sample, nanoseconds, true
-        return true

@@ -22,7 +22,7 @@ NODES = {
 # Where the sheets of the nodes of a package are.
 SHEETS = {
     'piezo_hysteresis': 'piezo_hysteresis.parameters.sheets',
-    'piezo_sim': 'piezo_sim.nodes.simulator_sheets',
+    'piezo_sim': 'piezo_sim.nodes.simulator_tables',
 }
 
 

@@ -1,4 +1,7 @@
-"""Time stamps from sample numbers: control never looks at the wall clock."""
+"""Time stamps of samples: from their numbers, checked against them, and the actuator's clock.
+
+Control never looks at the wall clock.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,9 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
 
 NANOSECONDS = 1_000_000_000
+
+# Permitted deviation of a stamp from the index: clock adjustment or jitter [ns].
+TOLERANCE = NANOSECONDS // 2
 
 
 def stamp_into(stamp: Time, nanoseconds: int) -> None:
@@ -23,3 +29,91 @@ def nanoseconds_of(stamp: Time) -> int:
 def tick_nanoseconds(sample: int, rate: float) -> int:
     """Return the time of tick `sample` at `rate` [Hz], in nanoseconds from tick 0."""
     return round(sample * NANOSECONDS / rate)
+
+
+class StampValidator:
+    """Validates time stamps by the sample indices.
+
+    Parameters
+    ----------
+    dt : float
+        Time between two samples [s].
+
+    Attributes
+    ----------
+    jumps : int
+        Number of stamps that are inconsistent with the previous one.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self.jumps = 0
+        self._step = dt * NANOSECONDS
+        self._sample = -1
+        self._stamped = 0  # stamp of the newest sample
+        self._time = 0  # accepted time
+
+    def begin(self) -> None:
+        """Accept the stamp of the next sample for any index."""
+        self._sample = -1
+
+    def true_time(self, sample: int, nanoseconds: int) -> int:
+        """Return the time of `sample` with the stamp `nanoseconds` [ns].
+
+        A single inconsistent stamp is replaced by the time from the index; a changed clock is
+        accepted from the next sample on. Samples must be in order. A source without stamps sends
+        0, which is no jump.
+        """
+        gained = round((sample - self._sample) * self._step)
+        moved = nanoseconds - self._stamped
+        follows = moved > 0 and abs(moved - gained) <= TOLERANCE
+        begins = self._sample < 0 or gained <= 0
+        if begins or follows or not (nanoseconds or self._time):
+            true = nanoseconds
+        else:
+            self.jumps += 1
+            true = self._time + gained
+        self._sample, self._stamped, self._time = sample, nanoseconds, true
+        return true
+
+
+class ActuatorClock:
+    """Converts ticks to actuator time, so that markers cut records at the correct samples.
+
+    The time of a simulator follows its ticks; a driver may use any clock.
+
+    Parameters
+    ----------
+    rate : float
+        Sampling rate [Hz].
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._rate = rate
+        self._stamps = StampValidator(1.0 / rate)
+        self._offset = 0
+        self._early = 0
+
+    @property
+    def jumps(self) -> int:
+        """How often the stamp of a state did not follow from the one before."""
+        return self._stamps.jumps
+
+    def update(self, sample: int, nanoseconds: int) -> None:
+        """Update the clock: the state of tick `sample` has the stamp `nanoseconds` [ns]."""
+        true = self._stamps.true_time(sample, nanoseconds)
+        if not true:
+            return  # the first tick of a simulator, or a source that does not stamp
+        offset = true - tick_nanoseconds(sample, self._rate)
+        if offset != self._offset:
+            if self._offset:
+                # It jitters: between two ticks an edge is on the right side of both.
+                self._early = round(0.5 * NANOSECONDS / self._rate)
+            self._offset = offset
+
+    def time_of(self, sample: int) -> int:
+        """Return the time of tick `sample` [ns]."""
+        return max(0, tick_nanoseconds(sample, self._rate) + self._offset)
+
+    def edge_at(self, sample: int) -> int:
+        """Return a time that the states from tick `sample` on have reached, none before [ns]."""
+        return max(0, self.time_of(sample) - self._early)

@@ -22,15 +22,13 @@ from piezo_hysteresis.identification import Identification, Validation
 from piezo_hysteresis.interface.compensate_runs import Compensation
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting import folder
-from piezo_hysteresis.reporting.compensation_folder import write_compensation
-from piezo_hysteresis.reporting.compensation_report import colour_of
-from piezo_hysteresis.reporting.discovery_folder import write_discovery
+from piezo_hysteresis.reporting.compensation_report import colour_of, write_compensation
+from piezo_hysteresis.reporting.discovery_report import write_discovery
 from piezo_hysteresis.reporting.display_units import MICRO
-from piezo_hysteresis.reporting.identification_folder import write_identification
-from piezo_hysteresis.reporting.identification_report import free_runs
+from piezo_hysteresis.reporting.identification_report import free_runs, write_identification
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 from piezo_hysteresis.reporting.signals import last_periods
-from piezo_hysteresis.reporting.validation_folder import write_validation
+from piezo_hysteresis.reporting.validation_report import write_validation
 
 _STRETCHES = 120  # intervals of the envelope of an error
 _VERBS: dict[type, str] = {

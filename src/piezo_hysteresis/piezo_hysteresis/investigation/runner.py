@@ -26,7 +26,7 @@ from piezo_hysteresis.investigation.journal import (
 from piezo_hysteresis.investigation.session import Investigation, Stop
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
-from piezo_hysteresis.reporting.discovery_folder import write_discovery
+from piezo_hysteresis.reporting.discovery_report import write_discovery
 
 FOUND, SUMMARY, AFTERWARDS = 'found', 'investigation.json', 'afterwards'
 

@@ -46,9 +46,8 @@ else:
     from numba.core.registry import CPUDispatcher
     from numba.core.types.misc import unliteral
 
-    from piezo_hysteresis.kernels import resolved
     from piezo_hysteresis.kernels.cache import KernelCache
-    from piezo_hysteresis.kernels.symbols import name_apart
+    from piezo_hysteresis.kernels.numba_changes import cache_resolutions, name_apart
 
     class _Listener(event.Listener):
         """Notifies `watch` of compilations by numba."""
@@ -63,7 +62,7 @@ else:
 
     event.register('numba:compile', _Listener())
     name_apart()
-    resolved.remember()
+    cache_resolutions()
 
     class _Kernel(CPUDispatcher):
         """A kernel that is compiled once for all constants that others call it with."""

@@ -17,11 +17,11 @@ from piezo_hysteresis.nodes.investigation.investigation_server import Investigat
 from piezo_hysteresis.nodes.investigation.node_requests import Cancelled
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.node_tables import DISCOVERY
+from piezo_hysteresis.process_setup import number_of_workers
 from piezo_hysteresis.reporting.folder import check_folder
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.threads import number_of_workers
 from piezo_interfaces.action import Discover
 
 SENTENCES: dict[str, Finding] = {'refused': (Level.WARN, 'a discovery was refused: see its log')}
@@ -150,7 +150,7 @@ class DiscoveryNode(Node):
         # Heavy imports stay out of the start of the node.
         from piezo_hysteresis.discovery import discover
         from piezo_hysteresis.records import load
-        from piezo_hysteresis.reporting.discovery_folder import write_discovery
+        from piezo_hysteresis.reporting.discovery_report import write_discovery
 
         request: Discover.Goal = goal.request
         data, name, out = self._paths(request)

@@ -1,21 +1,26 @@
-"""Report of a discovery."""
+"""Report and folder of a discovery."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import yaml
 
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES
 from piezo_hysteresis.discovery import Discovery, Verdict
 from piezo_hysteresis.discovery.data.check import Check
+from piezo_hysteresis.discovery.live.apply import simulator_parameters
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.reporting.detection_table import detection_section
 from piezo_hysteresis.reporting.display_units import MICRO
+from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights_figures
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import (
@@ -352,3 +357,31 @@ def _unique(names: Sequence[str]) -> list[str]:
         seen[name] = seen.get(name, 0) + 1
         found.append(name if seen[name] == 1 else f'{name} ({seen[name]})')
     return found
+
+
+def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ()) -> None:
+    """Write verdict.json, model.yaml, params.yaml, simulator.yaml and report.html.
+
+    Raises
+    ------
+    PiezoError
+        If the folder cannot be written, or holds the results of another verb.
+    """
+    saved = found.model_file(data)
+    ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
+    simulator = simulator_parameters(saved)
+    note = ''
+    if simulator.missing:
+        note = f'# Without counterpart in the simulator: {", ".join(simulator.missing)}\n'
+    verdict = json.dumps(found.verdict.to_dict(), indent=2, allow_nan=False)
+    write_folder(
+        out,
+        {
+            'verdict.json': verdict + '\n',
+            'model.yaml': saved.text(),
+            'params.yaml': yaml.safe_dump(ros, sort_keys=False),
+            'simulator.yaml': note + yaml.safe_dump(simulator.to_ros(), sort_keys=False),
+            'report.html': discovery_page(found),
+        },
+        'discover',
+    )

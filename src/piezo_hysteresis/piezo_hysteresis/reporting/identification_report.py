@@ -1,11 +1,13 @@
-"""Report of an identification: errors, their location, parameter uncertainty and next steps."""
+"""Report and folder of an identification: errors, where they are, uncertainty, next steps."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.discovery.choice.choose import TriedModel
@@ -16,10 +18,12 @@ from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.models.named import LADDER
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.display_units import micrometres
+from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.identification_certainty import (
     correlation_section,
     parameter_section,
 )
+from piezo_hysteresis.reporting.identification_figures import figures
 from piezo_hysteresis.reporting.identification_where import where_section
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import Curve, loop_figure, trace_figure
@@ -222,3 +226,46 @@ def _loop(record: Record, simulated: FloatArray) -> Plot:
     part = 'its last periods' if record.info.frequency > 0 else 'the whole record'
     caption = f'Input and displacement of {record.name}, {part}.'
     return loop_figure(curves, record.name, caption, record.info.input_unit)
+
+
+def write_identification(
+    out: str, found: Identification, records: Sequence[Record], data: Sequence[str] = ()
+) -> None:
+    """Write model.yaml, params.yaml, summary.json, report.html and figures.
+
+    Parameters
+    ----------
+    out : str
+        Folder; created if missing.
+    found : Identification
+        Result of the identification.
+    records : sequence of Record
+        Records of the identification.
+    data : sequence of str
+        Paths of the records.
+
+    Raises
+    ------
+    PiezoError
+        If the folder cannot be written or holds the results of another verb, or the parameters are
+        not a valid model.
+    """
+    saved = found.model_file(data, records[0].rate)
+    drawn = figures(
+        records,
+        free_runs(records, found),
+        found.records,
+        noise_floor=found.noise_floor,
+    )
+    ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
+    write_folder(
+        out,
+        {
+            'model.yaml': saved.text(),
+            'params.yaml': yaml.safe_dump(ros, sort_keys=False),
+            'summary.json': json.dumps(found.summary(), indent=2, allow_nan=False) + '\n',
+            'report.html': identification_page(records, found, data=data, folder=out),
+            **drawn,
+        },
+        'identify',
+    )

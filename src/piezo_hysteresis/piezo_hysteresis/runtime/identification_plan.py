@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezo_hysteresis.common.order import AHEAD, SequenceFilter, StampValidator
+from piezo_hysteresis.common.order import AHEAD, SequenceFilter
+from piezo_hysteresis.common.stamps import StampValidator
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.method_settings import pairs

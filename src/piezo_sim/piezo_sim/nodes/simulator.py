@@ -15,9 +15,8 @@ from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import Health
-from piezo_hysteresis.common.order import StampValidator
 from piezo_hysteresis.common.parameter_table import Value
-from piezo_hysteresis.common.stamps import NANOSECONDS, tick_nanoseconds
+from piezo_hysteresis.common.stamps import NANOSECONDS, StampValidator, tick_nanoseconds
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.flat import FlatCodec, head_of, nanoseconds_of_head
 from piezo_hysteresis.ros.neighbours import Neighbours

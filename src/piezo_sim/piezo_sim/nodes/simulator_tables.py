@@ -1,7 +1,9 @@
-"""Parameter tables of the simulator node; those of the plant come from the plant."""
+"""Sheet and parameter tables of the simulator node; those of the plant come from the plant."""
 
 from __future__ import annotations
 
+from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.node_sheet import NodeSheet
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
 from piezo_sim.plant import Plant
 
@@ -102,3 +104,29 @@ def command_range(plant: Plant) -> tuple[float, float]:
     """Return the accepted range of commands of the amplifier of `plant` [V]."""
     values = plant.parameters
     return float(values['amplifier.range_low']), float(values['amplifier.range_high'])
+
+
+def _plant() -> dict[str, ParameterTable]:
+    preset = str(simulator_table().defaults()['preset'])
+    return {
+        f'of the plant, as the preset {preset} has them': plant_table(Plant.from_preset(preset))
+    }
+
+
+SHEETS = {
+    'simulator': NodeSheet(
+        'simulator',
+        'Simulates the actuator, its amplifier and its sensor. Every effect of the plant has '
+        'a switch `effects.NAME` and parameters, all tunable at run time: see '
+        '[simulator.md](simulator.md).',
+        simulator_table(),
+        subscribes=(
+            topics.VOLTAGE_COMMAND,
+            topics.slew_of(topics.VOLTAGE_COMMAND),
+            '/diagnostics',
+        ),
+        publishes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
+        services=('~/load_preset', '~/reset', '~/inject_fault'),
+        more=_plant,
+    )
+}

@@ -9,7 +9,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.feedback.polarity import POLARITY_SIZE, inverted, see
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.sensor_guard import (
     DISPLACEMENT,
@@ -27,6 +26,38 @@ from piezo_hysteresis.compensation.sensor_guard import (
 from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, reset_fade
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
+
+# A plant with the opposite sign is distinguished from one that is driven into its limits: slow
+# changes of voltage and displacement are correlated. The sign alone is no proof, because feedback
+# opposes disturbances: use it only if the loop has reached a limit. The time constants [s] are
+# slower than the swings of an unstable loop about a resonance, and faster than drift.
+_SMOOTHING = 0.1
+_DECAY = 2.0
+
+# Places in the memory of the polarity.
+_STARTED, _SLOW_V, _SLOW_Y, _FIRST_V, _FIRST_Y, _PRODUCT = range(6)
+POLARITY_SIZE = 6
+
+
+@leaf
+def update_polarity(voltage: float, displacement: float, memory: FloatArray, dt: float) -> None:
+    """Take the voltage [V] and the displacement [m] of one tick."""
+    share, decay = min(1.0, dt / _SMOOTHING), min(1.0, dt / _DECAY)
+    if memory[_STARTED] == 0.0:
+        memory[_STARTED] = 1.0
+        memory[_SLOW_V] = memory[_FIRST_V] = voltage
+        memory[_SLOW_Y] = memory[_FIRST_Y] = displacement
+    memory[_SLOW_V] += share * (voltage - memory[_SLOW_V])
+    memory[_SLOW_Y] += share * (displacement - memory[_SLOW_Y])
+    product = (memory[_SLOW_V] - memory[_FIRST_V]) * (memory[_SLOW_Y] - memory[_FIRST_Y])
+    memory[_PRODUCT] += decay * (product - memory[_PRODUCT])
+
+
+@leaf
+def inverted(memory: FloatArray) -> bool:
+    """Return whether displacement and voltage, relative to the start, are anticorrelated."""
+    return bool(memory[_PRODUCT] < 0.0)
+
 
 # A window in which the voltage was cut off for this share of the time, while what the link
 # receives is within the range, is looked at: cut at both ends the loop swings between its limits,
@@ -110,7 +141,7 @@ def stepping(law: FeedbackLaw) -> Callable[..., float]:
             share = hold(own, p)
         else:
             reading = read[READ_DISPLACEMENT]
-            see(read[READ_VOLTAGE], reading, memory[_POLARITY:_FADING], dt)
+            update_polarity(read[READ_VOLTAGE], reading, memory[_POLARITY:_FADING], dt)
             share = share_of(memory[place + DISPLACEMENT] - reading, own, p, dt)
         unlimited = received + share
         safe = min(max(unlimited, low), high)

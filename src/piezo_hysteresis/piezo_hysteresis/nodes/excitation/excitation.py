@@ -15,7 +15,7 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import Health
 from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.parameter_table import Value
-from piezo_hysteresis.common.stamps import NANOSECONDS
+from piezo_hysteresis.common.stamps import NANOSECONDS, ActuatorClock
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
 from piezo_hysteresis.nodes.excitation.sweep_markers import missing_subscribers
@@ -28,7 +28,6 @@ from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.ros.timers import wall_timer
-from piezo_hysteresis.runtime.actuator_clock import ActuatorClock
 from piezo_hysteresis.runtime.excitation_health import SILENCE, Doing, ExcitationHealth
 from piezo_hysteresis.runtime.excitation_plan import Experiment, extremes
 from piezo_hysteresis.runtime.steady_command import SteadyCommand

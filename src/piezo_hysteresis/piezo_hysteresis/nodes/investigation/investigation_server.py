@@ -22,9 +22,9 @@ from piezo_hysteresis.nodes.investigation.node_requests import (
 )
 from piezo_hysteresis.nodes.investigation.sweeper import Circumstances, Sweeper
 from piezo_hysteresis.nodes.paths import inside
+from piezo_hysteresis.process_setup import number_of_workers
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED
-from piezo_hysteresis.threads import number_of_workers
 from piezo_interfaces.action import Investigate
 from piezo_interfaces.msg import LoopStatus
 

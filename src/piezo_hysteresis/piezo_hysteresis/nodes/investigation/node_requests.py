@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from concurrent.futures import Future
+from typing import Any, TypeVar
 
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.node import Node
@@ -14,6 +15,8 @@ from rclpy.parameter_client import AsyncParameterClient
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_interfaces.srv import LoadModel
+
+T = TypeVar('T')
 
 LOOK = 0.02
 # For an answer, and for a node that is there at all: it may have been started just now, on a slow
@@ -32,6 +35,24 @@ class Cancelled(PiezoError):
 
 class Unanswered(PiezoError):
     """A node is missing or does not respond; it may be restarted."""
+
+
+def in_thread_of(node: Node, work: Callable[[], T]) -> T:
+    """Do something in the thread that spins a node, and return its result; from any other one.
+
+    An action client of rclpy registers a request after sending it. If it is sent from another
+    thread on a busy machine, the response can arrive before the registration and is lost.
+    """
+    result: Future[T] = Future()
+
+    def task() -> None:
+        try:
+            result.set_result(work())
+        except Exception as error:  # handed to the waiting thread
+            result.set_exception(error)
+
+    node.executor.create_task(task)
+    return result.result()
 
 
 def waited(

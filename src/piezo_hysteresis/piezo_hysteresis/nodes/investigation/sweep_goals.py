@@ -16,8 +16,12 @@ from rclpy.qos import qos_profile_action_status_default
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
-from piezo_hysteresis.nodes.investigation.in_thread import in_thread_of
-from piezo_hysteresis.nodes.investigation.node_requests import Cancelled, Unanswered, waited
+from piezo_hysteresis.nodes.investigation.node_requests import (
+    Cancelled,
+    Unanswered,
+    in_thread_of,
+    waited,
+)
 from piezo_interfaces.action import RunSweep
 
 ACTION = 'run_sweep'

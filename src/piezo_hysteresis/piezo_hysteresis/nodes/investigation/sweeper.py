@@ -17,8 +17,7 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.nodes.codecs import STATE
-from piezo_hysteresis.nodes.investigation.in_thread import in_thread_of
-from piezo_hysteresis.nodes.investigation.node_requests import Unanswered, waited
+from piezo_hysteresis.nodes.investigation.node_requests import Unanswered, in_thread_of, waited
 from piezo_hysteresis.nodes.investigation.sweep_goals import SweepGoals
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.sweep_run import ACTUATOR_RESTARTED, NOT_RUNNING

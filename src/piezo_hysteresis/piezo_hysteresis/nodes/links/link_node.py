@@ -14,8 +14,9 @@ from std_msgs.msg import Float64
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import Health
-from piezo_hysteresis.common.order import SequenceFilter, StampValidator
+from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.parameter_table import ParameterTable, Value
+from piezo_hysteresis.common.stamps import StampValidator
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits

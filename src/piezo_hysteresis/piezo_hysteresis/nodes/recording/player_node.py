@@ -20,7 +20,7 @@ from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level,
 from piezo_hysteresis.common.stamps import stamp_into
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.recording.listeners import Ended, Listeners
-from piezo_hysteresis.nodes.recording.message_types import message_type
+from piezo_hysteresis.nodes.recording.topic_profiles import message_type
 from piezo_hysteresis.parameters.node_tables import PLAYER
 from piezo_hysteresis.records.player import Played, Player
 from piezo_hysteresis.records.storage import Topic

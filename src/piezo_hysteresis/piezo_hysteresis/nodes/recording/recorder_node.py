@@ -14,9 +14,8 @@ from rclpy.subscription import Subscription
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.recording.message_types import message_type
-from piezo_hysteresis.nodes.recording.offered_qos import matching, offered_as_yaml
 from piezo_hysteresis.nodes.recording.recorder_report import REPORT_AFTER, RecorderReport
+from piezo_hysteresis.nodes.recording.topic_profiles import matching, message_type, offered_as_yaml
 from piezo_hysteresis.parameters.node_tables import RECORDER
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder

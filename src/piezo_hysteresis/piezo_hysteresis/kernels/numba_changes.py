@@ -1,22 +1,45 @@
-"""Caches the overload resolution of numba: implementations of operations by argument types.
+"""Changes of numba: unique symbol names, and faster resolution of operations.
 
-Numba tries every implementation of ``+`` for each ``+`` in a kernel, and kernels are long: with
-this cache, derivatives compile in four fifths of the time.
+Numba distinguishes two kernels with the same text by a counter in their symbol names, and every
+process counts from one. The cached code of two processes can then contain equal names for
+different kernels; the linker of a third process uses the first for both, so that a chain of
+effects silently returns the numbers of another.
+
+Numba also tries every implementation of ``+`` for each ``+`` in a kernel, and kernels are long:
+with a cache of the resolutions, derivatives compile in four fifths of the time.
 """
 
 from __future__ import annotations
 
+import itertools
+import os
+import secrets
 from typing import Any
 
 from numba.core import types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.targetconfig import ConfigStack
 from numba.core.types.functions import BaseFunction
+
+# Large enough that two processes do not collide by counting.
+_BITS = 62
+
+
+def name_apart() -> None:
+    """Start the counter of this process, and of every forked one, at a random number."""
+    _restart()
+    os.register_at_fork(after_in_child=_restart)
+
+
+def _restart() -> None:
+    FunctionIdentity._unique_ids = itertools.count(secrets.randbits(_BITS))
+
 
 _RESOLVE: Any = BaseFunction.get_call_type
 _KNOWN: dict[Any, tuple[Any, Any]] = {}
 
 
-def remember() -> None:
+def cache_resolutions() -> None:
     """Cache the resolution for plain numbers in this process."""
     setattr(BaseFunction, 'get_call_type', _resolved)  # noqa: B010 # not by assignment for mypy
 

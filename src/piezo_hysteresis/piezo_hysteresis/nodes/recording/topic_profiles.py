@@ -1,12 +1,34 @@
-"""QoS that a subscriber needs to match all publishers of a topic."""
+"""Class of the messages of a topic, and the QoS that matches all of its publishers."""
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 
 import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from piezo_hysteresis.errors import PiezoError
+
+
+def message_type(name: str) -> type:
+    """Return the class of ``package/msg/Name``.
+
+    Raises
+    ------
+    PiezoError
+        If its package is not built or sourced.
+    """
+    package, _, kind = name.partition('/msg/')
+    try:
+        found: type = getattr(importlib.import_module(f'{package}.msg'), kind)
+    except (ImportError, AttributeError):
+        raise PiezoError(
+            f'messages of type {name} are not known here: source the workspace that has {package}'
+        ) from None
+    return found
+
 
 DEPTH = 20000
 
