@@ -6,7 +6,7 @@ import pytest
 
 from piezo_hysteresis.common.parameter_table import ParameterSpec
 from piezo_hysteresis.dashboard.controls import ParameterState, reach
-from piezo_hysteresis.nodes.dashboard.dashboard_node import ros_arguments
+from piezo_hysteresis.nodes.dashboard.dashboard_node import dashboard_arguments
 from piezo_hysteresis.nodes.dashboard.node_registry import from_ros
 from piezo_hysteresis.parameters import node_tables
 from piezo_hysteresis.ros.parameters import describe
@@ -55,10 +55,10 @@ def test_every_number_has_a_slider_that_can_be_moved(preset: str) -> None:
 
 
 def test_words_of_the_verb_become_parameters() -> None:
-    assert ros_arguments([]) == ['--ros-args']
+    assert dashboard_arguments([]) == ['--ros-args']
     words = ['--port', '0', '--folder', 'runs', '--namespace', '/stage_x']
-    assert ros_arguments(words) == [
+    assert dashboard_arguments(words) == [
         '--ros-args', '-p', 'folder:=runs', '-p', 'port:=0', '-r', '__ns:=/stage_x',
     ]  # fmt: skip
     launched = ['--ros-args', '-r', '__ns:=/piezo', '--params-file', 'x.yaml']
-    assert ros_arguments(launched) == launched
+    assert dashboard_arguments(launched) == launched

@@ -27,14 +27,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Execute the player node."""
-    options = [arguments.bag, *arguments.topics, '--rate', repr(arguments.rate)]
-    switches = {
-        '--loop': arguments.loop,
-        '--lock-step': arguments.lock_step,
-        '--clock': arguments.clock,
-        '--salvage': arguments.salvage,
+    values = {
+        'bag': arguments.bag,
+        'topics': arguments.topics or [''],
+        'rate_factor': arguments.rate,
+        'loop': arguments.loop,
+        'lock_step': arguments.lock_step,
+        'salvage': arguments.salvage,
+        'publish_clock': arguments.clock,
     }
-    options += [switch for switch, given in switches.items() if given]
     with ros_needed():
         from piezo_hysteresis.nodes.recording import player_node
-    return player_node.run(options)
+    return player_node.run(values)

@@ -24,7 +24,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Execute the recorder node."""
-    options = [*arguments.topics, '--out', arguments.out, '--namespace', arguments.namespace]
     with ros_needed():
         from piezo_hysteresis.nodes.recording import recorder_node
-    return recorder_node.run(options)
+    return recorder_node.run(arguments.out, arguments.topics, arguments.namespace)

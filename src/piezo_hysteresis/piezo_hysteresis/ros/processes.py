@@ -287,7 +287,7 @@ def ros_arguments(
         arguments += ['--params-file', str(file)]
     for key, value in (parameters or {}).items():
         arguments += ['-p', f'{key}:={_as_yaml(value)}']
-    special = {'__node': name, '__ns': f'/{namespace}' if namespace else ''}
+    special = {'__node': name, '__ns': f'/{namespace.strip("/")}' if namespace else ''}
     renamed = {key: value for key, value in special.items() if value}
     for old, new in {**(remap or {}), **renamed}.items():
         arguments += ['-r', f'{old}:={new}']
@@ -303,4 +303,4 @@ def _as_yaml(value: object) -> str:
         return text if '.' in text or 'e' not in text else text.replace('e', '.0e')
     if isinstance(value, list | tuple):
         return '[' + ', '.join(_as_yaml(each) for each in value) + ']'
-    return str(value)
+    return str(value) or "''"

@@ -31,6 +31,7 @@ from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, Topic
 from piezo_hysteresis.parameters.dashboard_table import DASHBOARD, configure
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.ros.timers import wall_timer
 
@@ -289,26 +290,21 @@ class Dashboard(Node):
         self._collector_node.destroy_node()
 
 
-def ros_arguments(arguments: Sequence[str]) -> list[str]:
+def dashboard_arguments(arguments: Sequence[str]) -> list[str]:
     """Return the arguments for ROS: options of the verb, and those behind ``--ros-args``."""
     options = list(arguments)
     cut = options.index('--ros-args') if '--ros-args' in options else len(options)
     parser = argparse.ArgumentParser(prog='dashboard')
     configure(parser)
     given = parser.parse_args(options[:cut])
-    ros = ['--ros-args', *options[cut + 1 :]]
-    for name in ('folder', 'port', 'address'):
-        value = getattr(given, name)
-        if value is not None:
-            ros += ['-p', f'{name}:={value}']
-    if given.namespace:
-        ros += ['-r', f'__ns:=/{given.namespace.strip("/")}']
-    return ros
+    values = {name: getattr(given, name) for name in ('folder', 'port', 'address')}
+    known = {name: value for name, value in values.items() if value is not None}
+    return [*ros_arguments(known, namespace=given.namespace or ''), *options[cut + 1 :]]
 
 
 def run(arguments: Sequence[str]) -> int:
     """Run the page for the verb ``dashboard``."""
-    return run_node(Dashboard, ros_arguments(arguments))
+    return run_node(Dashboard, dashboard_arguments(arguments))
 
 
 def main() -> None:

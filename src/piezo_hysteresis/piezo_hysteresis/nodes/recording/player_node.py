@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from rclpy.duration import Duration
@@ -27,6 +26,7 @@ from piezo_hysteresis.records.storage import Topic
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.msg import RecordMarker
@@ -243,28 +243,9 @@ class PlayerNode(Node):
         self._diagnostics.publish_final_status()
 
 
-def run(arguments: Sequence[str]) -> int:
-    """Run the player for the verb ``play``."""
-    parser = argparse.ArgumentParser(prog='play')
-    parser.add_argument('bag')
-    parser.add_argument('topics', nargs='*')
-    parser.add_argument('--rate', type=float, default=1.0)
-    for switch in ('--loop', '--lock-step', '--salvage', '--clock'):
-        parser.add_argument(switch, action='store_true')
-    options = parser.parse_args(list(arguments))
-    values = {
-        'bag': options.bag,
-        'topics': f'[{", ".join(options.topics) or chr(39) * 2}]',
-        'rate_factor': options.rate,
-        'loop': str(options.loop).lower(),
-        'lock_step': str(options.lock_step).lower(),
-        'salvage': str(options.salvage).lower(),
-        'publish_clock': str(options.clock).lower(),
-    }
-    ros = ['--ros-args']
-    for name, value in values.items():
-        ros += ['-p', f'{name}:={value}']
-    return run_node(PlayerNode, ros)
+def run(values: Mapping[str, object]) -> int:
+    """Run the player with parameters for the verb ``play``."""
+    return run_node(PlayerNode, ros_arguments(values))
 
 
 def main() -> None:

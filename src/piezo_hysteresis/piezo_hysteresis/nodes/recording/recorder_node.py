@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -21,6 +20,7 @@ from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, defin
 from piezo_hysteresis.records.recorder import Recorder
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.ros.timers import wall_timer
@@ -180,18 +180,10 @@ def create() -> RecorderNode:
     return RecorderNode()
 
 
-def run(arguments: Sequence[str]) -> int:
+def run(out: str, names: Sequence[str], namespace: str) -> int:
     """Run the recorder for the verb ``record``."""
-    parser = argparse.ArgumentParser(prog='record')
-    parser.add_argument('topics', nargs='*')
-    parser.add_argument('--out', required=True)
-    parser.add_argument('--namespace', default='')
-    options = parser.parse_args(list(arguments))
-    names = ', '.join(options.topics)
-    ros = ['--ros-args', '-p', f'out:={options.out}', '-p', f'topics:=[{names or chr(39) * 2}]']
-    if options.namespace:
-        ros += ['-r', f'__ns:=/{options.namespace.strip("/")}']
-    return run_node(create, ros)
+    values = {'out': out, 'topics': list(names) or ['']}
+    return run_node(create, ros_arguments(values, namespace=namespace))
 
 
 def main() -> None:
