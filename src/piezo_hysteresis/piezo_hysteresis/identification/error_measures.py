@@ -58,6 +58,7 @@ def views_of(
     choices: Choices | None = None,
     *,
     checked: bool = True,
+    workers: int = 1,
 ) -> tuple[Target, ...]:
     """Return whole records with initial conditions and zeros estimated by the model.
 
@@ -71,13 +72,18 @@ def views_of(
         Given initial conditions and zeros.
     checked : bool
         False accepts models that cannot be simulated.
+    workers : int
+        Threads over the records.
     """
-    chosen = choices or Choices()
-    targets = targets_of(records, folded=False, start=chosen.start, zero=chosen.zero)
+    chosen, late = choices or Choices(), sampling_offset
+    targets = targets_of(
+        records, folded=False, start=chosen.start, zero=chosen.zero, workers=workers
+    )
     if not checked:
         return tuple(targets)
-    renewed = revised(model, values, sampling_offset, targets, records, chosen, alone=True)
-    return tuple(renewed)
+    return tuple(
+        revised(model, values, late, targets, records, chosen, alone=True, workers=workers)
+    )
 
 
 def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> FloatArray:

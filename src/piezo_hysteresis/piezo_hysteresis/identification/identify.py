@@ -307,7 +307,8 @@ def identify(
         )
         left_out = ()
     choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
-    found = from_fit(fit, method, records, [*remarks, *left_out], started, choices)
+    remarks = [*remarks, *left_out]
+    found = from_fit(fit, method, records, remarks, started, choices, workers)
     return replace(found, left_out=left_out)
 
 
@@ -318,6 +319,7 @@ def from_fit(
     warnings: Sequence[str] = (),
     started: float | None = None,
     choices: Choices | None = None,
+    workers: int = 1,
 ) -> Identification:
     """Return a fit with its errors over whole records.
 
@@ -335,12 +337,13 @@ def from_fit(
         ``time.perf_counter()`` at the start.
     choices : Choices, optional
         Given initial conditions and zeros.
+    workers : int
+        Threads over the records.
     """
     started = time.perf_counter() if started is None else started
-    views = views_of(fit.model, fit.values, records, fit.sampling_offset, choices)
-    rows, left = _errors_and_discrepancy(
-        fit.model, fit.values, records, views, fit.sampling_offset
-    )
+    late = fit.sampling_offset
+    views = views_of(fit.model, fit.values, records, late, choices, workers=workers)
+    rows, left = _errors_and_discrepancy(fit.model, fit.values, records, views, late)
     floor = floor_of(records).rms
     return Identification(
         model=fit.model,
@@ -355,7 +358,7 @@ def from_fit(
         warnings=(*warnings, *fit.warnings, *_misfit(rows)),
         records=rows,
         noise_floor=floor,
-        sampling_offset=fit.sampling_offset,
+        sampling_offset=late,
         history=fit.history,
         seconds=time.perf_counter() - started,
         fit=fit,

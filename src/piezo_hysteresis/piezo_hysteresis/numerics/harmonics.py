@@ -90,10 +90,11 @@ def lines_and_rest(
         Remainder of the signal.
     """
     rows = np.ones((1 + 2 * len(orders), phase.size))
-    for place, order in enumerate(orders):
-        angle = order * phase
-        np.cos(angle, out=rows[1 + 2 * place])
-        np.sin(angle, out=rows[2 + 2 * place])
+    first, turn = np.exp(1j * phase), np.ones(phase.size, dtype=np.complex128)
+    for order in range(1, max(orders, default=0) + 1):
+        turn *= first  # a third of the time of a cosine and a sine
+        for place in (k for k, each in enumerate(orders) if each == order):
+            rows[1 + 2 * place], rows[2 + 2 * place] = turn.real, turn.imag
     solution = solve_least_squares(rows.T, signal).values
     return float(solution[0]), solution[1::2] - 1j * solution[2::2], signal - solution @ rows
 
