@@ -7,7 +7,7 @@ import pytest
 
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models import Condition, Discrepancy
-from piezo_hysteresis.models.repeating import repeating
+from piezo_hysteresis.models.repeating import repeating, usual_powers
 
 STROKE = 1e-4
 
@@ -61,3 +61,19 @@ def test_phases_are_written_and_read() -> None:
     assert Discrepancy.parse(known.to_dict()) == known
     with pytest.raises(ModelError, match='phases'):
         missed(5.0, 1.0, 2e-7, float('nan'))
+
+
+def test_a_fundamental_that_a_fit_absorbed_is_expected_elsewhere() -> None:
+    phasors = np.array([[1e-4], [1e-2], [3e-3]], np.complex128)
+    places, wanted = np.array([[1.0, 1.0]]), np.array([[1.0, 1.0], [1.0, 0.25]])
+    _, square = repeating(places, phasors, wanted)
+    here, there = np.sqrt(square[0])
+    assert here < 2e-3  # known where it was fitted
+    assert 5e-3 < there < 2e-2  # as large as the higher harmonics at another amplitude
+
+
+def test_usual_powers_are_those_of_the_higher_harmonics() -> None:
+    phasors = np.outer(1.0 / np.arange(1.0, 13.0), np.exp(1j * np.arange(3)))
+    power = np.mean(np.abs(phasors) ** 2, axis=1)
+    phasors[0] = 0.0
+    np.testing.assert_allclose(usual_powers(phasors), power, rtol=1e-12)

@@ -5,7 +5,12 @@ amplitude. A Gaussian process over octaves of frequency and amplitude with expon
 predicts them under other conditions, with their uncertainty. The correlation length is inferred
 from the conditions, separately for each harmonic, because a third harmonic may meet a mode that
 the first does not: every length is weighted by its likelihood. A harmonic without data may still
-appear elsewhere: the mean square of all harmonics counts as one additional condition of each.
+appear elsewhere, so its usual power counts as one additional condition.
+
+A fit makes the fundamental of its own conditions small, but not that of others: gain and phase
+absorb the fundamental of one condition, which is therefore not counted. The usual power is that of
+the higher harmonics, distributed over the orders with the decay of a discontinuous curve, the
+slowest of a loop: with the square of the order.
 
 Source: Rasmussen, Williams: Gaussian Processes for Machine Learning, MIT Press 2006, eq. 2.23-2.25
 and 5.8, for circular complex numbers.
@@ -27,6 +32,8 @@ LENGTHS = (0.25, 1.0, 4.0)
 #: Share of the mean square that does not repeat with the same phase under one condition: a tenth
 #: of the rms. Chosen; repetitions of measured sweeps differ by some hundredths.
 ANEW = 0.01
+# Decay of the power of the harmonics of a loop with their order.
+_DECAY = 2.0
 _NOTHING = 1e-30  # mean square relative to that of the stroke
 _FAR = 16.0  # distance of a drive from no drive [octaves]
 
@@ -45,6 +52,19 @@ class Repeating:
 
     mean: ComplexArray
     square: FloatArray
+
+
+def usual_powers(phasors: ComplexArray) -> FloatArray:
+    """Return the mean square of each harmonic that is usual under other conditions, shape (n,).
+
+    Parameters
+    ----------
+    phasors : ndarray of complex, shape (n, conditions)
+        Known phasors, the fundamental first.
+    """
+    shape = np.arange(1.0, len(phasors) + 1.0) ** -_DECAY
+    above = float(np.sum(np.mean(np.abs(phasors[1:]) ** 2, axis=1)))
+    return np.asarray(shape * above / max(float(shape[1:].sum()), _NOTHING))
 
 
 def repeating(
@@ -68,8 +88,10 @@ def repeating(
         Mean square uncertainty.
     """
     count = len(places)
+    counted = np.full(len(phasors), count + 1.0)
+    counted[0] -= 1.0  # absorbed by the fit
     known, new = _octaves(places, places), _octaves(wanted, places)
-    usual = float(np.mean(np.abs(phasors) ** 2))
+    usual, mean_power = usual_powers(phasors), float(np.mean(np.abs(phasors) ** 2))
     means, squares, scores = [], [], []
     for lengths in ((f, a) for f in LENGTHS for a in LENGTHS):
         inside = np.exp(-(known / lengths).sum(axis=-1)) + ANEW * np.eye(count)
@@ -78,10 +100,11 @@ def repeating(
         gain = across @ inverse
         mean = phasors @ gain.T
         seen = np.real(np.sum(phasors.conj() * (phasors @ inverse), axis=1))
-        scale = (seen + usual) / (count + 1.0)
-        left = 1.0 + ANEW - np.sum(gain * across, axis=1)
+        scale = (seen + usual) / counted
+        anew = ANEW * (seen + mean_power) / (count + 1.0)
+        left = 1.0 - np.sum(gain * across, axis=1)
         means.append(mean)
-        squares.append(np.outer(scale, np.maximum(left, ANEW)))
+        squares.append(np.outer(scale, np.maximum(left, 0.0)) + anew[:, None])
         scores.append(-count * np.log(np.maximum(scale, _NOTHING)) - spread)
     weight = np.exp(np.array(scores) - np.max(scores, axis=0))
     weight = (weight / weight.sum(axis=0))[:, :, None]

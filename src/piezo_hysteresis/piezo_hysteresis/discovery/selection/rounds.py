@@ -201,7 +201,11 @@ def choose_trials(
 def _trial(
     evaluator: Evaluator, before: CandidateFit, score: ScreeningScore
 ) -> CandidateFit | None:
-    """Run a few evaluations from the best starting values and return the best of these fits."""
+    """Run a few evaluations from the best starting values and return the best of these fits.
+
+    The score decides and not the sum of squares: a tone may explain less of a residual than its
+    fundamental, and be the only new deviation.
+    """
     candidate, policy = score.candidate, evaluator.policy
     if evaluator.deadline.skips(candidate.effect.name):
         return None
@@ -210,15 +214,15 @@ def _trial(
         spec = before.with_candidate(candidate, start)
         enough = inf if best is None else evaluator.enough(best, 1.0)
         fit = evaluator.fit_briefly(spec, policy.trial_evaluations, enough)
-        if fit is not None and (best is None or fit.square < best.square):
-            best = fit
+        if fit is not None:
+            fit = evaluator.evaluated_for_ranking(fit)
+            best = fit if best is None else min(best, fit, key=evaluator.score)
     return best
 
 
 def choose_first_fits(evaluator: Evaluator, tried: Sequence[CandidateFit]) -> list[CandidateFit]:
     """Return the trials with the best scores; all trials use the same samples."""
-    evaluated = evaluator.map(evaluator.evaluated_for_ranking, tried)
-    return ranked(evaluator, evaluated)[: evaluator.policy.first_fits]
+    return ranked(evaluator, tried)[: evaluator.policy.first_fits]
 
 
 def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> CandidateFit | None:
@@ -274,7 +278,7 @@ def _nearer(
     moved = [replace(fit, values=start | shared, sampling_offset=leader.sampling_offset)
              for start in starts]  # fmt: skip
     evaluated = evaluator.map(evaluator.evaluated, [fit, *moved])
-    return min(evaluated, key=lambda each: each.square)
+    return min(evaluated, key=evaluator.score)
 
 
 def _finite(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
