@@ -194,21 +194,6 @@ class ParameterTable:
             merged[name] = value  # type: ignore[assignment]
         return next((reason for rule in self.rules if (reason := rule(merged))), '')
 
-    def check_file(self, values: Mapping[str, object]) -> list[str]:
-        """Return every reason why `values` (of a parameter file) would be refused or ignored."""
-        reasons = [
-            f'{name} is no parameter of this node{near(name, self.defaults())}'
-            for name in values
-            if self.spec(name) is None
-        ]
-        known = {
-            name: spec.coerce(value)
-            for name, value in values.items()
-            if (spec := self.spec(name)) is not None
-        }
-        reason = self.judge(self.defaults(), known)
-        return [*reasons, reason] if reason else reasons
-
     def markdown(self) -> str:
         """Return the reference table of the parameters."""
         lines = [

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from piezo_hysteresis.arrays import ComplexArray, FloatArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit, leaf, scratch
 
 
@@ -51,7 +48,11 @@ def folded(frequency: float, dt: float) -> float:
 def fill_resonant(
     frequency: float, natural_frequency: float, dt: float, highest: int, orders: FloatArray
 ) -> int:
-    """Fill the orders that a resonance amplifies, most amplified first; return their number."""
+    """Fill the orders that a resonance amplifies, most amplified first; return their number.
+
+    ``round(fn / f)`` and its neighbours, odd ones first, as a symmetric hysteresis generates them.
+    Orders with an alias at the resonance are included: 19 x 49 Hz at 1 kHz appears at 69 Hz.
+    """
     count, most = 0, orders.size
     if frequency <= 0.0 or natural_frequency <= 0.0:
         return 0
@@ -77,7 +78,11 @@ def fill_resonant(
 def fill_separable(
     orders: FloatArray, frequency: float, dt: float, span: float, kept: FloatArray
 ) -> int:
-    """Fill those of `orders` that a fit over `span` seconds can separate; return their number."""
+    """Fill those of `orders` that a fit over `span` seconds can separate; return their number.
+
+    Two orders whose sampled images fall closer together than one line of the span, or an order on
+    0 or the Nyquist frequency, would make the fit singular.
+    """
     resolution, nyquist = 0.6 / span, 0.5 / dt
     count = 0
     lines = scratch(orders.size + 1)
@@ -93,45 +98,6 @@ def fill_separable(
             kept[count], lines[count] = orders[i], line
             count += 1
     return count
-
-
-def resonant_orders(
-    frequency: float, natural_frequency: float, dt: float, highest: int = HIGHEST, most: int = MOST
-) -> tuple[int, ...]:
-    """Return the orders of `frequency` that a resonance amplifies, most amplified first.
-
-    ``round(fn / f)`` and its neighbours, odd ones first, as a symmetric hysteresis generates them.
-    Orders with an alias at the resonance are included: 19 x 49 Hz at 1 kHz appears at 69 Hz.
-
-    Parameters
-    ----------
-    frequency : float
-        Fundamental [Hz].
-    natural_frequency : float
-        Natural frequency of the mode [Hz].
-    dt : float
-        Sampling interval [s].
-    highest : int
-        Highest order considered.
-    most : int
-        Largest number of orders returned.
-    """
-    orders = np.empty(most)
-    count = fill_resonant(float(frequency), float(natural_frequency), dt, highest, orders)
-    return tuple(int(order) for order in orders[:count])
-
-
-def separable_orders(
-    orders: Sequence[int], frequency: float, dt: float, span: float
-) -> tuple[int, ...]:
-    """Return those of `orders` that a fit over `span` seconds can separate, in order.
-
-    Two orders whose sampled images fall closer together than one line of the span, or an order on
-    0 or the Nyquist frequency, would make the fit singular.
-    """
-    given, kept = np.array(orders, dtype=np.float64), np.empty(len(orders))
-    count = fill_separable(given, float(frequency), dt, float(span), kept)
-    return tuple(int(order) for order in kept[:count])
 
 
 @leaf
@@ -221,28 +187,3 @@ def eliminate(a: FloatArray, solution: FloatArray) -> bool:
             total -= a[i, j] * solution[j]
         solution[i] = total / a[i, i]
     return True
-
-
-def solve_lines(normal: FloatArray, count: int) -> tuple[float, ComplexArray, float]:
-    """Solve accumulated normal equations.
-
-    Parameters
-    ----------
-    normal : ndarray, shape (m + 1, m + 1)
-        As `accumulate` fills it.
-    count : int
-        Samples.
-
-    Returns
-    -------
-    mean : float
-        The constant [unit of the signal].
-    phasors : ndarray of complex, shape (orders,)
-        E such that the signal is ``mean + sum Re(E exp(j n phi))``.
-    deviation : float
-        Standard deviation of each real part, from the residual of the fit; infinite if there is
-        none.
-    """
-    solution = np.empty(normal.shape[0] - 1)
-    deviation = solve_normal(np.ravel(normal), float(count), solution)
-    return float(solution[0]), solution[1::2] + 1j * solution[2::2], deviation
