@@ -67,6 +67,29 @@ CALL = """
 """
 
 
+BLAS = """
+import sys
+import numpy as np
+from piezo_hysteresis.kernels.compile import jit
+@jit
+def plain(x):
+    return x + 1.0
+@jit
+def product(a):
+    return np.dot(a, a)
+print(plain(1.0), 'scipy.linalg' in sys.modules)
+print(np.array_equal(product(2.0 * np.eye(2)), 4.0 * np.eye(2)), 'scipy.linalg' in sys.modules)
+"""
+
+
+@pytest.mark.component
+def test_only_kernels_that_use_blas_import_scipy(tmp_path: Path) -> None:
+    (tmp_path / 'piezo_blas.py').write_text(BLAS)
+    code = 'import sys; sys.path.insert(0, sys.argv[1]); import piezo_blas'
+    lines, _ = python(code, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / 'kept'))
+    assert lines == ['2.0 False', 'True True']
+
+
 @pytest.mark.component
 def test_set_up_runs_every_kernel() -> None:
     assert python(FRESH)[0] == ['[]'], 'add what runs these kernels to a rehearsal module'

@@ -21,6 +21,7 @@ from numba.core.compiler import CompileResult
 
 from piezo_hysteresis.kernels import fresh
 from piezo_hysteresis.kernels.folders import folders
+from piezo_hysteresis.kernels.numba_changes import defer_blas
 from piezo_hysteresis.kernels.turns import Turns
 
 _BASE: Any = _Cache
@@ -63,6 +64,7 @@ class KernelCache(_BASE):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled kernel for a signature, None if it must be compiled."""
+        defer_blas()
         target_context.refresh()
         name = self._file(sig, target_context.codegen())
         found = self._read(name, sig, target_context)

@@ -1,4 +1,4 @@
-"""Changes of numba: unique symbol names, and faster resolution of operations.
+"""Changes of numba: unique symbol names, faster resolution of operations, BLAS when needed.
 
 Numba distinguishes two kernels with the same text by a counter in their symbol names, and every
 process counts from one. The cached code of two processes can then contain equal names for
@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 import os
 import secrets
+import sys
 from typing import Any
 
 from numba.core import types
@@ -33,6 +34,24 @@ def name_apart() -> None:
 
 def _restart() -> None:
     FunctionIdentity._unique_ids = itertools.count(secrets.randbits(_BITS))
+
+
+def defer_blas() -> None:
+    """Let numba import the BLAS of SciPy with the first kernel that uses it.
+
+    Without this, numba imports it with the first kernel of a process, to know that it is there:
+    0.15 s of each start of a node. Kernels with ``np.dot`` compile and run as before.
+    """
+    if 'numba.np.arraymath' in sys.modules:
+        return
+    from numba.np import linalg as algebra
+
+    check = algebra.ensure_blas
+    algebra.ensure_blas = lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        algebra.ensure_blas = check
 
 
 _RESOLVE: Any = BaseFunction.get_call_type
