@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,10 +13,10 @@ from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.linear_fit import linear_parameters
 from piezo_hysteresis.identification.objective import Prior
-from piezo_hysteresis.identification.output_error import output_error
+from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.periods import period_of
 from piezo_hysteresis.identification.sensitivities import sensitivities
-from piezo_hysteresis.identification.starts import representative
+from piezo_hysteresis.identification.starts import representative, starts
 from piezo_hysteresis.identification.targets import fold, targets_of, whole
 from piezo_hysteresis.identification.uncertainty import Covariance, digits, warnings_of
 from piezo_hysteresis.models import Model, named
@@ -386,3 +388,12 @@ def test_a_delay_is_found_across_a_step_that_moves_by_whole_ticks() -> None:
     record = Record('step', dt, voltage, seen)
     found = fit(model, [record], {**truth, 'delay': 5e-3}, free=('delay',))
     assert found.values['delay'] == pytest.approx(4e-3, abs=dt)
+
+
+def test_start_values_keep_an_offset_that_zeros_of_the_records_determine() -> None:
+    """Its derivative is a zero of the record: only rounding of it is left, no direction."""
+    records = [simulated(f) for f in (1, 7, 14)]
+    model = suited(BIMORPH, records)
+    targets = [replace(target, own_zero=True) for target in targets_of(records)]
+    for start in starts(model, targets, model.free_names, count=4):
+        assert abs(start.values['offset']) < 1e-9

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.objective import projected
 from piezo_hysteresis.identification.sensitivities import FirstStage, sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
@@ -120,9 +121,8 @@ def solve_linear(
     factors = simulated.points[key]
     if not all(np.all(np.isfinite(each)) for each in factors):
         return dict(values)
-    # without the first row, a zero of the record is projected out
     parts = [
-        target.weight * factor[int(target.own_zero) :, 1:]
+        target.weight * (projected(factor, 1) if target.own_zero else factor[:, 1:])
         for target, factor in zip(targets, factors, strict=True)
     ]
     full = triangle(np.ascontiguousarray(np.vstack(parts).T))

@@ -239,10 +239,27 @@ def _without(nuisances: Nuisances, seen: FloatArray) -> FloatArray:
         seen[:q, -q:] = np.diag(nuisances.prior)
         seen[q:-1, -q:] = 0.0
         seen[-1, -q:] = nuisances.prior * nuisances.pull
-    full = triangle(seen)
+    return projected(triangle(seen), q)
+
+
+def projected(full: FloatArray, q: int) -> FloatArray:
+    """Return a triangular factor with its first columns projected out of the others.
+
+    Parameters
+    ----------
+    full : ndarray, shape (p, p)
+        Triangular factor.
+    q : int
+        Number of these columns.
+
+    Returns
+    -------
+    ndarray, shape (r, p - q)
+        A column that they reproduce has only an entry of `_ROUNDING` of its size.
+    """
     if not q or not np.all(np.isfinite(full)):
         return full[q:, q:]
-    left, sizes = full[q:, q:], np.linalg.norm(full[:, q:], axis=0)
+    left, sizes = full[q:, q:].copy(), np.linalg.norm(full[:, q:], axis=0)
     # a column that nuisances reproduce (an offset next to a zero) leaves only rounding, which
     # a solver would take for a direction: it is set to zero
     alike = np.flatnonzero(np.linalg.norm(left, axis=0) <= _ROUNDING * sizes)
