@@ -22,6 +22,10 @@ from scipy.special import chdtrc
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection import rules
+from piezo_hysteresis.discovery.selection.baseline import (
+    same_initial_conditions,
+    with_revised_starts,
+)
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
@@ -37,6 +41,7 @@ from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.clock import clock_about
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import (
@@ -63,6 +68,9 @@ class HeldEvaluator(Evaluator):
     given : ModelFile
         The model file: its discrepancy, the covariance of its values, and its sampling offset,
         about which that of the records is free.
+    choices : Choices, optional
+        Known initial conditions of the records, used to estimate them again with each effect; None
+        if the records keep theirs.
 
     Raises
     ------
@@ -79,8 +87,10 @@ class HeldEvaluator(Evaluator):
         given: ModelFile,
         policy: SelectionPolicy = HELD,
         deadline: Deadline | None = None,
+        choices: Choices | None = None,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
+        self.choices = choices
         self.base, self.given, self.known = base, given, known_discrepancy(given)
         self._fixed = frozenset(base.model.free_names)
         self.late = given.sampling_offset
@@ -104,8 +114,21 @@ class HeldEvaluator(Evaluator):
 
     def with_data(self, data: Dataset) -> HeldEvaluator:
         """Return an evaluator with the same settings on other data."""
-        given = self.base, self.given, self.policy, self.deadline
+        given = self.base, self.given, self.policy, self.deadline, self.choices
         return HeldEvaluator(data, self.seed, self.workers, *given)
+
+    def with_own_starts(self, fit: CandidateFit) -> tuple[HeldEvaluator, CandidateFit]:
+        """Return the fit with initial conditions that the model estimates, if it scores better."""
+        if self.choices is None:
+            return self, fit
+        seen = with_revised_starts(fit, self.data, self.choices, self.workers, alone=True)
+        seen = with_nuisances_of_records(seen, self.choices)
+        if same_initial_conditions(self.data, seen):
+            return self, fit
+        renewed = self.with_data(seen)
+        again = renewed.fit(fit)
+        worse = again is None or renewed.score(again) > self.score(fit)
+        return (self, fit) if again is None or worse else (renewed, again)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
         """Return the fitted parameters: those of the effects and shifted parameters."""
@@ -126,7 +149,7 @@ class HeldEvaluator(Evaluator):
 
     def score(self, fit: CandidateFit) -> float:
         """Return the penalized negative log likelihood on the training views [nats]."""
-        fitted = self.counted(fit) - len(fit.shifted)
+        fitted = self.counted(fit) - len(fit.shifted) + fit.levels
         penalty = self.policy.price * fitted + self._moved(fit) + self.further_names(fit)
         return costs(fit.errors, self.expected)[0] + penalty
 
@@ -364,6 +387,12 @@ def known_discrepancy(given: ModelFile) -> Discrepancy:
     if given.discrepancy is None:
         raise IdentificationError('the model file has no discrepancy: identify it again')
     return given.discrepancy
+
+
+def with_nuisances_of_records(data: Dataset, choices: Choices) -> Dataset:
+    """Return the data with equal weights and a zero of every record, unless one is common."""
+    own = choices.zero != 'common'
+    return data.with_each(lambda view: replace(view, own_zero=own, precision=1.0, influence=None))
 
 
 def without_repeated(data: Dataset, known: Discrepancy, policy: SelectionPolicy) -> Dataset:

@@ -105,6 +105,8 @@ class CandidateFit(ModelSpec):
         Weight of every view.
     excess_deviations : tuple of float
         Relative standard deviation of the noise mean square of every view.
+    levels : int
+        Number of estimated voltage levels before the records.
     parameters : int
         Number of fitted parameters.
     fitted : FitResult or None
@@ -115,6 +117,7 @@ class CandidateFit(ModelSpec):
     noises: tuple[float, ...] = ()
     precisions: tuple[float, ...] = ()
     excess_deviations: tuple[float, ...] = ()
+    levels: int = 0
     parameters: int = 0
     fitted: FitResult | None = None
 
@@ -303,11 +306,12 @@ def _of_result(result: FitResult, added: tuple[Added, ...]) -> CandidateFit | No
     )
 
 
-def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers]:
+def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers, int]:
     return (
         tuple(view.noise for view in views),
         tuple(view.precision for view in views),
         tuple(view.excess_deviation for view in views),
+        sum(view.begins.parameters for view in views),
     )
 
 

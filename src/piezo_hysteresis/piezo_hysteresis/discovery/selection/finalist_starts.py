@@ -8,11 +8,12 @@ conditions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
-from piezo_hysteresis.discovery.selection.rounds import SelectionRound
+from piezo_hysteresis.discovery.selection.rounds import SelectionRound, ranked
 
 
 def led_by_best_start(
@@ -41,32 +42,41 @@ def led_by_best_start(
     free = any(v.begins.kind == 'estimate' or v.begins.levels for v in evaluator.views)
     if not free or evaluator.deadline.skips('starts of rivals'):
         return evaluator, round_
-    chosen, first, replaced = evaluator, round_.best, round_.best
+    chosen, first, fits = evaluator, round_.best, list(round_.finalists)
     best_of_each = {fit.effect: fit for fit in reversed(round_.finalists)}
     for fit in best_of_each.values():
         other, again = evaluator.with_own_starts(fit)
-        if other is evaluator:
+        if other.score(again) >= evaluator.score(fit) - evaluator.policy.better:
             continue
         before = other.evaluated(round_.before)
-        if (
+        wins = (
             other.score(again) < chosen.score(first) - evaluator.policy.better
             and other.explains_enough(before, again, start)
             and other.is_significant(before, again, round_.tried)
-        ):
-            chosen, first, replaced = other, again, fit
-    if chosen is evaluator:
+        )
+        if fit is first and not wins:
+            continue
+        fits[next(k for k, each in enumerate(fits) if each is fit)] = again
+        if wins:
+            chosen, first = other, again
+    if chosen is evaluator and fits == list(round_.finalists):
         return evaluator, round_
-    return chosen, _led(chosen, round_, first, replaced)
+    return chosen, _led(chosen, round_, first, fits, accepted=chosen is not evaluator)
 
 
 def _led(
-    chosen: Evaluator, round_: SelectionRound, first: CandidateFit, replaced: CandidateFit
+    chosen: Evaluator,
+    round_: SelectionRound,
+    first: CandidateFit,
+    fits: Sequence[CandidateFit],
+    *,
+    accepted: bool,
 ) -> SelectionRound:
-    """Return the round with `first` in the lead, instead of the finalist `replaced`."""
-    order = (first, *(fit for fit in round_.finalists if fit is not replaced))
+    """Return the round with `first` in the lead of the finalists, each with its own starts."""
+    order = (first, *ranked(chosen, [fit for fit in fits if fit is not first]))
     return replace(
         round_,
-        accepted=True,
+        accepted=round_.accepted or accepted,
         finalists=order,
         shares=chosen.shares(round_.before, order),
         gain=chosen.improvement(round_.before, first, round_.tried),

@@ -8,6 +8,7 @@ from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection.anchored_evaluator import (
     HeldEvaluator,
     known_discrepancy,
+    with_nuisances_of_records,
     without_repeated,
 )
 from piezo_hysteresis.discovery.selection.baseline import (
@@ -141,17 +142,27 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
     for searched in (True, False):
         if not searched and (
             how.choices.start != 'auto'
-            or not _assigned_parameters(data, found[0][1].evaluator.data, given)
+            or not _assigned_records(data, found[0][1].evaluator.data, given)[0]
             or how.deadline.skips('records that begin as they say')
         ):
             break
         base, seen = held_data(data, given, how, searched=searched)
-        evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given, policy, how.deadline)
+        evaluator = HeldEvaluator(
+            seen,
+            how.seed,
+            how.workers,
+            base,
+            given,
+            policy,
+            how.deadline,
+            how.choices if searched else None,
+        )
         still = evaluator.evaluated(replace(base, sampling_offset=evaluator.late))
         base = min(base, still, key=evaluator.score)
         each = with_headlines_only(search(evaluator, base, progress))
-        levels = _assigned_parameters(data, each.evaluator.data, given)
-        found.append((each.evaluator.score(each.final) + policy.price * levels, each))
+        assigned, free = _assigned_records(data, each.evaluator.data, given)
+        price = policy.price * (assigned - free)
+        found.append((each.evaluator.score(each.final) + price, each))
     return min(found, key=lambda pair: pair[0])[1]
 
 
@@ -168,10 +179,7 @@ def held_data(
     known = (
         with_revised_starts(nominal, data, choices, how.workers, alone=True) if searched else data
     )
-    own = choices.zero != 'common'
-    zeroed = known.with_each(
-        lambda view: replace(view, own_zero=own, precision=1.0, influence=None)
-    )
+    zeroed = with_nuisances_of_records(known, choices)
     seen = without_repeated(zeroed, known_discrepancy(given), policy)
     clocked = fitted_to(
         nominal,
@@ -185,18 +193,20 @@ def held_data(
     return evaluated_on(clocked or nominal, seen.training), seen
 
 
-def _assigned_parameters(data: Dataset, seen: Dataset, given: ModelFile) -> int:
-    """Return the number of parameters of assigned initial conditions of records at rest at 0 V.
+def _assigned_records(data: Dataset, seen: Dataset, given: ModelFile) -> tuple[int, int]:
+    """Return the number of records at rest at 0 V with another start, and the levels without price.
 
-    A record does not count if a reference record with the same drive has the same initial
-    condition.
+    The score contains the price of the levels before a record. A record with the start of a
+    reference record with the same drive does not count, and its levels have no price.
     """
     traces = () if given.discrepancy is None else given.discrepancy.traces
-    count = 0
+    assigned = free = 0
     for before, after in zip(data.training, seen.training, strict=True):
         voltage, kind = after.voltage[after.first :], after.begins.kind
         if before.begins.kind != STEP.kind or after.begins == before.begins:
             continue
-        if not any(trace.began_similarly(voltage, after.dt, kind) for trace in traces):
-            count += 1 + len(after.begins.levels)
-    return count
+        if any(trace.began_similarly(voltage, after.dt, kind) for trace in traces):
+            free += after.begins.parameters
+        else:
+            assigned += 1
+    return assigned, free
