@@ -194,7 +194,7 @@ def held_data(
 
 
 def _assigned_records(data: Dataset, seen: Dataset, given: ModelFile) -> tuple[int, int]:
-    """Return the number of records at rest at 0 V with another start, and the levels without price.
+    """Return the number of records at rest at 0 V with another start, and levels without price.
 
     The score contains the price of the levels before a record. A record with the start of a
     reference record with the same drive does not count, and its levels have no price.
