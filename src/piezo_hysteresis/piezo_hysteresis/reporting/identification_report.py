@@ -159,7 +159,8 @@ def choice_section(steps: Sequence[TriedModel]) -> PageSection:
     text = (
         'The model is selected from the records alone. Each effect is fitted together with all '
         'previous ones to the first 70 % of every record. It is kept if it lowers the error by 2 '
-        '% and does not increase the error on the held-out last 30 %. For probabilities and '
+        '% and does not increase the error on the held-out last 30 %. One that only increases the '
+        'latter is tried again after the others. For probabilities and '
         'alternatives run `discover`.'
     )
     headers = ('added', 'parameters', 'error, fitted [µm]', 'error, held out [µm]', 'kept')
