@@ -3,7 +3,7 @@
 # make setup  only sets up;  make dev  with what tests need;  make clean  removes what was made
 # make site   builds the documentation as a site: out/site/index.html
 
-.PHONY: demo test studies lint setup build dev site clean
+.PHONY: demo test studies lint setup setup-demo build dev site clean
 .DEFAULT_GOAL := help
 DATA ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -21,8 +21,11 @@ setup build:
 dev:
 	@bash tools/setup.sh dev
 
-demo:
-	@bash tools/setup.sh $(if $(DATA),,demo)
+# the kernels of the demo only
+setup-demo:
+	@bash tools/setup.sh demo
+
+demo: $(if $(DATA),setup,setup-demo)
 	@$(run) python -m piezo_hysteresis demo $(if $(DATA),--data '$(DATA)') --out out/demo
 
 lint: dev

@@ -20,7 +20,7 @@ ROS2 = (
     'exec {python} "{root}/install/$2/lib/$2/$3" "${{@:4}}"\n'
 )
 # Where a page is followed the workspace is set up, and nothing of it may be made anew.
-MAKE = 'exec {make} -f "{root}/Makefile" -o setup -o dev "$@"\n'
+MAKE = 'exec {make} -f "{root}/Makefile" -o setup -o setup-demo -o dev "$@"\n'
 
 
 def prepare(folder: Path, **more: str) -> dict[str, str]:
