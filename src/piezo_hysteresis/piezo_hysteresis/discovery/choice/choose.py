@@ -127,7 +127,7 @@ def climbed(
     """Return a model with the accepted effects, and append the tested ones to `steps`."""
 
     def test(name: str, before: Rung | None) -> Rung | None:
-        report(name, min(len(steps) % (1 + len(LADDER)) / (1 + len(LADDER)), 1.0))
+        report(name, len(steps) % (1 + len(LADDER)) / (1 + len(LADDER)))
         tried = ladder.memory(name) if before is None else ladder.larger(before, name)
         if tried is None:
             return None

@@ -59,7 +59,7 @@ def led_by_best_start(
         fits[next(k for k, each in enumerate(fits) if each is fit)] = again
         if wins:
             chosen, first = other, again
-    if chosen is evaluator and fits == list(round_.finalists):
+    if all(fit is before for fit, before in zip(fits, round_.finalists, strict=True)):
         return evaluator, round_
     return chosen, _led(chosen, round_, first, fits, accepted=chosen is not evaluator)
 
