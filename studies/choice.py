@@ -58,7 +58,7 @@ def by_choice(records: Sequence[Record], judges: Sequence[Record]) -> None:
     found = identify(records, choice.model, start=choice.start, count=1)
     for record in judges:
         print(f'  {record.name}: '
-              f'{left(found.model, found.values, found.sampling_offset, record)}')  # fmt: skip
+              f'{left(found.chain, found.values, found.sampling_offset, record)}')  # fmt: skip
 
 
 def by_discovery(

@@ -237,7 +237,7 @@ def hide(records: Sequence[Record], kind: str, size: float, case: Case) -> list[
 def baseline_of(case: Case, word: str, data: Path) -> ModelFile:
     """Return the model that was fitted before, as its file says it."""
     fitted = [cut(record, case.until) for record in load([data / case.fitted])]
-    return ModelFile.parse(identify(fitted, chain(word)).model_file().text())
+    return ModelFile.parse(identify(fitted, chain(word)).model.text())
 
 
 def noisy(records: Sequence[Record], rms: float, seed: Sequence[int]) -> list[Record]:

@@ -90,7 +90,7 @@ def examined(case: Case, word: str, data: Path, seconds: float, part: float) -> 
     whole = load([data / case.fitted])[0]
     until = part * len(whole) * whole.dt
     fitted = cut(whole, until)
-    model = ModelFile.parse(identify([fitted], chain(word)).model_file().text())
+    model = ModelFile.parse(identify([fitted], chain(word)).model.text())
     rest = {case.fitted: whole.section(len(fitted), len(whole))}
     rest |= {file: load([data / file])[0] for file in case.evaluated if file != case.fitted}
     rows = []

@@ -129,7 +129,7 @@ def changed(kind: str, index: int, seed: int) -> Changed:
     before = {**drawn.world.overrides, **{f'effects.{name}': False for name in drawn.effects}}
     specs = grid('sine', [1.0, 5.0, 20.0, 50.0, 100.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
     records = simulate(PRESET, specs, before, drawn.seed, drawn.rate, actuator='bench')
-    model = identify(records, named(drawn.world.baseline)).model_file()
+    model = identify(records, named(drawn.world.baseline)).model
     return Changed(
         f'{kind}-{seed}-{index}',
         model,

@@ -31,7 +31,7 @@ def write_model(folder: Path) -> Path:
     """Identify the actuator as it was; return the file."""
     specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
     records = simulate(PRESET, specs, {}, 1)
-    identify(records, named('classical')).model_file().save(folder / 'model.yaml')
+    identify(records, named('classical')).model.save(folder / 'model.yaml')
     return folder / 'model.yaml'
 
 

@@ -176,7 +176,7 @@ def frozen(evaluator: Evaluator, base: CandidateFit) -> dict[str, Any]:
 def main() -> None:
     """Write `frozen/rounds.json` and the model file of the held baseline."""
     fitted = identify(records('nothing', plays, FITTED), named('classical'))
-    fitted.model_file().save(FROZEN / 'plays.yaml')
+    fitted.model.save(FROZEN / 'plays.yaml')
     found = {f'held {kind}': frozen(*held(kind)) for kind in HELD}
     found |= {f'free {kind}': frozen(*free(kind)) for kind in FREE}
     (FROZEN / 'rounds.json').write_text(json.dumps(found) + '\n', encoding='utf-8')

@@ -68,7 +68,7 @@ FITTED = [actuator(f, a, k) for k, (f, a) in enumerate(((1, 1.0), (5, 1.0), (1, 
 
 @pytest.fixture(scope='module')
 def known() -> ModelFile:
-    return identify(FITTED, named('classical')).model_file()
+    return identify(FITTED, named('classical')).model
 
 
 @pytest.mark.component
@@ -118,7 +118,7 @@ def test_new_records_are_evaluated_without_those_of_the_model(known: ModelFile) 
     assert [each.name for each in found.data.records] == ['new']
     assert 'Excluded records: 3' in found.verdict.summary
     # what came out of it was made from all of them
-    made_from = [each.name for each in found.model_file().provenance.records]
+    made_from = [each.name for each in found.model.provenance.records]
     assert made_from == [*(r.name for r in FITTED), 'new']
 
 
@@ -132,7 +132,7 @@ def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: f
     assert 'A1 from' in shift.evidence[1]
     assert 'has parameters that do not fit these records' in found.verdict.summary
     assert shift.parameters['A1'].value == pytest.approx(factor * known.values['A1'], rel=0.03)
-    saved = ModelFile.parse(found.model_file().text())
+    saved = ModelFile.parse(found.model.text())
     assert saved.values['A1'] == shift.parameters['A1'].value
     assert saved.deviations['A1'] == shift.parameters['A1'].std
     assert saved.correlation is not None
@@ -206,7 +206,7 @@ def test_what_a_model_always_missed_is_no_evidence() -> None:
 @pytest.mark.component
 def test_the_model_of_a_discovery_has_its_remaining_discrepancy(known: ModelFile) -> None:
     found = discover([hidden(actuator(5, 1.0, 3), 'drift')], known)
-    saved = ModelFile.parse(found.model_file().text())
+    saved = ModelFile.parse(found.model.text())
     assert saved.discrepancy is not None
     assert saved.discrepancy.rms == pytest.approx(found.final.rms, rel=0.05)
     assert saved.deviations['beta'] == pytest.approx(known.deviations['beta'])

@@ -198,7 +198,7 @@ def small_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     specs = simulated_grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5})
     path = tmp_path_factory.mktemp('model') / 'model.yaml'
     records = simulate('generic_bouc_wen', specs, QUIET, 1, 1000.0)
-    identify(records, named('classical')).model_file().save(path)
+    identify(records, named('classical')).model.save(path)
     return path
 
 

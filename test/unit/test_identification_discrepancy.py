@@ -135,7 +135,7 @@ def test_an_identification_knows_what_it_misses(fitted: Identification) -> None:
     assert not known.held_out
     assert [c.frequency for c in known.conditions] == [5.0, 20.0]
     assert known.rms == pytest.approx(2e-8, rel=0.05)
-    saved = fitted.model_file()
+    saved = fitted.model
     names, matrix = saved.covariance()
     assert set(names) == {'A1', 'A', 'beta', 'gamma', 'offset'}
     np.testing.assert_allclose(
@@ -152,7 +152,7 @@ def test_an_identification_knows_what_it_misses(fitted: Identification) -> None:
 def test_recursive_methods_know_it_too() -> None:
     found = identify([record(5.0), record(20.0)], named('classical'), method='rls_ud')
     assert found.discrepancy is not None
-    assert ModelFile.parse(found.model_file().text()).correlation is not None
+    assert ModelFile.parse(found.model.text()).correlation is not None
 
 
 @pytest.fixture(scope='module')

@@ -98,7 +98,7 @@ def test_play_bank_online_behind_a_frozen_mode() -> None:
     model = named('prandtl_ishlinskii').with_block(MODEL.blocks[1])
     found = identify(RECORDS, model, method='pi_bank', start=MODE)
     assert all(row.free_run_rms < 2e-6 for row in found.records)
-    assert found.model_file().values['natural_frequency'] == 68.0
+    assert found.model.values['natural_frequency'] == 68.0
 
 
 @pytest.mark.component

@@ -47,7 +47,7 @@ def test_the_reported_error_is_that_of_a_free_run(
     records = sines(preset, *frequencies, cut=cut)
     found = identify(records, models.named(model))
     for record, view, row in zip(records, found.views, found.records, strict=True):
-        (each,) = predictions(found.model, found.values, (view,), found.sampling_offset)
+        (each,) = predictions(found.chain, found.values, (view,), found.sampling_offset)
         run = each.displacement
         error = (record.displacement - run)[record.warm_up_samples :]
         assert np.sqrt(np.mean(error**2)) == pytest.approx(row.free_run_rms, rel=0.02)

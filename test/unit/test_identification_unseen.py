@@ -28,14 +28,14 @@ def identified(model: str, rate: float, **more: float) -> Identification:
 @pytest.mark.component
 def test_a_mode_that_no_record_shows_is_omitted_and_reported() -> None:
     found = identified('classical', 2000.0)
-    assert found.model.name == 'classical'
+    assert found.chain.name == 'classical'
     assert 'natural_frequency' not in found.values
     assert found.values['A1'] == pytest.approx(LOOP['A1'], rel=0.01)
     assert all(row.free_run_rms < 2.2e-8 for row in found.records)
     (words,) = found.left_out
     assert words in found.warnings
     assert 'the block mode, which is removed' in words
-    saved = ModelFile.parse(found.model_file().text())
+    saved = ModelFile.parse(found.model.text())
     assert saved.provenance.notes['left_out'] == words
 
 
@@ -50,8 +50,8 @@ def test_of_values_that_only_do_something_together_one_is_held() -> None:
     found = identified('classical+amplifier_lag', 1000.0, lag_time=0.02)
     (words,) = found.left_out
     assert 'is held at' in words
-    (held,) = set(found.model.held) - {'A0'}
-    assert ModelFile.parse(found.model_file().text()).model.held[held] == found.values[held]
+    (held,) = set(found.chain.held) - {'A0'}
+    assert ModelFile.parse(found.model.text()).model.held[held] == found.values[held]
     late = found.values['damping_ratio'] / (np.pi * found.values['natural_frequency'])
     assert late + found.sampling_offset == pytest.approx(0.02, rel=0.3)
 

@@ -30,7 +30,7 @@ QUIET = {'effects.noise': True, 'sensor.noise_rms': 2e-8}
 def model() -> ModelFile:
     specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
     records = simulate(PRESET, specs, QUIET, 1, RATE)
-    return identify(records, named('classical')).model_file()
+    return identify(records, named('classical')).model
 
 
 def actuator(**effects: Any) -> Callable[..., Any]:

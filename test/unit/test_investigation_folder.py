@@ -52,7 +52,7 @@ class Actuator:
 @pytest.fixture(scope='module')
 def setup() -> Setup:
     specs = grid('sine', [1.0, 5.0, 20.0, 50.0], [1.0, 0.5], {'duration': 2.5, 'ramp': 0.2})
-    model = identify(simulate(PRESET, specs, QUIET, 1, RATE), named('classical')).model_file()
+    model = identify(simulate(PRESET, specs, QUIET, 1, RATE), named('classical')).model
     return Setup(model, ExperimentLimits(-1.0, 1.0, slew=700.0), Rules(budget=60.0), RATE)
 
 

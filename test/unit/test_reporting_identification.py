@@ -70,7 +70,7 @@ def test_the_verdict_warns_of_what_cannot_be_used(found: Identification) -> None
 
 def test_what_comes_next_depends_on_what_was_found(found: Identification) -> None:
     first = next_section(found, ['sweep'], 'out/own').text.splitlines()[0]
-    assert f'discover sweep --baseline {found.model.name} ' in first
+    assert f'discover sweep --baseline {found.chain.name} ' in first
     quiet = replace(found, noise_floor=found.records[2].free_run_rms)
     assert 'validate' in next_section(quiet).text.splitlines()[0]
 

@@ -257,7 +257,7 @@ def identification_row(found: Identification) -> Row:
     """Return the row of an identification; parameters last, in SI units."""
     worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
     row: Row = {
-        'model': found.model.name,
+        'model': found.chain.name,
         'method': found.method,
         'records': len(found.records),
         'converged': found.converged,

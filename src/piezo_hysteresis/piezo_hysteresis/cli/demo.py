@@ -137,7 +137,7 @@ def _print_runs(demo: Any) -> None:
 
 
 def _print_fit(found: Any) -> None:
-    print(f'{found.model.name}: {found.message}')
+    print(f'{found.chain.name}: {found.message}')
     for row in found.records:
         print(
             f'  {row.record}: free run {1e6 * row.free_run_rms:.4g} µm '

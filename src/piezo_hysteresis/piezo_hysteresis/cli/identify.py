@@ -174,8 +174,8 @@ def _print_result(found: Any, data: Sequence[str], out: str) -> None:
         error_exceeds_noise,
     )
 
-    print(f'{found.model.name} by {found.method}: {found.message} ({found.seconds:.2f} s)')
-    for parameter in found.model.parameters:
+    print(f'{found.chain.name} by {found.method}: {found.message} ({found.seconds:.2f} s)')
+    for parameter in found.chain.parameters:
         name = parameter.name
         unit, factor = shown(parameter.unit)
         value = factor * found.values[name]
@@ -199,4 +199,4 @@ def _print_result(found: Any, data: Sequence[str], out: str) -> None:
     for warning in found.warnings:
         verbosity.warn(str(warning))
     if error_exceeds_noise(found):
-        print(f'next: {discover_command(found.model, data)}')
+        print(f'next: {discover_command(found.chain, data)}')

@@ -47,8 +47,8 @@ class Identification(Reportable, Modelled):
 
     Attributes
     ----------
-    model : Model
-        The chain.
+    chain : Model
+        The chain of blocks.
     method : str
         One of `METHODS`.
     values : dict of str to float
@@ -93,7 +93,7 @@ class Identification(Reportable, Modelled):
         The fitted records.
     """
 
-    model: Model
+    chain: Model
     method: str
     values: dict[str, float]
     std: dict[str, float]
@@ -118,8 +118,8 @@ class Identification(Reportable, Modelled):
 
     def __repr__(self) -> str:
         came = 'converged' if self.converged else 'did not converge'
-        lines = [f'Identification of {self.model.name} by {self.method}, {came}']
-        for q in self.model.parameters:
+        lines = [f'Identification of {self.chain.name} by {self.method}, {came}']
+        for q in self.chain.parameters:
             std = self.std.get(q.name)
             spread = '' if std is None else f' ± {std:.1g}'
             lines.append(f'  {q.name} = {self.values[q.name]:.4g}{spread} {q.unit}')
@@ -133,7 +133,7 @@ class Identification(Reportable, Modelled):
 
     def columns(self) -> dict[str, list[Any]]:
         """Return the parameters by column: parameter, value, std, unit, held."""
-        return parameter_columns(self.model, self.values, self.std)
+        return parameter_columns(self.chain, self.values, self.std)
 
     def model_file(self, data: Sequence[str] = (), rate: float | None = None) -> ModelFile:
         """Return the model as a model file.
@@ -150,7 +150,7 @@ class Identification(Reportable, Modelled):
         IdentificationError
             If the model cannot be simulated with the parameters.
         """
-        known = set(self.model.parameter_names)
+        known = set(self.chain.parameter_names)
         finite = {k: v for k, v in self.std.items() if np.isfinite(v) and k in known}
         worst = max((r.free_run_rms for r in self.records), default=float('nan'))
         notes: dict[str, float | bool | str] = {
@@ -174,7 +174,7 @@ class Identification(Reportable, Modelled):
         try:
             together = Correlation.among(self.names, self.correlation, tuple(finite))
             return ModelFile(
-                self.model, self.values, finite, provenance, together, self.discrepancy
+                self.chain, self.values, finite, provenance, together, self.discrepancy
             )
         except ModelError as error:
             raise IdentificationError(
@@ -184,9 +184,9 @@ class Identification(Reportable, Modelled):
 
     def summary(self) -> dict[str, Any]:
         """Return the content of ``summary.json``; numbers that are not finite become null."""
-        units = {q.name: q.unit for q in self.model.parameters}
+        units = {q.name: q.unit for q in self.chain.parameters}
         return {
-            'model': self.model.name,
+            'model': self.chain.name,
             'method': self.method,
             'parameters': {
                 name: {
@@ -346,7 +346,7 @@ def from_fit(
     rows, left = _errors_and_discrepancy(fit.model, fit.values, records, views, late)
     floor = floor_of(records).rms
     return Identification(
-        model=fit.model,
+        chain=fit.model,
         method=method,
         values=fit.values,
         std={k: v for k, v in fit.std.items() if k in fit.values},
@@ -398,9 +398,9 @@ def evaluated_on(found: Identification, records: Sequence[Record]) -> Identifica
     """
     require_usable(records)
     late = found.sampling_offset
-    views = views_of(found.model, found.values, records, late)
+    views = views_of(found.chain, found.values, records, late)
     _, left = _errors_and_discrepancy(
-        found.model, found.values, records, views, late, held_out=True
+        found.chain, found.values, records, views, late, held_out=True
     )
     return replace(found, discrepancy=left, seen=(*found.seen, *fingerprints(records)))
 
@@ -457,7 +457,7 @@ def _online(
     views = views_of(chain, values, records, late, checked=False)
     rows, left = _errors_and_discrepancy(chain, values, records, views, late, checked=False)
     return Identification(
-        model=chain,
+        chain=chain,
         method=method,
         values=values,
         std=std,

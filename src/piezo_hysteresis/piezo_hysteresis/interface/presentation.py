@@ -15,11 +15,13 @@ from matplotlib.axes import Axes
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.compensation.study import rate_of
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import Identification, Validation
 from piezo_hysteresis.interface.compensate_runs import Compensation
+from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting import folder
 from piezo_hysteresis.reporting.compensation_report import colour_of, write_compensation
@@ -31,6 +33,8 @@ from piezo_hysteresis.reporting.signals import last_periods
 from piezo_hysteresis.reporting.validation_report import write_validation
 
 _STRETCHES = 120  # intervals of the envelope of an error
+_SETTLING_PERIODS = 10  # of a sine from rest, of which the last is drawn
+_DEFAULT_DRIVE = (1.0, 1.0)  # frequency [Hz] and amplitude [V] for a model without records
 _VERBS: dict[type, str] = {
     Identification: 'identify',
     Validation: 'validate',
@@ -71,6 +75,21 @@ def _(result: Record, axes: Axes, record: str) -> None:
     part = _last_periods(result)
     axes.plot(result.voltage[part], MICRO * result.displacement[part], lw=1.2)
     _label(axes, result)
+
+
+@_draw.register
+def _(result: ModelFile, axes: Axes, record: str) -> None:
+    dt = 1.0 / rate_of(result, None)
+    for frequency, amplitude in _drives(result):
+        period = round(1.0 / (frequency * dt))
+        phase = 2.0 * np.pi * frequency * dt * np.arange(_SETTLING_PERIODS * period + 1)
+        voltage = amplitude * np.sin(phase)
+        displacement = MICRO * result.simulate(voltage, dt, frequency=frequency)
+        label = f'{frequency:.3g} Hz, {amplitude:.3g} V'
+        axes.plot(voltage[-period - 1 :], displacement[-period - 1 :], lw=1.2, label=label)
+    title = f'{result.model.name}, simulated'
+    axes.set(title=title, xlabel='voltage [V]', ylabel='displacement [µm]')
+    axes.legend()
 
 
 @_draw.register
@@ -127,6 +146,19 @@ def _(result: Discovery, path: str) -> None:
 @_write.register
 def _(result: Compensation, path: str) -> None:
     write_compensation(path, result.study, result.runs, result.reference, result.seconds)
+
+
+def _drives(model: ModelFile) -> list[tuple[float, float]]:
+    """Return frequency [Hz] and amplitude [V] of the slowest, middle and fastest fitted sine."""
+    fitted = model.discrepancy.conditions if model.discrepancy else ()
+    largest: dict[float, float] = {}
+    for each in fitted:
+        if each.frequency > 0.0:
+            largest[each.frequency] = max(each.amplitude, largest.get(each.frequency, 0.0))
+    if not largest:
+        return [_DEFAULT_DRIVE]
+    known = sorted(largest.items())
+    return [known[k] for k in sorted({0, len(known) // 2, len(known) - 1})]
 
 
 def _require_data(records: Sequence[Record]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
 
@@ -22,13 +23,18 @@ class Modelled(ABC):
     def model_file(self) -> ModelFile:
         """Return the model with its values, deviations and provenance."""
 
+    @cached_property
+    def model(self) -> ModelFile:
+        """The model with its values: a `piezo_hysteresis.Model`."""
+        return self.model_file()
+
     def simulate(self, voltage: ArrayLike, dt: float, *, frequency: float = 0.0) -> FloatArray:
         """Return the displacement that a voltage causes, from rest; see `ModelFile.simulate`."""
-        return self.model_file().simulate(voltage, dt, frequency=frequency)
+        return self.model.simulate(voltage, dt, frequency=frequency)
 
     def save(self, path: str | Path) -> None:
         """Write the model as YAML; see `ModelFile.save`."""
-        self.model_file().save(path)
+        self.model.save(path)
 
 
 ModelLike: TypeAlias = str | Path | Model | ModelFile | Modelled
@@ -49,7 +55,7 @@ def chosen(given: ModelLike) -> Model | ModelFile:
         If there is no such model, block or file, or something else is given.
     """
     if isinstance(given, Modelled):
-        return given.model_file()
+        return given.model
     if isinstance(given, (Model, ModelFile)):
         return given
     if not isinstance(given, (str, Path)):

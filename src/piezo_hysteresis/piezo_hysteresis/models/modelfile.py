@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.common import plain_yaml
-from piezo_hysteresis.common.results import Tabular
+from piezo_hysteresis.common.results import Plottable
 from piezo_hysteresis.errors import ModelError, RecordError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.correlation import Correlation
@@ -77,7 +77,7 @@ class Provenance:
 
 
 @dataclass(frozen=True, repr=False)
-class ModelFile(Tabular):
+class ModelFile(Plottable):
     """A model with the values of its parameters; `piezo_hysteresis.Model` is this class.
 
     Attributes

@@ -69,7 +69,7 @@ def chain(kind: str, values: Mapping[str, float] | None) -> list[Link]:
     law = 'auto'
     if values is None:
         found = by_zhou()
-        model, values, law = found.model, found.values, 'zhou2021'
+        model, values, law = found.chain, found.values, 'zhou2021'
     links: list[Link] = [inverse_for(model, values, DT, limits=LIMITS, scale=60.0, law=law)]
     if kind in ('PID', 'compound'):
         links.append(Pid(PidGains(1e5, 5e7), DT, limits=LIMITS))

@@ -64,7 +64,7 @@ def by_fang(seed: int, evaluations: int = 6000) -> Found:
     model = named('rate_dependent')
     found = identify(records(ALL), model, method='fang2019', seed=seed,
                      max_evaluations=evaluations, begins='settled')  # fmt: skip
-    return found.model, found.values
+    return found.chain, found.values
 
 
 @functools.cache
@@ -72,7 +72,7 @@ def slow_by_fang(seed: int, evaluations: int = 6000) -> Found:
     """Return the classical model by the modified swarm, from sines up to 1 Hz."""
     found = identify(records(SLOW), named('classical'), method='fang2019', seed=seed,
                      max_evaluations=evaluations, begins='settled')  # fmt: skip
-    return found.model, found.values
+    return found.chain, found.values
 
 
 @functools.cache

@@ -80,7 +80,7 @@ def loop_figures() -> list[Exhibit]:
 def _model_figure(name: str, frequency: float) -> Exhibit:
     model = by_003(frequency)
     each = stack.record(frequency)
-    answer = model.model.respond(each.voltage, model.model.pack(model.values), each.dt)
+    answer = model.chain.respond(each.voltage, model.chain.pack(model.values), each.dt)
     part = slice(-round(1.0 / (frequency * each.dt)), None)
     u, measured = last(each, 1.0)
     late = answer[part] + float(np.mean(measured) - np.mean(answer[part]))

@@ -24,7 +24,7 @@ def model_error(frequency: float) -> tuple[FloatArray, FloatArray, FloatArray, f
     voltage = 60.0 * np.sin(2 * np.pi * frequency * time)
     measured = runs.plant(flap.NAME).run(voltage)
     found = flap.by_zhou()
-    modelled = found.model.respond(voltage, found.model.pack(found.values), flap.DT)
+    modelled = found.chain.respond(voltage, found.chain.pack(found.values), flap.DT)
     part = slice(-round(2.0 / frequency / flap.DT), None)
     error = runs.rms(measured[part] - modelled[part])
     return voltage[part], measured[part], modelled[part], error

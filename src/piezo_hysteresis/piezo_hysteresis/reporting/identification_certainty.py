@@ -29,7 +29,7 @@ def parameter_section(found: Identification) -> PageSection:
 
 def _parameters(found: Identification) -> Table:
     rows = []
-    for parameter in found.model.parameters:
+    for parameter in found.chain.parameters:
         unit, factor = shown(parameter.unit)
         std = found.std.get(parameter.name)
         value, deviation = with_deviation(
@@ -37,7 +37,7 @@ def _parameters(found: Identification) -> Table:
         )
         rows.append((parameter.name, value, deviation, unit, parameter.description))
     headers = ('parameter', 'value', 'standard deviation', 'unit', 'description')
-    return table(headers, rows, f'Parameters of {found.model.name}, by {found.method}.')
+    return table(headers, rows, f'Parameters of {found.chain.name}, by {found.method}.')
 
 
 def correlation_section(found: Identification) -> PageSection:

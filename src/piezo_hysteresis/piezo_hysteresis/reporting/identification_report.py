@@ -74,7 +74,7 @@ def identification_page(
 def free_runs(records: Sequence[Record], found: Identification) -> dict[str, FloatArray]:
     """Return the free run of the model for every record [m], by record name."""
     runs = predictions(
-        found.model, found.values, found.views, found.sampling_offset, checked=False
+        found.chain, found.values, found.views, found.sampling_offset, checked=False
     )
     return {each.target.name: each.displacement for each in runs}
 
@@ -85,9 +85,9 @@ def sentence_of(found: Identification) -> str:
     many = len(found.records) > 1
     where = f' in the worst of {len(found.records)} records' if many else ''
     if not np.isfinite(worst.free_run_rms):
-        return f'The model {found.model.name} diverges in free run{where}: do not use it.'
+        return f'The model {found.chain.name} diverges in free run{where}: do not use it.'
     sentence = (
-        f'The model {found.model.name} follows the measurement within '
+        f'The model {found.chain.name} follows the measurement within '
         f'{micrometres(worst.free_run_rms)} µm rms ({worst.nrmse_percent:.3g} % of its standard '
         f'deviation) in free run{where}'
     )
@@ -118,7 +118,7 @@ def fit_section(
     worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
     which = f' in its worst record, {worst.record}' if len(records) > 1 else ''
     text = (
-        f'The model `{found.model.name}` is simulated in free run, from the voltage alone. Its '
+        f'The model `{found.chain.name}` is simulated in free run, from the voltage alone. Its '
         f'error{which} is {micrometres(worst.free_run_rms)} µm rms, {worst.nrmse_percent:.3g} % '
         'of the standard deviation of the displacement.'
     )
@@ -175,7 +175,7 @@ def next_section(found: Identification, data: Sequence[str] = (), folder: str = 
         lines.append('The fit did not converge: record more, or use a simpler model.')
     exceeds = error_exceeds_noise(found)
     discover = (
-        f'`{discover_command(found.model, data)}` reports what the model lacks, with '
+        f'`{discover_command(found.chain, data)}` reports what the model lacks, with '
         'probabilities and alternatives; it refits the model with every effect.'
     )
     changed = (

@@ -58,7 +58,7 @@ def as_on(
         views = views_of(file.model, file.values, records, file.sampling_offset, chosen)
     else:
         found = identify(records, baseline, workers=workers, begins=chosen.start, zero=chosen.zero)
-        file, views = found.model_file(), found.views
+        file, views = found.model, found.views
     runs = predictions(file.model, file.values, views, file.sampling_offset, checked=False)
     left = list(map(residual_of, records, runs))
     missed = discrepancy_of(left, held_out=file is baseline)
