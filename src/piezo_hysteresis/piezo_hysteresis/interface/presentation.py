@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import singledispatch
+from math import ceil
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -33,7 +34,8 @@ from piezo_hysteresis.reporting.signals import last_periods
 from piezo_hysteresis.reporting.validation_report import write_validation
 
 _STRETCHES = 120  # intervals of the envelope of an error
-_SETTLING_PERIODS = 10  # of a sine from rest, of which the last is drawn
+# Time that a sine from rest has to settle; its last period is drawn with so many samples.
+_SETTLING_PERIODS, _SETTLING_SECONDS, _SAMPLES = 10, 2.0, 200
 _DEFAULT_DRIVE = (1.0, 1.0)  # frequency [Hz] and amplitude [V] for a model without records
 _VERBS: dict[type, str] = {
     Identification: 'identify',
@@ -72,23 +74,26 @@ def _write(result: Any, path: str) -> None:
 
 @_draw.register
 def _(result: Record, axes: Axes, record: str) -> None:
-    part = _last_periods(result)
-    axes.plot(result.voltage[part], MICRO * result.displacement[part], lw=1.2)
-    _label(axes, result)
+    part, over = _abscissa(axes, result)
+    axes.plot(over, MICRO * result.displacement[part], lw=1.2)
 
 
 @_draw.register
 def _(result: ModelFile, axes: Axes, record: str) -> None:
-    dt = 1.0 / rate_of(result, None)
+    rate = rate_of(result, None)
     for frequency, amplitude in _drives(result):
+        dt = 1.0 / rate
+        if not any(name.startswith('autoregressive') for name in result.model.block_names):
+            dt /= max(1, round(_SAMPLES * frequency / rate))
         period = round(1.0 / (frequency * dt))
-        phase = 2.0 * np.pi * frequency * dt * np.arange(_SETTLING_PERIODS * period + 1)
+        periods = ceil(max(_SETTLING_PERIODS, _SETTLING_SECONDS * frequency))
+        phase = 2.0 * np.pi * frequency * dt * np.arange(periods * period + 1)
         voltage = amplitude * np.sin(phase)
         displacement = MICRO * result.simulate(voltage, dt, frequency=frequency)
         label = f'{frequency:.3g} Hz, {amplitude:.3g} V'
         axes.plot(voltage[-period - 1 :], displacement[-period - 1 :], lw=1.2, label=label)
-    title = f'{result.model.name}, simulated'
-    axes.set(title=title, xlabel='voltage [V]', ylabel='displacement [µm]')
+    axes.set_title(f'{result.model.name}, simulated', wrap=True)
+    axes.set(xlabel='voltage [V]', ylabel='displacement [µm]')
     axes.legend()
 
 
@@ -181,21 +186,27 @@ def _named(result: Identification | Validation, record: str) -> str:
 def _free_run(
     axes: Axes, records: Sequence[Record], simulated: Mapping[str, FloatArray], name: str
 ) -> None:
-    """Draw measured and simulated displacement of one record over its voltage."""
+    """Draw measured and simulated displacement of one record."""
     (drawn,) = (record for record in records if record.name == name)
-    part = _last_periods(drawn)
-    voltage = drawn.voltage[part]
-    axes.plot(voltage, MICRO * drawn.displacement[part], color=GREY, lw=3.5, label='measured')
+    part, over = _abscissa(axes, drawn)
+    axes.plot(over, MICRO * drawn.displacement[part], color=GREY, lw=3.5, label='measured')
     model = MICRO * simulated[name][part]
-    axes.plot(voltage, model, '--', color=ROLES['model'], label='model')
-    _label(axes, drawn)
+    axes.plot(over, model, '--', color=ROLES['model'], label='model')
     axes.legend()
 
 
-def _last_periods(record: Record) -> slice:
-    """Return the last two periods of the drive, or all after the warm-up without a period."""
+def _abscissa(axes: Axes, record: Record) -> tuple[slice, FloatArray]:
+    """Label the axes; return the drawn samples and what they are drawn over.
+
+    The last two periods are drawn over the voltage, a record without a period over time.
+    """
     (known,) = annotated([record])
-    return last_periods(len(record), known.info.frequency, record.dt, 2, record.warm_up_samples)
+    frequency, start = known.info.frequency, record.warm_up_samples
+    part = last_periods(len(record), frequency, record.dt, 2, start)
+    drive = 'force [N]' if record.info.input_unit == 'N' else 'voltage [V]'
+    label, over = (drive, record.voltage) if frequency > 0.0 else ('time [s]', record.time)
+    axes.set(title=record.name, xlabel=label, ylabel='displacement [µm]')
+    return part, over[part]
 
 
 def _envelope(time: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -203,8 +214,3 @@ def _envelope(time: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArr
     edges = np.linspace(0, time.size, min(_STRETCHES, time.size) + 1).astype(int)
     largest = np.maximum.reduceat(np.abs(error), edges[:-1])
     return 0.5 * (time[edges[:-1]] + time[edges[1:] - 1]), largest
-
-
-def _label(axes: Axes, record: Record) -> None:
-    drive = 'force [N]' if record.info.input_unit == 'N' else 'voltage [V]'
-    axes.set(title=record.name, xlabel=drive, ylabel='displacement [µm]')

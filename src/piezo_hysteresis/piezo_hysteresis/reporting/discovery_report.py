@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -66,16 +67,14 @@ def _gaps(found: Discovery) -> PageSection:
     """Return the gaps on held-out and on fitted records as a table."""
     verdict, held = found.verdict, found.verdict.held_out
     before, after = found.baselines.joint.rms, found.final.rms
-    rows = [
-        (
-            'held out: no fit has used them',
-            len(found.proof.rows),
-            held.before_in_floors,
-            held.after_in_floors,
-        ),
-        ('fitted', len(found.data.training), before / found.floor, after / found.floor),
+    rows: list[tuple[Any, ...]] = [
+        ('held out: no fit has used them', len(found.proof.rows), held.before_in_floors),
+        ('fitted', len(found.data.training), before / found.floor),
     ]
-    header = ('records', 'number', 'gap before [noise floors]', 'gap after [noise floors]')
+    header: tuple[str, ...] = ('records', 'number', 'gap [noise floors]')
+    if verdict.effects:
+        header = ('records', 'number', 'gap before [noise floors]', 'gap after [noise floors]')
+        rows = [(*rows[0], held.after_in_floors), (*rows[1], after / found.floor)]
     caption = (
         'Gap: rms of measured minus simulated displacement. One noise floor is '
         f'{MICRO * verdict.noise_floor_rms_m:.3g} µm rms.'
@@ -96,7 +95,7 @@ def _plots(found: Discovery) -> PageSection:
     bars = bars_before_after(
         names,
         [r.before for r in proof.rows],
-        [r.after for r in proof.rows],
+        [r.after for r in proof.rows] if verdict.effects else None,
         found.floor,
         title='Held-out gap by record',
         caption='Rms error in µm on data that no fit has used. At the line only noise remains.',
@@ -112,23 +111,17 @@ def _labels(verdict: Verdict) -> tuple[str, str]:
 def _records(found: Discovery) -> PageSection:
     """Return the gap of every held-out record as a table."""
     unit = found.data.records[0].info.input_unit
-    rows = [
-        (
-            r.record,
-            r.frequency or None,
-            r.amplitude,
-            r.before / found.floor,
-            r.after / found.floor,
-        )
+    rows: list[tuple[Any, ...]] = [
+        (r.record, r.frequency or None, r.amplitude, r.before / found.floor)
         for r in found.proof.rows
     ]
-    header = (
-        'record',
-        'frequency [Hz]',
-        f'amplitude [{unit}]',
-        'before [floors]',
-        'after [floors]',
-    )
+    header: tuple[str, ...] = ('record', 'frequency [Hz]', f'amplitude [{unit}]')
+    if found.verdict.effects:
+        header = (*header, 'before [noise floors]', 'after [noise floors]')
+        after = [r.after / found.floor for r in found.proof.rows]
+        rows = [(*row, each) for row, each in zip(rows, after, strict=True)]
+    else:
+        header = (*header, 'gap [noise floors]')
     return PageSection('Held-out records', '', (), (table(header, rows),))
 
 
@@ -141,18 +134,13 @@ def _over_frequency(found: Discovery) -> tuple[Plot, ...]:
     if np.unique(frequency).size < FEWEST_FREQUENCIES:
         return ()
     spared = ', '.join(f'{row.frequency:g}' for row in rows if row.held_out)
+    before, after = _labels(found.verdict)
+    curves = [
+        Curve(before, frequency, np.array([r.before for r in rows]), 'before'),
+        Curve(after, frequency, np.array([r.after for r in rows]), 'after'),
+    ]
     plot = xy_figure(
-        [
-            Curve(
-                _labels(found.verdict)[0],
-                frequency,
-                np.array([r.before for r in rows]),
-                'before',
-            ),
-            Curve(
-                _labels(found.verdict)[1], frequency, np.array([r.after for r in rows]), 'after'
-            ),
-        ],
+        _changed(found, curves),
         'Gap over drive frequency, held-out and fitted records',
         f'Drives of {largest:.3g} {found.data.records[0].info.input_unit}; held out: {spared} Hz.',
         'frequency of the drive [Hz]',
@@ -177,27 +165,35 @@ def _pictures(found: Discovery) -> tuple[Plot, ...]:
         row[view.first :] = view.measured - error
     time = np.arange(view.voltage.size, dtype=np.float64) * view.dt
     unit = found.data.records[0].info.input_unit
+    names = ('model before', 'model after') if found.verdict.effects else ('model', '')
+    pair = [
+        Curve(names[0], view.voltage[part], before[part], 'before'),
+        Curve(names[1], view.voltage[part], after[part], 'after'),
+    ]
     loops = loop_figure(
-        [
-            Curve('measured', view.voltage[part], measured[part]),
-            Curve('model before', view.voltage[part], before[part], 'before'),
-            Curve('model after', view.voltage[part], after[part], 'after'),
-        ],
+        [Curve('measured', view.voltage[part], measured[part]), *_changed(found, pair)],
         f'Loop of {name}, held out',
         'Measured, and simulated in free run.',
         unit,
     )
+    names = ('before', 'after') if found.verdict.effects else ('model', '')
+    pair = [
+        Curve(names[0], time[view.first :], (measured - before)[view.first :], 'before'),
+        Curve(names[1], time[view.first :], (measured - after)[view.first :], 'after'),
+    ]
     errors = band_figure(
-        [
-            Curve('before', time[view.first :], (measured - before)[view.first :], 'before'),
-            Curve('after', time[view.first :], (measured - after)[view.first :], 'after'),
-        ],
+        _changed(found, pair),
         f'Held-out error of {name}',
         'Measured minus simulated displacement.',
         'error',
         view.frequency,
     )
     return loops, errors
+
+
+def _changed(found: Discovery, pair: list[Curve]) -> list[Curve]:
+    """Return the curves before and after; only the first if no effect was added."""
+    return pair if found.verdict.effects else pair[:1]
 
 
 def _part(view: Target, period: int) -> slice:

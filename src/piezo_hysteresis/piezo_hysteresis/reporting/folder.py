@@ -85,7 +85,8 @@ def check_folder(folder: str | Path, verb: str) -> None:
     except OSError as error:
         raise _unwritable(target, error) from error
     raise PiezoError(
-        f'{target} holds {held}; give {verb} another folder, or --overwrite to write there'
+        f'{target} holds {held}; give {verb} another folder, or overwrite it '
+        '(--overwrite, in Python overwrite=True)'
     )
 
 

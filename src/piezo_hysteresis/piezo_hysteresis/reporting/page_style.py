@@ -83,6 +83,7 @@ p, li { max-width: 75ch; }
   background: #f2f8fc; border-left: 5px solid var(--mark); }
 .plots { display: grid; gap: 1.2rem; margin: .8rem 0;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 460px), 1fr)); }
+.plots > :last-child:nth-child(odd):not(:only-child) { grid-column: 1 / -1; }
 figure { margin: 0; min-width: 0; }
 figcaption, .caption { color: var(--soft); font-size: .9rem; }
 .caption { margin: 1rem 0 0; }

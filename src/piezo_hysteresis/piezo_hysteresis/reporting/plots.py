@@ -239,21 +239,23 @@ def _label_bars(plot: Any, names: Sequence[str], values: Sequence[float], shift:
 def bars_before_after(
     frequencies: Sequence[float | str],
     before: Sequence[float],
-    after: Sequence[float],
+    after: Sequence[float] | None,
     floor: float | None,
     *,
     title: str = 'Error before and after',
     caption: str = '',
     labels: tuple[str, str] = ('before', 'after'),
 ) -> Plot:
-    """Draw errors [m] before and after side by side on a logarithmic axis.
+    """Draw errors [m] before and after as pairs of bars on a logarithmic axis.
 
     Parameters
     ----------
     frequencies : sequence of float or str
         Frequencies of the records [Hz], or their names; one pair of bars each, without duplicates.
-    before, after : sequence of float
+    before : sequence of float
         Rms errors [m].
+    after : sequence of float or None
+        Rms errors [m]; None draws one bar for each record.
     floor : float or None
         Noise floor [m]; a bar at this level leaves no residual to explain.
     title, caption : str
@@ -262,7 +264,11 @@ def bars_before_after(
         Labels of the two bars.
     """
     names = [f if isinstance(f, str) else f'{f:g} Hz' for f in frequencies]
-    values = [MICRO * v for v in (*before, *after) if np.isfinite(v) and v > 0]
+    pairs = (
+        [(labels[0], before)] if after is None else [*zip(labels, (before, after), strict=True)]
+    )
+    width, middle = 0.8 / len(pairs), 0.5 * (len(pairs) - 1)
+    values = [MICRO * v for _, rows in pairs for v in rows if np.isfinite(v) and v > 0]
     known = [*values, *([MICRO * floor] if floor and floor > 0 else [])] or [1.0]
     bottom = min(known) / 2
     ends = (bottom, max(known) * 1.9)
@@ -271,16 +277,17 @@ def bars_before_after(
     if len(names) > 5:
         plot.xaxis.major_label_orientation = 1.1
     items = []
-    for k, (label, rows) in enumerate(zip(labels, (before, after), strict=True)):
+    for k, (label, rows) in enumerate(pairs):
+        offset = width * (k - middle)
         source = {'x': names, 'top': [MICRO * v if np.isfinite(v) else bottom for v in rows]}
         bars = plot.vbar(
-            x=dodge('x', -0.2 + 0.4 * k, range=places), top='top', bottom=bottom, width=0.36,
+            x=dodge('x', offset, range=places), top='top', bottom=bottom, width=0.9 * width,
             source=source, name='bars', line_color=None,
             fill_color=(ROLES['before'], ROLES['after'])[k],
             hatch_pattern=(None, 'right_diagonal_line')[k], hatch_color='white', hatch_alpha=0.6,
         )  # fmt: skip
         if len(names) <= _LABELLED:
-            _label_bars(plot, names, rows, -0.2 + 0.4 * k)
+            _label_bars(plot, names, rows, offset)
         items.append((label, bars))
         columns = [('record', '@x'), (label, '@top{0.0000} µm')]
         plot.add_tools(HoverTool(renderers=[bars], tooltips=columns))

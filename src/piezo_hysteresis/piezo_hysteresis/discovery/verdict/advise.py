@@ -43,19 +43,23 @@ def advise(
     alike : mapping of str to sequence of LookAlike
         Effects that the records cannot distinguish, by the name of the found effect.
     """
-    sentences: list[str] = []
+    separated: dict[str, dict[str, None]] = {}  # effects by the experiment that separates them
     for step in steps:
         chances = step.round.probabilities()
         alternatives = [
             name for name, chance in chances.items() if chance > ALTERNATIVE_PROBABILITY
         ]
-        beside = (each.name for each in alike.get(step.fit.effect, ()))
-        alternatives = list(dict.fromkeys((*alternatives, *beside)))
+        similar = (each.name for each in alike.get(step.fit.effect, ()))
+        alternatives = list(dict.fromkeys((*alternatives, *similar)))
         if len(alternatives) < 2:
             continue
         for name in alternatives:
             experiment = described(name)[0].experiment
-            sentences.append(f'To distinguish {", ".join(alternatives)}: {experiment}')
+            separated.setdefault(experiment, {}).update(dict.fromkeys(alternatives))
+    sentences = [
+        f'To distinguish {", ".join(names)}: {experiment[0].lower()}{experiment[1:]}'
+        for experiment, names in separated.items()
+    ]
     named = {step.fit.effect for step in steps}
     for names, advice in check.confounded:
         if named & set(names) or (left and not steps):

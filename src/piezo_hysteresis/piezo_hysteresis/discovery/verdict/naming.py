@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
 from piezo_hysteresis.discovery.selection.policy import POLICY
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 MIN_PROBABILITY = 0.005
 # Probability from which an alternative is stated in the summary.
 MENTIONED = POLICY.alternative
+# Skipped steps that the summary names; the others are counted.
+LISTED = 3
 # Change in standard deviations from which a parameter counts as changed.
 CHANGED = POLICY.noise_deviations
 # Relative distance of a drive harmonic from a mode up to which the drive is listed. Within 4 % a
@@ -59,9 +62,9 @@ def named_effects(
     """
     found: dict[str, NamedEffect] = {}
     for step in steps:
-        one = _named(step, start, final, floor, certainty)
+        before = found.get(step.fit.effect)
+        one = _named(step, start, final, floor, certainty, further=before is not None)
         one = replace(one, look_alikes=alike.get(one.name, ()))
-        before = found.get(one.name)
         found[one.name] = one if before is None else _joined(before, one)
     return tuple(_with_drives(each, records) for each in found.values())
 
@@ -76,7 +79,13 @@ def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
 
 
 def _named(
-    step: Step, start: CandidateFit, final: CandidateFit, floor: float, certainty: float
+    step: Step,
+    start: CandidateFit,
+    final: CandidateFit,
+    floor: float,
+    certainty: float,
+    *,
+    further: bool,
 ) -> NamedEffect:
     found_in = step.round
     chances = found_in.probabilities()
@@ -90,7 +99,7 @@ def _named(
     elements = [added for added in final.added if added.effect == winner]
     variants = tuple(dict.fromkeys(added.variant for added in elements))
     numbers = _numbers(elements, start, final)
-    evidence = _evidence(step, variants[0], floor)
+    evidence = _evidence(step, variants[0], floor, further=further)
     if winner == PARAMETER_SHIFT.name:
         evidence.insert(1, _changes(numbers, start))
     return NamedEffect(
@@ -154,20 +163,22 @@ def _owner(name: str, final: CandidateFit) -> Added:
     return min(holders, key=lambda added: len(added.names))
 
 
-def _evidence(step: Step, variant: str, floor: float) -> list[str]:
+def _evidence(step: Step, variant: str, floor: float, *, further: bool) -> list[str]:
     found_in = step.round
     effect = next(e for e in described(step.fit.effect) if e.variant == variant)
     gap = f'{found_in.before.rms / floor:.3g} to {step.fit.rms / floor:.3g} noise floors'
     trust = f'{found_in.gain.ratio:.3g} standard errors, {found_in.tried} candidates tried'
+    subject = 'A further element' if further else 'It'
     sentences = [
         effect.physics,
-        f'It lowers the gap on fitted records from {gap} ({trust}).',
+        f'{subject} lowers the gap on fitted records from {gap} ({trust}).',
     ]
-    if len(found_in.finalists) > 1:
+    if len(found_in.finalists) > 1 and not further:
         second = next((t for t in found_in.finalists if t.effect != step.fit.effect), None)
         if second is not None:
             sentences.append(
-                f'The next best effect, {second.effect}, gives {second.rms / floor:.3g} floors.'
+                f'The next best effect, {second.effect}, gives {second.rms / floor:.3g} noise '
+                'floors.'
             )
     return sentences
 
@@ -231,7 +242,10 @@ def summary_of(verdict: Verdict) -> str:
         )
     if not verdict.not_tried:
         return summary
-    return f'{summary} The time limit ended the search; not tried: {", ".join(verdict.not_tried)}.'
+    skipped = [', '.join(verdict.not_tried[:LISTED])]
+    if len(verdict.not_tried) > LISTED:
+        skipped.append(counted(len(verdict.not_tried) - LISTED, 'further step'))
+    return f'{summary} The time limit ended the search; not tried: {" and ".join(skipped)}.'
 
 
 def _only_own(verdict: Verdict) -> bool:
