@@ -46,7 +46,7 @@ def test_what_is_skipped_is_noted_once() -> None:
 
 @pytest.mark.parametrize('seconds', [0.0, -1.0, math.nan])
 def test_no_time_at_all_is_refused(seconds: float) -> None:
-    with pytest.raises(IdentificationError, match='more than 0 s'):
+    with pytest.raises(IdentificationError, match='above 0 s'):
         Deadline(seconds)
 
 

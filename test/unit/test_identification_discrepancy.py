@@ -95,7 +95,7 @@ def test_only_an_error_above_the_known_one_is_a_new_deviation() -> None:
     assert usual.ratio == pytest.approx(1.2)
     assert larger.new_deviation
     assert larger.ratio == pytest.approx(2.0)
-    assert 'at most' in comparison_text([usual], known)
+    assert 'within the known discrepancy' in comparison_text([usual], known)
     assert 'on 1 of 2 records; most on r: 2 times the 0.1 µm' in comparison_text(
         [usual, larger], known
     )
@@ -195,7 +195,7 @@ def test_validate_reports_an_error_above_the_known_discrepancy(
     assert main([*words, str(folder / 'more.csv'), '--out', str(tmp_path / 'more')]) == 0
     assert 'within the known discrepancy of the model' in capsys.readouterr().out
     assert main([*words, str(folder / 'crept.csv'), '--out', str(tmp_path / 'crept')]) == 0
-    assert 'beyond the known discrepancy of the model on 1 of 1' in capsys.readouterr().out
+    assert 'exceeds the known discrepancy of the model on 1 of 1' in capsys.readouterr().out
     content = {
         name: json.loads((tmp_path / name / 'summary.json').read_text())['discrepancy']
         for name in ('more', 'crept')

@@ -12,7 +12,7 @@ import pkgutil
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.parallel import SEPARATOR, side_by_side
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import ModelError
 
 __all__ = ['BLOCKS', 'EFFECTS', 'Block', 'Effect', 'Parameter', 'Slot', 'named_block']
@@ -48,7 +48,5 @@ def named_block(name: str) -> Block:
     if SEPARATOR in name:
         return side_by_side(*(named_block(each) for each in name.split(SEPARATOR)))
     if name not in BLOCKS:
-        raise ModelError(
-            f'there is no block {name}{near(name, BLOCKS)}; choose one of {", ".join(BLOCKS)}'
-        )
+        raise ModelError(f'there is no block {name}{choices(name, BLOCKS)}')
     return BLOCKS[name]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from piezo_hysteresis.cli.ros_installation import installed, ros_needed
 from piezo_hysteresis.common.registry import NODES, package_of
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'run one node, as ros2 run does'
@@ -48,8 +48,7 @@ def executable(node: str) -> Path:
         If the node is unknown, the workspace is not sourced or its package is not built.
     """
     if node not in NODES:
-        known = ', '.join(NODES)
-        raise PiezoError(f'there is no node {node}{near(node, NODES)}; choose one of {known}')
+        raise PiezoError(f'there is no node {node}{choices(node, NODES)}')
     package = package_of(node)
     path = installed(package) / 'lib' / package / node
     if not path.is_file():

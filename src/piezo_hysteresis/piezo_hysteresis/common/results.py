@@ -49,7 +49,7 @@ class Tabular(ABC):
 
     def _repr_html_(self) -> str:
         columns = self.columns()
-        heading = html.escape(repr(self).partition('\n')[0])
+        first, point, rest = html.escape(repr(self).partition('\n')[0]).partition('. ')
         head = ''.join(f'<th>{html.escape(name)}</th>' for name in columns)
         rows = list(zip(*columns.values(), strict=True)) if columns else []
         body = ''.join(
@@ -58,7 +58,7 @@ class Tabular(ABC):
         )
         more = f'<p>{len(rows) - _ROWS} more rows</p>' if len(rows) > _ROWS else ''
         return (
-            f'<p><b>{heading}</b></p><table><thead><tr>{head}</tr></thead>'
+            f'<p><b>{first}{point}</b>{rest}</p><table><thead><tr>{head}</tr></thead>'
             f'<tbody>{body}</tbody></table>{more}'
         )
 

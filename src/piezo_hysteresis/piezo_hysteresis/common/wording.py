@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterable
 from typing import Any, NoReturn
 
+_SHORT_LIST = 16  # longer lists hide the name that was meant
+
 
 def near(name: str, known: Iterable[str]) -> str:
     """Return ``' (did you mean X?)'`` where `name` is nearly one of `known`, '' elsewhere."""
@@ -18,6 +20,18 @@ def near(name: str, known: Iterable[str]) -> str:
     if not found and len(matching) == 1:
         found = matching
     return f' (did you mean {lower[found[0]]}?)' if found else ''
+
+
+def choices(name: object, known: Iterable[str]) -> str:
+    """Return the similar name in `known` and the whole list; of a long list the similar name only.
+
+    It continues a sentence: ``' (did you mean X?); choose one of X, Y'``.
+    """
+    names = list(known)
+    similar = near(name, names) if isinstance(name, str) else ''
+    if similar and len(names) > _SHORT_LIST:
+        return similar
+    return f'{similar}; choose one of {", ".join(names)}'
 
 
 def reason_of(error: BaseException) -> str:
@@ -65,8 +79,8 @@ class OneLineParser(argparse.ArgumentParser):
         form = r"argument (.*): invalid choice: '(.*?)' \(choose from (.*)\)"
         if found := re.fullmatch(form, message):
             what, word, known = found.groups()
-            choices = known.replace("'", '').split(', ')
-            return f'{what} {word} is unknown{near(word, choices)}: choose {", ".join(choices)}'
+            names = known.replace("'", '').split(', ')
+            return f'{what} {word} is unknown{near(word, names)}: choose {", ".join(names)}'
         return message
 
     def _written(self, name: str) -> str:

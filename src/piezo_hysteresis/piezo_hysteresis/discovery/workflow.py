@@ -191,7 +191,7 @@ def discover(
     alike = {
         step.fit.effect: look_alikes(found.evaluator, step, found.start)
         for step in found.steps
-        if not end.skips('effects that look alike')
+        if not end.skips('similar effects')
     }
     title = name or base.joint.model.name
     names = {name: tuple(each for each, _ in pairs) for name, pairs in alike.items()}

@@ -75,9 +75,9 @@ def comparison_text(found: Sequence[Comparison], known: Discrepancy | None) -> s
     )
     new_deviation = sum(each.new_deviation for each in found)
     if not new_deviation:
-        return f'within the known discrepancy of the model; at most {text}'
+        return f'the error is within the known discrepancy of the model; the largest on {text}'
     count = f'{new_deviation} of {len(found)} records'
-    return f'beyond the known discrepancy of the model on {count}; most on {text}'
+    return f'the error exceeds the known discrepancy of the model on {count}; most on {text}'
 
 
 def comparison_summary(

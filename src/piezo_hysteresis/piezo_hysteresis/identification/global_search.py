@@ -13,6 +13,7 @@ from math import log, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 
 _PHI = 4.2  # sum of the acceleration coefficients of Fang 2019
@@ -144,9 +145,7 @@ def search(
     if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high)) and np.all(low < high)):
         raise IdentificationError('a search needs finite bounds with low below high; narrow them')
     if method not in METHODS:
-        raise IdentificationError(
-            f'search {method!r} is unknown; choose one of {", ".join(METHODS)}'
-        )
+        raise IdentificationError(f'search {method!r} is unknown{choices(method, METHODS)}')
     width = high - low
     watch = _Watch(lambda z: cost(low + width * z), low.size, max_evaluations, progress)
     rng = np.random.default_rng(seed)

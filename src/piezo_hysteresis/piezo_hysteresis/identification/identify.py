@@ -34,7 +34,12 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.unseen import without_unseen
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chain_of
-from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE, parameter_columns
+from piezo_hysteresis.models.modelfile import (
+    OFFSET_NOTE,
+    OFFSET_STD_NOTE,
+    parameter_columns,
+    parameter_lines,
+)
 from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
@@ -119,15 +124,12 @@ class Identification(Reportable, Modelled):
     def __repr__(self) -> str:
         came = 'converged' if self.converged else 'did not converge'
         lines = [f'Identification of {self.chain.name} by {self.method}, {came}']
-        for q in self.chain.parameters:
-            std = self.std.get(q.name)
-            spread = '' if std is None else f' ± {std:.1g}'
-            lines.append(f'  {q.name} = {self.values[q.name]:.4g}{spread} {q.unit}')
+        lines += parameter_lines(self.chain, self.values, self.std)
         worst = max(self.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
         lines.append(
             f'  free run within {1e6 * worst.free_run_rms:.3g} µm rms '
             f'({worst.nrmse_percent:.3g} %) on {counted(len(self.records), "record")}, '
-            f'{counted(len(self.warnings), "warning")}'
+            f'{counted(len(self.warnings), "warning")}{" (.warnings)" if self.warnings else ""}'
         )
         return '\n'.join(lines)
 

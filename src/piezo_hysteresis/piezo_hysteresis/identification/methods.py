@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.global_search import METHODS as SEARCHES
 from piezo_hysteresis.identification.online import ONLINE_METHODS
@@ -77,10 +77,7 @@ def base_of(method: str) -> str:
             f'a method is one of {", ".join(METHODS)}, not of type {type(method).__name__}'
         )
     if method not in METHODS:
-        raise IdentificationError(
-            f'method {method!r} is unknown{near(method, METHODS)}; '
-            f'choose one of {", ".join(METHODS)}'
-        )
+        raise IdentificationError(f'method {method!r} is unknown{choices(method, METHODS)}')
     return PAPERS[method].base if method in PAPERS else method
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.fit import FARTHEST
@@ -64,7 +65,7 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
             return OnlineUd(settings)
     else:
         raise IdentificationError(
-            f'{method!r} is no recursive method; choose one of {", ".join(ONLINE_METHODS)}'
+            f'{method!r} is no recursive method{choices(method, ONLINE_METHODS)}'
         )
     raise IdentificationError(f'these settings do not belong to {method}')
 

@@ -15,6 +15,7 @@ from math import isfinite, pi
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.estimate import (
     WORKING_UNITS,
@@ -80,7 +81,7 @@ class RlsSettings:
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
             raise IdentificationError(
-                f'variant {self.variant!r} is unknown; choose one of {", ".join(VARIANTS)}'
+                f'variant {self.variant!r} is unknown{choices(self.variant, VARIANTS)}'
             )
         if self.harmonic not in (0, 3, 5):
             raise IdentificationError(f'harmonic must be 0, 3 or 5, got {self.harmonic}')
@@ -95,7 +96,7 @@ class RlsSettings:
             )
         if self.unit not in WORKING_UNITS:
             raise IdentificationError(
-                f'unit {self.unit!r} is unknown; choose one of {", ".join(WORKING_UNITS)}'
+                f'unit {self.unit!r} is unknown{choices(self.unit, WORKING_UNITS)}'
             )
         if not (np.isfinite(self.dt) and self.dt > 0):
             raise IdentificationError(f'dt must be positive, got {self.dt} s')

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.results import Reportable
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.controllers import (
     ATTENUATIONS,
     REPETITIVE,
@@ -184,7 +184,4 @@ def _feedback(pid: Sequence[float] | None) -> Feedback | None:
 
 def _require_one_of(what: str, given: object, known: tuple[str, ...]) -> None:
     if given not in known:
-        nearest = near(given, known) if isinstance(given, str) else ''
-        raise CompensationError(
-            f'{what} {given!r} is unknown{nearest}; choose one of {", ".join(known)}'
-        )
+        raise CompensationError(f'{what} {given!r} is unknown{choices(given, known)}')

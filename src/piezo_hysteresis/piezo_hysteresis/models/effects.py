@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from piezo_hysteresis.blocks import EFFECTS, Effect, Slot
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.blocks.parameter_shift import PARAMETER_SHIFT
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.scaling import (
@@ -103,10 +103,7 @@ def described(name: str) -> tuple[Effect, ...]:
     """
     found = tuple(effect for effect in (*EFFECTS, PARAMETER_SHIFT) if effect.name == name)
     if not found:
-        raise ModelError(
-            f'there is no effect {name}{near(name, EFFECT_NAMES)}; choose one of '
-            f'{", ".join(EFFECT_NAMES)}'
-        )
+        raise ModelError(f'there is no effect {name}{choices(name, EFFECT_NAMES)}')
     return found
 
 

@@ -151,10 +151,7 @@ class ModelFile(Plottable):
 
     def __repr__(self) -> str:
         lines = [f'Model {self.model.name}']
-        for q in self.model.parameters:
-            std = self.deviations.get(q.name)
-            spread = '' if std is None else f' ± {std:.1g}'
-            lines.append(f'  {q.name} = {self.values[q.name]:.4g}{spread} {q.unit}')
+        lines += parameter_lines(self.model, self.values, self.deviations)
         return '\n'.join(lines)
 
     def columns(self) -> dict[str, list[Any]]:
@@ -355,6 +352,19 @@ class ModelFile(Plottable):
 # The class has the name of the Python interface; `models.Model` is the chain alone.
 ModelFile.__module__, ModelFile.__name__ = 'piezo_hysteresis', 'Model'
 ModelFile.__qualname__, ModelFile.__init__.__qualname__ = 'Model', 'Model.__init__'
+
+
+def parameter_lines(
+    model: Model, values: Mapping[str, float], deviations: Mapping[str, float]
+) -> list[str]:
+    """Return a line for each parameter: name, value, standard deviation, unit."""
+    lines = []
+    for q in model.parameters:
+        std = deviations.get(q.name)
+        spread = '' if std is None else f' ± {std:.1g}'
+        unit = '' if q.unit == '1' else f' {q.unit}'
+        lines.append(f'  {q.name} = {values[q.name]:.4g}{spread}{unit}')
+    return lines
 
 
 def parameter_columns(

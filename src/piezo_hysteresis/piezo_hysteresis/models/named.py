@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
 
@@ -205,9 +205,7 @@ def named(name: str) -> Model:
         )
     first, *blocks = name.split('+')
     if first not in RECIPES:
-        raise ModelError(
-            f'there is no model {first}{near(first, NAMES)}; choose one of {", ".join(NAMES)}'
-        )
+        raise ModelError(f'there is no model {first}{choices(first, NAMES)}')
     recipe = RECIPES[first]
     model = Model(first, tuple(named_block(each) for each in recipe.blocks), recipe.held)
     for block in blocks:

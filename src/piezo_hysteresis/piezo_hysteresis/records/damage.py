@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from piezo_hysteresis.errors import DataNote, RecordError
 
-SALVAGE_HINT = 'pass --salvage to keep what is readable'
+SALVAGE_HINT = 'keep what is readable with --salvage (in Python salvage=True)'
 
 
 class DamageWarning(UserWarning):

@@ -22,6 +22,7 @@ from piezo_hysteresis.records.damage import (
 )
 from piezo_hysteresis.records.formats.reading import FORMATS, has_format, table_records
 from piezo_hysteresis.records.frames import Columns, DataFrameLike, frame_records
+from piezo_hysteresis.records.metadata import NAME
 from piezo_hysteresis.records.record import Record
 
 Source: TypeAlias = str | Path | Columns | Record
@@ -193,6 +194,10 @@ def sentences(path: Path) -> Iterator[None]:
 def _read(
     path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
 ) -> list[Record]:
+    if path.is_dir() and (inside := _data_below(path)):
+        raise RecordError(
+            f'{path}: the folder is no bag; give what it contains, such as {inside[0]}'
+        )
     if path.is_dir() or path.suffix in READERS:
         content = read_content(path, log)
         bags.append(content)
@@ -200,6 +205,14 @@ def _read(
     if is_of_columns(path):
         return column_records(path, log)
     raise RecordError(unknown_kind(path))
+
+
+def _data_below(folder: Path) -> list[Path]:
+    """Return the bags and files of columns in a folder; none if it is a bag itself."""
+    files = sorted(folder.iterdir())
+    if any(each.name == NAME or not READERS.keys().isdisjoint(each.suffixes) for each in files):
+        return []
+    return [each for each in files if is_of_columns(each) or (each / NAME).is_file()]
 
 
 def unknown_kind(path: Path) -> str:

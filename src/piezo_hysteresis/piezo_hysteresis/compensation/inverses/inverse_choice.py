@@ -12,6 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.base import Between, Part, Slot
 from piezo_hysteresis.blocks.gain import BLOCK as STRAIGHT
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
 from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
@@ -110,9 +111,7 @@ def inverse_for(
         If the model has no inverse, or not by that law.
     """
     if law not in INVERSES:
-        raise CompensationError(
-            f'there is no inverse {law!r}; choose one of {", ".join(INVERSES)}'
-        )
+        raise CompensationError(f'there is no inverse {law!r}{choices(law, INVERSES)}')
     options: _Options = {'limits': limits, 'start': start, 'transition': transition}
     if law != 'auto':
         return _by_law(model, values, dt, law, scale, options)

@@ -10,6 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import COUNT
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.inverses import hysteresis_inverse as hysteresis
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Run, take
 from piezo_hysteresis.compensation.inverses.structure_inverse import (
@@ -108,7 +109,7 @@ class PhysicalInverse(InverseLink):
     ) -> None:
         if law not in _KERNELS:
             raise CompensationError(
-                f'there is no inverse {law!r} of a hysteresis; choose one of {", ".join(_KERNELS)}'
+                f'there is no inverse {law!r} of a hysteresis{choices(law, _KERNELS)}'
             )
         self.law = law
         self.run = _RUNS[law]

@@ -84,7 +84,7 @@ def fitted_baselines(
         specs = [nominal, *specs]
     found: list[tuple[CandidateFit, Dataset]] = []
     for spec in specs:
-        if found and end.skips('another start of the baseline'):
+        if found and end.skips('a further start of the baseline'):
             break
         fit = _first_fit(spec, data, choices, workers, end)
         if fit is not None:

@@ -40,7 +40,7 @@ def led_by_best_start(
         The round; unchanged if no other initial conditions are better.
     """
     free = any(v.begins.kind == 'estimate' or v.begins.levels for v in evaluator.views)
-    if not free or evaluator.deadline.skips('starts of rivals'):
+    if not free or evaluator.deadline.skips('initial conditions of the alternatives'):
         return evaluator, round_
     chosen, first, fits = evaluator, round_.best, list(round_.finalists)
     best_of_each = {fit.effect: fit for fit in reversed(round_.finalists)}

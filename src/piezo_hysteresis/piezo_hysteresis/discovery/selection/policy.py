@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.clock import JITTER
 
@@ -343,8 +343,7 @@ class SelectionPolicy:
         unknown = sorted(set(changed) - set(known))
         if unknown:
             raise IdentificationError(
-                f'the policy has no number {unknown[0]}{near(unknown[0], known)}: '
-                f'choose one of {", ".join(known)}'
+                f'the policy has no number {unknown[0]}{choices(unknown[0], known)}'
             )
         whole = {
             name: int(value) if isinstance(known[name].default, int) else float(value)

@@ -54,7 +54,7 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
     progress(0.85, 'testing every effect with the others present')
     best = _retested(found)
     for step in _others(evaluator, first):
-        if not best.leaves_much or evaluator.deadline.skips(f'{step.fit.effect} first'):
+        if not best.leaves_much or evaluator.deadline.skips(f'selection from {step.fit.effect}'):
             break
         progress(0.9, f'beginning again with {step.fit.effect}')
         again = replace(step, fit=_finished(evaluator, step.fit))
@@ -69,7 +69,7 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
 def _retested(found: Found) -> Found:
     if found.evaluator.policy.elimination_rounds == 0 or not found.steps:
         return found
-    if len(found.steps) > 1 and found.evaluator.deadline.skips('effects tested again'):
+    if len(found.steps) > 1 and found.evaluator.deadline.skips('elimination of redundant effects'):
         return found
     evaluator, steps, final = retested(found.evaluator, found.start, found.steps)
     return replace(found, evaluator=evaluator, steps=tuple(steps), final=final)
@@ -114,7 +114,7 @@ def _forward(
     for place in range(len(steps), most):
         if not evaluator.has_significant_residual(current, start):
             return Found(evaluator, start, current, tuple(steps))
-        if steps and evaluator.deadline.skips('one effect more'):
+        if steps and evaluator.deadline.skips('a further effect'):
             return Found(evaluator, start, current, tuple(steps))
         evaluator = evaluator.with_tones_aligned(current)
         current = replace(evaluator.evaluated(current), fitted=current.fitted)

@@ -62,6 +62,9 @@ class Searching:
     changed: dict[str, float]
     deadline: Deadline
 
+    def __post_init__(self) -> None:
+        POLICY.but(**self.changed)  # an unknown name is refused before the records are read
+
     def policy(self, usual: SelectionPolicy) -> SelectionPolicy:
         """Return a preset of the policy with the changed thresholds."""
         return usual.but(**self.changed)
@@ -143,7 +146,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
         if not searched and (
             how.choices.start != 'auto'
             or not _assigned_records(data, found[0][1].evaluator.data, given)[0]
-            or how.deadline.skips('records that begin as they say')
+            or how.deadline.skips('stated initial conditions')
         ):
             break
         base, seen = held_data(data, given, how, searched=searched)

@@ -23,7 +23,7 @@ class Deadline:
     Raises
     ------
     IdentificationError
-        If the limit is not positive.
+        If the limit is no positive number.
     """
 
     seconds: float = inf
@@ -31,9 +31,10 @@ class Deadline:
 
     def __post_init__(self) -> None:
         """Start the clock."""
-        if not self.seconds > 0.0:
+        if not (isinstance(self.seconds, (int, float)) and self.seconds > 0.0):
             raise IdentificationError(
-                'the time limit must be more than 0 s; leave it out for none'
+                f'the time limit must be a number above 0 s, got {self.seconds!r}; leave it out '
+                'for none'
             )
         self._end = time.monotonic() + self.seconds
 

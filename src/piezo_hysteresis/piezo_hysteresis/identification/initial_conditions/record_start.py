@@ -15,6 +15,7 @@ from math import ceil
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.records import Record
@@ -103,7 +104,7 @@ def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
     start = record.info.start if record.info.start != 'auto' else wanted
     if start not in STARTS:
         raise IdentificationError(
-            f'a record cannot begin by {start!r}; choose one of {", ".join(STARTS)}'
+            f'the initial condition {start!r} is unknown{choices(start, STARTS)}'
         )
     if start == 'settled' and not cycle_of(record):
         raise IdentificationError(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import (
@@ -58,12 +59,10 @@ class Choices:
     def __post_init__(self) -> None:
         if self.start not in STARTS:
             raise IdentificationError(
-                f'start {self.start!r} is unknown; choose one of {", ".join(STARTS)}'
+                f'the initial condition {self.start!r} is unknown{choices(self.start, STARTS)}'
             )
         if self.zero not in ZEROS:
-            raise IdentificationError(
-                f'zero {self.zero!r} is unknown; choose one of {", ".join(ZEROS)}'
-            )
+            raise IdentificationError(f'zero {self.zero!r} is unknown{choices(self.zero, ZEROS)}')
 
 
 def zeros_lie_apart(own: float, shared: float) -> bool:
