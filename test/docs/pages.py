@@ -119,10 +119,11 @@ def _pieces(text: str) -> Iterator[tuple[int, str | None, str]]:
     at = 0
     while at < len(lines):
         line, begin = lines[at], at
-        if fence := re.fullmatch(r'```(\w*)', line):
-            while lines[at := at + 1] != '```':
+        if fence := re.fullmatch(r'( *)```(\w*)', line):  # indented in an entry of a list
+            while lines[at := at + 1] != f'{fence.group(1)}```':
                 pass
-            yield begin + 1, fence.group(1), '\n'.join(lines[begin + 1 : at]) + '\n'
+            inside = textwrap.dedent('\n'.join(lines[begin + 1 : at]))
+            yield begin + 1, fence.group(2), inside + '\n'
         elif line.startswith('    ') and not lines[at - 1].strip():
             while at < len(lines) and (lines[at].startswith('    ') or not lines[at].strip()):
                 at += 1

@@ -33,7 +33,6 @@ NOT_RUN = {
     'docs/controllers.md': 2,
     'docs/dashboard.md': 5,
     'docs/detection_limits.md': 1,
-    'docs/discovery.md': 1,
     'docs/discovery_foreign.md': 1,
     'docs/discovery_hidden.md': 3,
     'docs/discovery_lottery.md': 1,
@@ -44,6 +43,7 @@ NOT_RUN = {
     'docs/ros2_control.md': 1,
     'docs/security.md': 5,
     'docs/tutorials/controller.md': 1,
+    'docs/tutorials/discover.md': 1,
     'docs/validation.md': 6,
 }
 
