@@ -57,8 +57,8 @@ NAMES = re.compile(
     'tell(s|er|ing)?|told|who(ever|m)|wish(ed|es)?|worthy'
 )
 
-# Written from docstrings and --help, or a list of changes.
-GENERATED = ('docs/reference/', 'CHANGELOG.md')
+# Written from docstrings and --help.
+GENERATED = ('docs/reference/',)
 LONGEST_PAGE = 2500  # words of prose
 
 
@@ -70,7 +70,8 @@ def pages() -> list[str]:
 
 def dialect(text: str) -> list[str]:
     """Return the dialect words of a page, each with its neighbours and the standard term."""
-    running = ' '.join(prose(text).split()) + ' ' + ' '.join(re.findall(r'^\|.*$', text, re.M))
+    tables = re.sub('`[^`]*`', 'code', ' '.join(re.findall(r'^\|.*$', text, re.M)))
+    running = ' '.join(prose(text).split()) + ' ' + tables
     return [
         f'...{running[max(0, hit.start() - 30) : hit.end() + 20]}...: write {good}'
         for bad, good in WORDS.items()
