@@ -134,7 +134,7 @@ def _named(line: str) -> str:
 
 
 def _commands() -> str:
-    from piezo_hysteresis.cli.main import VERBS, load_verb
+    from piezo_hysteresis.cli.main import VERBS, parser_of
 
     os.environ['COLUMNS'] = '92'  # argparse wraps to it
     head = (
@@ -148,12 +148,7 @@ def _commands() -> str:
     )
     parts = [head]
     for verb in VERBS:
-        module = load_verb(verb)
-        parser = argparse.ArgumentParser(
-            prog=f'piezo_hysteresis {verb}', description=module.__doc__ or module.HELP
-        )
-        module.configure(parser)
-        parts += _help(verb, parser)
+        parts += _help(verb, parser_of(verb))
     from piezo_sim.cli import build_parser
 
     for name, parser in _below(build_parser()).items():

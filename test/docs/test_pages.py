@@ -88,6 +88,13 @@ def test_a_command_is_understood(page: str, program: str, words: str) -> None:
         assert node, f'{page}: {program} has no executable {arguments[0]}'
 
 
+@pytest.mark.parametrize('verb', VERBS)
+def test_the_example_of_a_verb_is_understood(verb: str) -> None:
+    words = shlex.split(load_verb(verb).EXAMPLE)
+    assert words[0] == verb
+    parser_of(verb).parse_args(words[1:])
+
+
 SEPARATOR = re.compile(r'\|[-:| ]*--[-:| ]*\|')
 
 

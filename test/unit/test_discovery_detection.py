@@ -224,7 +224,7 @@ def test_validate_states_the_limits_of_new_records(
     write_csv(data, records(model, model.defaults(), 1)[1])
     words = ['validate', str(data), '--model', str(saved), '--out', str(tmp_path / 'out')]
     assert main([*words, '--detection-limits']) == 0
-    assert 'would have shown from: ' in capsys.readouterr().out
+    assert 'detection limits: ' in capsys.readouterr().out
     summary = json.loads((tmp_path / 'out' / 'summary.json').read_text())
     limits = {each['variant']: each for each in summary['detection_limits']}
     # one record of 4 s at 4 Hz, noise 20 nm

@@ -39,43 +39,61 @@ def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
     parser = OneLineParser(
         prog='piezo_sim',
-        description='Sweeps faster than real time; presets and their numbers.',
+        description='Simulate records of piezo actuators, faster than real time.',
     )
     parser.add_argument('--version', action='version', version=__version__)
     verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
-    _configure_sweep(verbs.add_parser('sweep', help='simulate records and write them'))
-    verbs.add_parser('presets', help='list the actuators').set_defaults(run=_presets)
-    configure_stage(verbs.add_parser('stage', help='a flexure stage from its dimensions'))
-    _configure_plant(verbs.add_parser('plant', help='an actuator for another program, by a pipe'))
+    _configure_sweep(verbs.add_parser('sweep', help='simulate records and write a bag or file'))
+    verbs.add_parser('presets', help='list the simulated actuators').set_defaults(run=_presets)
+    configure_stage(verbs.add_parser('stage', help='design a flexure stage from its dimensions'))
+    _configure_plant(
+        verbs.add_parser('plant', help='simulate an actuator for another program, through a pipe')
+    )
     for name, what in (
-        ('gcs', 'a controller that speaks GCS 2, on a TCP port or a pty'),
-        ('nv200', 'an amplifier NV200 of piezosystem jena, on a pty'),
+        ('gcs', 'simulate a controller with GCS 2, on a TCP port or a pty'),
+        ('nv200', 'simulate an amplifier NV200 of piezosystem jena, on a pty'),
     ):
         _configure_controller(verbs.add_parser(name, help=what), name)
-    describe = verbs.add_parser('describe', help='parameters and effects, of a preset or waveform')
-    describe.add_argument('name', nargs='?', help='a preset, or "waveforms"; nothing: the tables')
+    describe = verbs.add_parser(
+        'describe', help='list parameters and effects of a preset, or the waveforms'
+    )
+    describe.add_argument(
+        'name', nargs='?', help='preset, or "waveforms" (default: the tables of parameters)'
+    )
     describe.set_defaults(run=_describe)
     return parser
 
 
 def _configure_sweep(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add('--preset', default='fdk_pzba_00030', help='the actuator (see: piezo_sim presets)')
-    add('--out', type=Path, required=True, help='a bag, or a file .npz or .csv (one record)')
-    add('--waveform', default='sine', help=f'one of {", ".join(KINDS)}')
-    add('--frequencies', type=_numbers, help='in Hz: 1,5,23 or 1:50 or 1:50:0.5')
-    add('--amplitudes', type=_numbers, help='in V; default: the drive of the preset')
-    add('--seconds', type=float, help='length of each record (default 10)')
+    add(
+        '--preset',
+        default='fdk_pzba_00030',
+        help='simulated actuator, see `python -m piezo_sim presets`',
+    )
+    add('--out', type=Path, required=True, help='bag folder, or a .npz or .csv file (one record)')
+    add('--waveform', default='sine', help=f'waveform: {", ".join(KINDS)}')
+    add('--frequencies', type=_numbers, help='frequencies [Hz]: 1,5,23 or 1:50 or 1:50:0.5')
+    add('--amplitudes', type=_numbers, help='amplitudes [V] (default: the drive of the preset)')
+    add('--seconds', type=float, help='length of each record [s] (default: 10)')
     add('--warm-up', type=float, help='initial time excluded from errors [s] (default: a tenth)')
-    add('--options', type=_mapping, default={}, help='settings of the waveform, as a=1,b=odd')
-    add('--plan', type=Path, help='YAML file with a list of waveforms, instead of the above')
-    add('--rate', type=float, help='sampling rate in Hz (default: of the preset)')
-    add('--noise', type=float, help='rms of the sensor noise in m; 0 switches noise off')
+    add('--options', type=_mapping, default={}, help='settings of the waveform, such as a=1,b=odd')
+    add(
+        '--plan',
+        type=Path,
+        help='YAML file with a list of waveforms, instead of the options above',
+    )
+    add('--rate', type=float, help='sampling rate [Hz] (default: of the preset)')
+    add(
+        '--noise',
+        type=float,
+        help='rms of the sensor noise [m], 0 for none (default: of the preset)',
+    )
     add('--seed', type=int, default=0, help='seed of all noise')
     add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
-        help='parameter, or effects.NAME=true|false')  # fmt: skip
+        help='parameter of the simulator, or effects.NAME=true|false')  # fmt: skip
     add('--actuator', help='name of the actuator in the records (default: the preset)')
-    add('-q', '--quiet', action='store_true', help='no progress')
+    add('-q', '--quiet', action='store_true', help='print no progress')
     add(
         '--reveal',
         type=Path,
@@ -120,30 +138,43 @@ def _sweep(options: argparse.Namespace) -> int:
 
 def _configure_plant(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add('--preset', default='fdk_pzba_00030', help='the actuator (see: piezo_sim presets)')
-    add('--rate', type=float, help='sampling rate in Hz (default: of the preset)')
+    add(
+        '--preset',
+        default='fdk_pzba_00030',
+        help='simulated actuator, see `python -m piezo_sim presets`',
+    )
+    add('--rate', type=float, help='sampling rate [Hz] (default: of the preset)')
     add('--seed', type=int, default=0, help='seed of all noise')
     add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
-        help='parameter, or effects.NAME=true|false')  # fmt: skip
+        help='parameter of the simulator, or effects.NAME=true|false')  # fmt: skip
     parser.set_defaults(run=lambda options: serve.run(options, dict(options.set)))
 
 
 def _configure_controller(parser: argparse.ArgumentParser, language: str) -> None:
     add = parser.add_argument
-    add('--preset', default='fdk_pzba_00030', help='the actuator (see: piezo_sim presets)')
+    add(
+        '--preset',
+        default='fdk_pzba_00030',
+        help='simulated actuator, see `python -m piezo_sim presets`',
+    )
     if language == 'gcs':
-        add('--rate', type=float, default=20_000.0, help='servo rate in Hz (default 20000)')
-        add('--port', type=int, default=50_000, help='TCP port on this machine; 0: a free one')
-        add('--pty', action='store_true', help='on a pseudo terminal, as by a serial cable')
+        add('--rate', type=float, default=20_000.0, help='servo rate [Hz]')
+        add('--port', type=int, default=50_000, help='TCP port on this machine, 0 for a free one')
+        add('--pty', action='store_true', help='use a pseudo terminal, like a serial cable')
     else:
         parser.set_defaults(rate=20_000.0)
-    add('--link', type=Path, help='with a pty: a link to the port, which ends with the program')
-    add('--speed', type=float, default=1.0, help='times real time; inf plays waves at once')
+    add('--link', type=Path, help='with a pty: symbolic link to the port, removed at the end')
+    add(
+        '--speed',
+        type=float,
+        default=1.0,
+        help='speed relative to real time; inf plays waves at once',
+    )
     add('--seed', type=int, default=0, help='seed of all noise')
     add('--fault', default='', metavar='KIND:N',
-        help=f'one of {", ".join(FAULTS)}, once, after N lines')  # fmt: skip
+        help=f'inject one of {", ".join(FAULTS)}, once, after N lines')  # fmt: skip
     add('--set', type=_assignment, action='append', default=[], metavar='NAME=VALUE',
-        help='parameter, or effects.NAME=true|false')  # fmt: skip
+        help='parameter of the simulator, or effects.NAME=true|false')  # fmt: skip
     parser.set_defaults(run=lambda options: server.run(options, dict(options.set), language))
 
 

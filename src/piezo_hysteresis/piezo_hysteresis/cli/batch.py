@@ -22,21 +22,26 @@ from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.process_setup import number_of_workers
 
-HELP = 'identify or discover over many bags, resumed after a kill'
+HELP = 'identify or discover in many bags; continues after a kill'
+EXAMPLE = 'batch identify bags --model classical --out table'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb: those of the repeated verb and of the executor."""
     verbs = parser.add_subparsers(
-        title='what to do with each', dest='each', metavar='VERB', required=True
+        title='verb for each data set', dest='each', metavar='VERB', required=True
     )
     for name, module in (('identify', identify), ('discover', discover)):
         # --workers means processes here: it replaces the option of the repeated verb
         each = verbs.add_parser(name, help=module.HELP, conflict_handler='resolve')
         module.configure(each)
         add = each.add_argument
-        add('--workers', type=int, default=0, metavar='N', help='processes; 0 is one per core')
-        add('--dask', metavar='ADDRESS', help='work on this Dask cluster: tcp://host:8786')
+        add('--workers', type=int, default=0, metavar='N', help='processes, 0 for one per core')
+        add(
+            '--dask',
+            metavar='ADDRESS',
+            help='scheduler of a Dask cluster, such as tcp://host:8786',
+        )
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -26,7 +26,11 @@ from piezo_hysteresis.records import Record, write_csv
 from piezo_hysteresis.reporting.folder import check_folder
 from piezo_hysteresis.waveforms import Sine
 
-HELP = 'compensation by a model: offline on a plant, or on a controller'
+HELP = 'simulate the compensation by a model, or run it on a controller'
+EXAMPLE = (
+    'compensate --model out/model/model.yaml --plant preset:fdk_pzba_00030 '
+    '--reference sine:frequency=23,amplitude=120e-6,duration=4 --out out/study'
+)
 
 # Options of both modes, and options that only a controller takes.
 _COMMON = {'model', 'reference', 'out', 'overwrite', 'low', 'high', 'slew', 'plant', 'on'}
@@ -36,36 +40,46 @@ _OF_CONTROLLER = {'axis', 'rounds'}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
-    add('--model', required=True, metavar='YAML', help='model that is inverted')
+    add('--model', required=True, metavar='YAML', help='model whose inverse is the feedforward')
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument(
         '--plant',
         metavar='YAML|preset:NAME',
-        help='model instead of the actuator, or a simulated one (piezo_sim presets)',
+        help='plant: a model, or a preset of `python -m piezo_sim presets`',
     )
     what.add_argument(
         '--on',
         metavar='ADDRESS',
-        help=f'the actuator on a controller: its wave is learnt from run to run; {FORMS}',
+        help=f'actuator on a motion controller, whose wave is learnt from run to run: {FORMS}',
     )
-    add('--axis', default='1', help='of the controller (1)')
-    add('--rounds', type=int, default=8, metavar='N', help='with --on: runs that learn, at most')
+    add('--axis', default='1', help='axis of the controller')
+    add(
+        '--rounds',
+        type=int,
+        default=8,
+        metavar='N',
+        help='with --on: largest number of learning runs',
+    )
     add(
         '--plant-set',
         nargs='+',
         default=[],
         metavar='NAME=VALUE',
-        help='parameters and effects of a simulated plant: effects.creep=true',
+        help='parameters and effects of a preset, such as effects.creep=true',
     )
     add('--reference', required=True, metavar='KIND:...', help='desired displacement [m]')
     add_out(parser)
-    add('--rate', type=float, help='sampling rate [Hz]; that of the model data, or 1000')
-    add('--low', type=float, help='lowest voltage [V]; of the preset, or -1.2')
-    add('--high', type=float, help='highest voltage [V]; of the preset, or 1.2')
-    add('--slew', type=float, help='fastest change of it [V/s]; of the preset, or 1000')
+    add('--rate', type=float, help='sampling rate [Hz] (default: that of the model data, or 1000)')
+    add('--low', type=float, help='lowest voltage [V] (default: of the preset, or -1.2)')
+    add('--high', type=float, help='highest voltage [V] (default: of the preset, or 1.2)')
+    add('--slew', type=float, help='slew rate limit [V/s] (default: of the preset, or 1000)')
     add('--noise', type=float, default=0.0, help='rms of the measurement noise [m]')
     add('--seed', type=int, default=0, help='seed of the noise')
-    add('--from-seconds', type=float, help='errors count from here [s]; half of the reference')
+    add(
+        '--from-seconds',
+        type=float,
+        help='start of the evaluated part [s] (default: half of the reference)',
+    )
     links.configure(parser)
 
 

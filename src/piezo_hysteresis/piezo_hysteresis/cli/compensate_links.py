@@ -35,27 +35,34 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that select controllers."""
     forward = parser.add_argument_group('feedforward')
     forward.add_argument(
-        '--law', choices=INVERSES, default='auto', help='how the model is inverted; laws of papers'
+        '--law',
+        choices=INVERSES,
+        default='auto',
+        help='inverse of the model: by structure (auto, exact, numeric, gain) or by a paper',
     )
-    forward.add_argument('--slow-model', metavar='YAML', help='another model for slow drives')
+    forward.add_argument('--slow-model', metavar='YAML', help='second model, for slow drives')
     forward.add_argument(
         '--switch',
         type=float,
         default=1.0,
         metavar='HZ',
-        help='highest frequency of slow drives (1)',
+        help='highest frequency of slow drives [Hz]',
     )
     harmonics = parser.add_argument_group('attenuation of harmonics')
     add = harmonics.add_argument
-    add('--attenuation', choices=ATTENUATIONS, default=DEFAULT.method, help='its method')
+    add(
+        '--attenuation',
+        choices=ATTENUATIONS,
+        default=DEFAULT.method,
+        help='method of the attenuation',
+    )
     orders = list(DEFAULT.orders)
-    shown = ' '.join(map(str, orders))
-    add('--orders', type=int, nargs='+', default=orders, help=f'harmonics to attenuate ({shown})')
+    add('--orders', type=int, nargs='+', default=orders, help='harmonic orders to attenuate')
     add(
         '--resonance',
         type=float,
         default=DEFAULT.resonance,
-        help='add the orders that it amplifies [Hz]; afc only',
+        help='frequency of a mode [Hz]; orders near it are added (afc only)',
     )
     add(
         '--gain-model',
@@ -67,11 +74,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         default=[],
         metavar='NAME=VALUE',
-        help='further settings: sign_rule=printed, switch_frequency=66, fit=sines, gain=1e4, ...',
+        help='further settings, such as sign_rule=printed, switch_frequency=66, gain=1e4',
     )
     feedback = parser.add_argument_group('feedback')
     add = feedback.add_argument
-    add('--feedback', choices=FEEDBACKS, help='feedback law; pid with --pid')
+    add(
+        '--feedback',
+        choices=FEEDBACKS,
+        help='feedback controller (default: pid if --pid is given, else none)',
+    )
     add(
         '--pid',
         type=float,
@@ -84,23 +95,27 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=4,
         metavar=('E', 'RATE', 'DKP', 'DKI'),
-        help='error [m] and rate [m/s] that are big, largest changes of the gains',
+        help='large error [m], large error rate [m/s], and largest changes of the gains',
     )
-    add('--fuzzy-tables', metavar='YAML', help='its rules, like config/fuzzy/symmetric.yaml')
-    add('--bandwidth', type=float, metavar='HZ', help='of h_infinity')
+    add(
+        '--fuzzy-tables',
+        metavar='YAML',
+        help='rules of fuzzy_pid; config/fuzzy/symmetric.yaml is an example',
+    )
+    add('--bandwidth', type=float, metavar='HZ', help='bandwidth of h_infinity [Hz]')
     add(
         '--h-infinity-set',
         nargs='+',
         default=[],
         metavar='NAME=VALUE',
-        help='its other weights: steady_error, peak, control, delay_ticks',
+        help='other weights of h_infinity: steady_error, peak, control, delay_ticks',
     )
     add(
         '--transfer-function',
         metavar='YAML',
-        help='its plant, from the verb linear (default: that of the model)',
+        help='plant of h_infinity, from the verb linear (default: that of the model)',
     )
-    add('--together', action='store_true', help='one more run, with attenuation and feedback')
+    add('--together', action='store_true', help='add a run with attenuation and feedback')
 
 
 def controllers_of(

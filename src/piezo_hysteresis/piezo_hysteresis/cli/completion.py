@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-HELP = 'completion of verbs and options for bash, zsh or tcsh'
+HELP = 'print the shell completion for bash, zsh or tcsh'
+EXAMPLE = 'completion bash'
 
 # Name of the command in bin/ and in pip installations of `python -m piezo_hysteresis`.
 COMMAND = 'piezo'
@@ -12,7 +13,7 @@ COMMAND = 'piezo'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    parser.add_argument('shell', choices=('bash', 'zsh', 'tcsh'))
+    parser.add_argument('shell', choices=('bash', 'zsh', 'tcsh'), help='shell')
 
 
 def run(arguments: argparse.Namespace) -> int:

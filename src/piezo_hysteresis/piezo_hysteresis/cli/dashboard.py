@@ -12,7 +12,8 @@ from piezo_hysteresis.parameters.dashboard_table import configure
 
 __all__ = ['HELP', 'configure', 'run']
 
-HELP = 'live page of running nodes, in a browser'
+HELP = 'serve the live page of running nodes'
+EXAMPLE = 'dashboard --port 5007'
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -24,12 +24,16 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import ModelFile
 
 HELP = 'record, identify, compensate and report; or identify your own record'
+EXAMPLE = 'demo --data my_record.csv --out out/mine'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     parser.add_argument(
-        '--data', nargs='+', metavar='DATA', help='your own bags or CSV files, instead'
+        '--data',
+        nargs='+',
+        metavar='DATA',
+        help='your own bags or CSV files, instead of the simulation',
     )
     add_out(parser, 'out/demo')
 

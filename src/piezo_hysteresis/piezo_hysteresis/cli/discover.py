@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from piezo_hysteresis.batch.tasks import Discover
 
 HELP = 'find the effects that a model lacks in recorded data'
+EXAMPLE = 'discover out/sweep --baseline bouc_wen_mode --out out/found'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -40,8 +41,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='data from before a change: errors of the baseline on them are not reported',
     )
     add_out(parser)
-    add('--seed', type=int, default=0, help='of every random choice; same seed, same verdict')
-    add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
+    add(
+        '--seed',
+        type=int,
+        default=0,
+        help='seed of all random choices; the same seed gives the same verdict',
+    )
+    add('--workers', type=int, default=0, metavar='N', help='threads, 0 for one per core')
     add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
@@ -50,15 +56,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         default=(),
         metavar='NAME=VALUE',
-        help='numbers that decide, see docs/reference/policy.md',
+        help='decision thresholds, see docs/reference/policy.md',
     )
     add(
         '--time-limit',
         type=float,
         default=60.0,
         metavar='S',
-        help='seconds after which the search stops with the best model so far and states what it '
-        'left out; 0 for none (default: 60)',
+        help='time after which the search stops with the best model so far and lists the skipped '
+        'steps [s]; 0 for no limit',
     )
     add('--actuator', help='actuator, if a bag holds several')
     add('--salvage', action='store_true', help='use the readable part of damaged data')
@@ -114,9 +120,9 @@ def _print_result(verdict: Any, out: str) -> None:
         for near in effect.look_alikes:
             print(f'    or {near.name} (within {near.distance:.2g} standard deviations)')
     if verdict.unexplained.significant:
-        print(f'  left: {verdict.unexplained.description}')
+        print(f'  remaining residual: {verdict.unexplained.description}')
     if verdict.detection_limits:
-        print(f'  would have shown from: {limits_line(verdict.detection_limits)}')
+        print(f'  detection limits: {limits_line(verdict.detection_limits)}')
     for each in verdict.next_experiments:
         print(f'  next: {each}')
     print(f'written to {out} ({verdict.seconds:.1f} s); open {out}/report.html')

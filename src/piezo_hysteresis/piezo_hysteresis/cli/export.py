@@ -26,7 +26,8 @@ from piezo_hysteresis.reporting.folder import replacing
 # File name extensions of models.
 MODELS = ('.yaml', '.yml')
 
-HELP = 'records back to files of columns; a model as a C library'
+HELP = 'write records as files, or a model as a C library'
+EXAMPLE = 'export out/sweep --format mat --out matlab'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -42,9 +43,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _configure_records(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--unit', choices=('m', 'mm', 'um', 'nm'), default='um',
-        help='unit of the displacement (m keeps every digit)',
+        help='unit of the displacement; m keeps every digit',
     )  # fmt: skip
-    parser.add_argument('--format', choices=('csv', *WRITTEN), default='csv', help='of the files')
+    parser.add_argument(
+        '--format', choices=('csv', *WRITTEN), default='csv', help='format of the files'
+    )
     parser.add_argument('--actuator', help='actuator, if a bag holds several')
     parser.add_argument(
         '--salvage', action='store_true', help='keep the readable part of damaged data'

@@ -26,26 +26,30 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group(
         'C library of a model (MODEL.yaml instead of DATA)'
     ).add_argument
-    add('--rate', type=float, help='steps per second [Hz]; that of the model data, or 1000')
+    add(
+        '--rate',
+        type=float,
+        help='steps per second [Hz] (default: that of the model data, or 1000)',
+    )
     add(
         '--limits',
         type=float,
         nargs=3,
         metavar=('LOW', 'HIGH', 'SLEW'),
         default=[-1.2, 1.2, 2000.0],
-        help='of the voltage [V], [V], [V/s] (-1.2 1.2 2000); they cannot be switched off',
+        help='limits of the voltage [V] and its slew [V/s]; they cannot be disabled',
     )
     add(
         '--energy',
         type=float,
         nargs=3,
         metavar=('WATT', 'FARAD', 'SECONDS'),
-        help='largest mean power of the amplifier, capacitance, time of the mean (no limit)',
+        help='limit of the mean power [W], capacitance [F], averaging time [s] (default: none)',
     )
-    add('--target', default=TARGETS[0], metavar='TARGET', help=f'one of {", ".join(TARGETS)}')
-    add('--name', default='piezo', help='of the library and of everything in it (piezo)')
-    add('--frequency', type=float, default=23.0, help='of the sine of the example [Hz] (23)')
-    add('--only', choices=('plant',), help='the model alone, without a compensator')
+    add('--target', default=TARGETS[0], metavar='TARGET', help=f'target: {", ".join(TARGETS)}')
+    add('--name', default='piezo', help='name of the library and prefix of its symbols')
+    add('--frequency', type=float, default=23.0, help='frequency of the sine in the example [Hz]')
+    add('--only', choices=('plant',), help='export only the model, without a compensator')
     chain.configure(parser)
 
 

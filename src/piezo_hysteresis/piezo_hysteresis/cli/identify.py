@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from piezo_hysteresis.batch.tasks import Identify
 
 HELP = 'identify a model from records'
+EXAMPLE = 'identify out/sweep --model bouc_wen_mode --out out/model'
 
 _METHODS = (
     'output_error (default), rls, rls_ud, pi_bank, pso, pso_modified, cma, de, or of a paper: '
@@ -38,17 +39,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--model',
         required=True,
         metavar='NAME[+BLOCK...]|YAML',
-        help=f'{", ".join(NAMES)}, with further blocks behind a +; or a model.yaml to start from',
+        help=f'{", ".join(NAMES)}, optionally with blocks after a +; or a model.yaml as start',
     )
     add_out(parser)
     add('--method', default='output_error', metavar='NAME', help=_METHODS)
-    add('--seed', type=int, default=0, help='seed of the searches')
+    add('--seed', type=int, default=0, help='seed of the search methods')
     add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
     add(
         '--frequency',
         type=float,
         metavar='HZ',
-        help='drive frequency, if the data do not contain it',
+        help='drive frequency [Hz], if the data do not contain it',
     )
     add(
         '--before',
@@ -56,7 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=[],
         metavar='V',
-        help='extremes of the voltage before each record: its remanence',
+        help='extremes of the voltage before each record, which define its remanence [V]',
     )
     add(
         '--held-out',
@@ -69,10 +70,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
     add('--hold', nargs='+', default=[], metavar='NAME=VALUE', help='parameters to fix (SI)')
     add('--set', nargs='+', default=[], metavar='NAME=VALUE', help='start values (SI)')
-    add('--weights', choices=('equal', 'relative'), help='errors in metres, or relative')
-    add('--whole', action='store_true', help='never average over periods')
-    add('--no-sampling-offset', action='store_true', help='trust the sampling instants')
-    add('--max-evaluations', type=int, help='budget of a search')
+    add(
+        '--weights',
+        choices=('equal', 'relative'),
+        help='weights of the records: errors in metres, or relative to the displacement',
+    )
+    add('--whole', action='store_true', help='fit all samples instead of averaged periods')
+    add(
+        '--no-sampling-offset',
+        action='store_true',
+        help='do not estimate a clock offset between voltage and displacement',
+    )
+    add('--max-evaluations', type=int, help='largest number of evaluations of a search')
     add(
         '--swarm',
         nargs='+',
@@ -88,15 +97,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='form of rls, by default that of the model: V1 is Fujii 2018 (3), V0 its (10), V2 is '
         'Tatebatake 2017 (10), basic its (18)',
     )
-    add('--no-offset', action='store_true', help='rls without an offset, as printed')
-    add('--p0', type=float, help='rls: P starts as this times the identity (1, as printed)')
+    add('--no-offset', action='store_true', help='rls without an offset, as in the paper')
+    add(
+        '--p0',
+        type=float,
+        help='rls: factor of the identity as initial P (default 1, as in the papers)',
+    )
     add('--unit', choices=('m', 'mm', 'um', 'nm'), help='working unit of rls (default mm)')
     add(
         '--workers',
         type=int,
         default=1,
         metavar='N',
-        help='threads; 0 is one per core; the result is the same',
+        help='threads, 0 for one per core; the result does not depend on it',
     )
     add('--actuator', help='actuator, if a bag holds several')
 

@@ -27,7 +27,8 @@ from piezo_hysteresis.records.load import (
 )
 from piezo_hysteresis.records.resampling import resampled
 
-HELP = 'CSV files to one bag, one record per file'
+HELP = 'convert files to one bag, one record per file'
+EXAMPLE = "import lab.csv --time 'Time (s)' --voltage CH1:V --displacement CH2:um --out bag"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -37,29 +38,36 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         metavar='FILE',
         help='CSV, .mat, .npz, .h5, .xlsx, .parquet, .tdms with columns time_s, voltage_V, '
-        'displacement_um (or _m, _mm, _nm; force_N); bags are taken too',
+        'displacement_um (or _m, _mm, _nm; force_N); or bags',
     )
     parser.add_argument('--out', required=True, metavar='BAG', help='bag folder to create')
-    parser.add_argument('--storage', default='mcap', help='mcap; sqlite3 is read only')
     parser.add_argument(
-        '--actuator', help='its name: given to CSV records, chosen among those of a bag'
+        '--storage', default='mcap', help='storage of the bag: mcap (sqlite3 is read only)'
+    )
+    parser.add_argument(
+        '--actuator', help='name of the actuator: assigned to CSV records, selected from a bag'
     )
     parser.add_argument(
         '--salvage', action='store_true', help='keep the readable part of damaged data'
     )
     parser.add_argument(
-        '--resample', type=float, metavar='HZ', help='bring every record to this rate; stamps '
-        'that jitter are interpolated before'
+        '--resample', type=float, metavar='HZ', help='resample every record to this rate [Hz]; '
+        'jittering stamps are interpolated first'
     )  # fmt: skip
     fields = parser.add_argument_group('bags of other message types, files of other columns')
-    fields.add_argument('--time', metavar='COLUMN[:UNIT]', help='of a file of columns')
+    fields.add_argument(
+        '--time', metavar='COLUMN[:UNIT]', help='column of the time (default time_s)'
+    )
     rows = fields.add_mutually_exclusive_group()
     rows.add_argument('--header-row', type=int, metavar='N',
-                      help='line with the names of the columns of a CSV file, from 1')  # fmt: skip
+                      help='line of a CSV file with the column names, from 1')  # fmt: skip
     rows.add_argument('--skip-rows', type=int, metavar='N',
-                      help='number of lines before it')  # fmt: skip
+                      help='number of lines before the column names')  # fmt: skip
     for quantity in ('voltage', 'force', 'displacement', 'reference'):
-        fields.add_argument(f'--{quantity}', metavar='/TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]')
+        fields.add_argument(
+            f'--{quantity}', metavar='/TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]',
+            help=f'field or column of the {quantity}',
+        )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -16,7 +16,8 @@ from piezo_hysteresis.records import Survey, survey
 from piezo_hysteresis.records.bag_content import read_content
 from piezo_hysteresis.records.damage import DamageLog
 
-HELP = 'records, topics, rates, gaps and units of bags and CSV files'
+HELP = 'list records, topics, rates, gaps and units of bags and files'
+EXAMPLE = 'info out/sweep'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -25,39 +25,69 @@ if TYPE_CHECKING:
     from piezo_interfaces.action import Investigate
 
 HELP = 'find the effects that a model lacks by experiments on the running actuator'
+EXAMPLE = 'investigate --model out/model/model.yaml --low -1 --high 1 --slew 50 --budget 60'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
-    add('--model', metavar='YAML', help='model in use; without it that of the discovery node')
+    add('--model', metavar='YAML', help='model in use (default: that of the discovery node)')
     add(
         '--out',
         metavar='DIR',
         default='investigation',
-        help='folder below that of the node; with --on any path',
+        help='result folder, below the folder of the node; with --on any path',
     )
-    add('--low', type=float, metavar='V', help='lowest voltage, given with --high')
+    add('--low', type=float, metavar='V', help='lowest voltage [V]; requires --high')
     add(
         '--high', type=float, metavar='V',
-        help='highest voltage; default: the range of the actuator and of the validated model',
+        help='highest voltage [V] (default: range of the actuator and the validated model)',
     )  # fmt: skip
-    add('--slew', type=float, default=0.0, metavar='V/S', help='fastest change of the voltage')
-    add('--max-frequency', type=float, default=0.0, metavar='HZ', help='of any drive, 100')
-    add('--stroke', type=float, default=0.0, metavar='UM', help='largest range of displacement')
+    add(
+        '--slew',
+        type=float,
+        default=0.0,
+        metavar='V/S',
+        help='slew rate limit [V/s] (default: that of the actuator)',
+    )
+    add(
+        '--max-frequency',
+        type=float,
+        default=0.0,
+        metavar='HZ',
+        help='highest frequency of a drive [Hz] (default: 100)',
+    )
+    add(
+        '--stroke',
+        type=float,
+        default=0.0,
+        metavar='UM',
+        help='largest range of displacement [µm] (default: no limit)',
+    )
     add(
         '--heat', type=float, default=0.0, metavar='V2HZ',
-        help='largest mean of frequency times amplitude squared over an experiment',
+        help='largest mean of frequency times amplitude squared [V²Hz] (default: no limit)',
     )  # fmt: skip
-    add('--budget', type=float, default=0.0, metavar='S', help='actuator time, 200')
-    add('--sure', type=float, default=0.0, metavar='P', help='a name is sure from here on, 0.9')
-    add('--seed', type=int, default=0, help='of every random choice')
-    add('--workers', type=int, default=0, metavar='N', help='threads; 0 is one per core')
+    add('--budget', type=float, default=0.0, metavar='S', help='actuator time [s] (default: 200)')
+    add(
+        '--sure',
+        type=float,
+        default=0.0,
+        metavar='P',
+        help='probability from which an effect counts as confirmed (default: 0.9)',
+    )
+    add('--seed', type=int, default=0, help='seed of all random choices')
+    add('--workers', type=int, default=0, metavar='N', help='threads, 0 for one per core')
     add('--no-apply', action='store_true', help='do not change feedforward and gap monitor')
-    add('--namespace', default='', help='of the nodes')
+    add('--namespace', default='', help='namespace of the nodes')
     add('--on', metavar='ADDRESS', help=f'a controller instead of nodes: {FORMS}')
-    add('--axis', default='1', help='of the controller (1)')
-    add('--rate', type=float, metavar='HZ', help='with --on: of the experiments, 1000')
+    add('--axis', default='1', help='axis of the controller')
+    add(
+        '--rate',
+        type=float,
+        metavar='HZ',
+        help='with --on: sampling rate of the experiments [Hz] (default: 1000)',
+    )
     add('--replay', metavar='FOLDER', help='repeat an investigation from its bags')
 
 

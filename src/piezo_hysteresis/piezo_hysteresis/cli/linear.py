@@ -14,7 +14,8 @@ from piezo_hysteresis.cli import verbosity
 
 _POOR = 10.0  # largest residual of a linear model, in percent of the motion
 
-HELP = 'transfer function from records, for H-infinity'
+HELP = 'fit a transfer function to records, for H-infinity'
+EXAMPLE = 'linear small.csv --out plant.yaml'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -22,15 +23,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
     add('--out', required=True, metavar='YAML', help='file of the transfer function')
-    add('--poles', type=int, default=3, help='order of the denominator (3, as Xiao 2014)')
-    add('--zeros', type=int, default=1, help='order of the numerator (1, as Xiao 2014)')
+    add('--poles', type=int, default=3, help='order of the denominator')
+    add('--zeros', type=int, default=1, help='order of the numerator')
     add(
         '--method',
         choices=('refined', 'arx'),
         default='refined',
-        help='refined: errors of the free run (Steiglitz and McBride); arx: as Xiao 2014',
+        help='refined: errors of the free run (Steiglitz and McBride); arx: as in Xiao 2014',
     )
-    add('--warm-up', type=float, metavar='S', help='seconds at the start that are skipped')
+    add('--warm-up', type=float, metavar='S', help='initial time excluded [s]')
     add('--actuator', help='actuator, if a bag holds several')
 
 

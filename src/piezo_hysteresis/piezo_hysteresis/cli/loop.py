@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from piezo_hysteresis.ros.processes import NodeProcesses
 
 HELP = 'run the loop with its live page in one terminal'
+EXAMPLE = 'loop --model out/model/model.yaml'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -28,15 +29,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         '--model',
         metavar='YAML',
-        help='model file of identify; without it there is no compensation',
+        help='model file of identify (default: no compensation)',
     )
-    add('--preset', default='fdk_pzba_00030', help='actuator that is simulated')
-    add('--frequency', type=float, default=23.0, metavar='HZ', help='of the reference, 23')
-    add('--amplitude', type=float, default=120.0, metavar='UM', help='of it [um], 120')
-    add('--clock', choices=('lock_step', 'real_time'), default='lock_step', help='lock_step')
-    add('--port', type=int, default=5006, help='of the page, 5006')
-    add('--folder', default='~/piezo_hysteresis', help='for sweeps and discoveries')
-    add('--seconds', type=float, metavar='S', help='end after this time [s]; default: on Ctrl-C')
+    add('--preset', default='fdk_pzba_00030', help='preset of the simulated actuator')
+    add(
+        '--frequency',
+        type=float,
+        default=23.0,
+        metavar='HZ',
+        help='frequency of the reference [Hz]',
+    )
+    add(
+        '--amplitude',
+        type=float,
+        default=120.0,
+        metavar='UM',
+        help='amplitude of the reference [µm]',
+    )
+    add(
+        '--clock',
+        choices=('lock_step', 'real_time'),
+        default='lock_step',
+        help='clock of the simulator',
+    )
+    add('--port', type=int, default=5006, help='port of the live page')
+    add('--folder', default='~/piezo_hysteresis', help='folder for sweeps and discoveries')
+    add('--seconds', type=float, metavar='S', help='run time [s] (default: until Ctrl-C)')
 
 
 def run(arguments: argparse.Namespace) -> int:

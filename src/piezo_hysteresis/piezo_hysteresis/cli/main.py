@@ -16,7 +16,8 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.common.wording import OneLineParser, near
 from piezo_hysteresis.errors import DataNote, PiezoError
 
-# Each module provides HELP (one line), configure(parser) and run(arguments) -> exit code.
+# Each module provides HELP (one line), EXAMPLE (arguments), configure(parser) and
+# run(arguments) -> exit code.
 VERBS = {
     'import': 'import_data',
     'export': 'export',
@@ -46,6 +47,18 @@ PLAIN = ('node', 'batch')
 def load_verb(verb: str) -> ModuleType:
     """Import the module of `verb`; the others stay unloaded for a fast start."""
     return importlib.import_module(f'piezo_hysteresis.cli.{VERBS[verb]}')
+
+
+def parser_of(verb: str) -> OneLineParser:
+    """Return the parser of a verb, without the options that all verbs have."""
+    module = load_verb(verb)
+    parser = OneLineParser(
+        prog=f'piezo_hysteresis {verb}',
+        description=module.__doc__ or module.HELP,
+        epilog=f'example:\n  piezo {module.EXAMPLE}',
+    )
+    module.configure(parser)
+    return parser
 
 
 def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int:
@@ -100,10 +113,7 @@ def _run(given: list[str]) -> int:
             raise PiezoError(f'there is no verb {verb}{near(verb, VERBS)}; see --help')
         return _overview(given)
     module = load_verb(verb)
-    parser = OneLineParser(
-        prog=f'piezo_hysteresis {verb}', description=module.__doc__ or module.HELP
-    )
-    module.configure(parser)
+    parser = parser_of(verb)
     if verb not in PLAIN:
         verbosity.add_verbosity_options(parser)
     plain = verb in PLAIN
@@ -136,7 +146,7 @@ def _prepared(arguments: argparse.Namespace, verb: str) -> str:
 def _overview(given: list[str]) -> int:
     parser = OneLineParser(
         prog='piezo_hysteresis',
-        description='Model, identify and compensate piezo hysteresis; find what the model misses.',
+        description='Identify and compensate piezo hysteresis; find effects that a model lacks.',
     )
     parser.add_argument('--version', action='version', version=__version__)
     verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)

@@ -17,13 +17,17 @@ from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'run one node, as ros2 run does'
+EXAMPLE = 'node feedforward -p model_file:=out/model/model.yaml'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    parser.add_argument('node', metavar='NAME', help=', '.join(NODES))
+    parser.add_argument('node', metavar='NAME', help=f'node: {", ".join(NODES)}')
     parser.add_argument(
-        'words', nargs=argparse.REMAINDER, metavar='...', help='-p NAME:=VALUE and so on'
+        'words',
+        nargs=argparse.REMAINDER,
+        metavar='...',
+        help='options of the node, such as -p NAME:=VALUE',
     )
 
 

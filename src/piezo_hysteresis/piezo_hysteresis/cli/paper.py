@@ -10,6 +10,7 @@ from pathlib import Path
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'reproduce figures and tables of the five papers'
+EXAMPLE = 'paper fujii2018 --figure 16'
 
 PAPERS = ('fujii2018', 'tatebatake2017', 'zhou2021', 'xiao2014', 'fang2019')
 _NO_PLANTS = (
@@ -20,12 +21,14 @@ _NO_PLANTS = (
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of this verb."""
     add = parser.add_argument
-    add('paper', choices=(*PAPERS, 'all'), help='the paper, or all five')
-    add('--figure', type=int, nargs='+', default=[], help='numbers; all figures by default')
-    add('--table', type=int, nargs='+', default=[], help='numbers; all tables by default')
-    add('--out', type=Path, metavar='DIR', default=Path('out/papers'), help='folder of results')
-    add('--page', type=Path, metavar='FILE', help='also write the pages there')
-    add('--short', action='store_true', help='short runs, one seed, few frequencies')
+    add('paper', choices=(*PAPERS, 'all'), help='paper, or all five')
+    add('--figure', type=int, nargs='+', default=[], help='numbers of figures (default: all)')
+    add('--table', type=int, nargs='+', default=[], help='numbers of tables (default: all)')
+    add(
+        '--out', type=Path, metavar='DIR', default=Path('out/papers'), help='folder of the results'
+    )
+    add('--page', type=Path, metavar='FILE', help='also write the pages into this file')
+    add('--short', action='store_true', help='short runs with one seed and few frequencies')
 
 
 def run(arguments: argparse.Namespace) -> int:

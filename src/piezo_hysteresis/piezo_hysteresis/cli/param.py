@@ -13,15 +13,18 @@ from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.errors import PiezoError
 
 HELP = 'list, get, set and load parameters of running nodes'
+EXAMPLE = 'param set /attenuation enabled false'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    parser.add_argument('what', choices=('list', 'get', 'set', 'load'))
-    parser.add_argument('node', nargs='?', metavar='/NODE', help='with its namespace')
-    parser.add_argument('name', nargs='?', help='of the parameter; of the file for load')
-    parser.add_argument('value', nargs='?', help='as YAML: 14, false, [0, 1, 3], {seed: 3}')
-    parser.add_argument('--timeout', type=float, default=5.0, metavar='S', help='for an answer')
+    parser.add_argument('what', choices=('list', 'get', 'set', 'load'), help='action')
+    parser.add_argument('node', nargs='?', metavar='/NODE', help='node with its namespace')
+    parser.add_argument('name', nargs='?', help='name of the parameter; for load, the file')
+    parser.add_argument('value', nargs='?', help='value as YAML: 14, false, [0, 1, 3], {seed: 3}')
+    parser.add_argument(
+        '--timeout', type=float, default=5.0, metavar='S', help='time to wait for an answer [s]'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

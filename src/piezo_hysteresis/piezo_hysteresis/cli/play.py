@@ -6,18 +6,19 @@ import argparse
 
 from piezo_hysteresis.cli.ros_installation import ros_needed
 
-HELP = 'topics from a bag'
+HELP = 'publish the topics of a bag'
+EXAMPLE = 'play out/sweep --lock-step'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     parser.add_argument('bag', metavar='BAG', help='bag folder, .mcap or .db3 file')
     parser.add_argument('topics', nargs='*', metavar='TOPIC', help='topics to play (default: all)')
-    parser.add_argument('--rate', type=float, default=1.0, help='speed against the recording')
-    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    parser.add_argument('--rate', type=float, default=1.0, help='speed relative to the recording')
+    parser.add_argument('--loop', action='store_true', help='restart at the end')
     parser.add_argument(
         '--lock-step', action='store_true',
-        help='send each message once the previous one was consumed, at full speed',
+        help='send each message as soon as the subscribers have processed the previous one',
     )  # fmt: skip
     parser.add_argument('--clock', action='store_true', help='publish the time of the bag')
     parser.add_argument(

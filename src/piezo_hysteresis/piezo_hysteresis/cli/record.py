@@ -9,17 +9,20 @@ import argparse
 
 from piezo_hysteresis.cli.ros_installation import ros_needed
 
-HELP = 'bag from topics of a running ROS 2 system'
+HELP = 'record topics of a running ROS 2 system into a bag'
+EXAMPLE = 'record /piezo/actuator/state --out bag'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     parser.add_argument(
         'topics', nargs='*', metavar='TOPIC',
-        help='topics to record (actuator/state, reference and record/marker)',
+        help='topics to record (default: actuator/state, reference and record/marker)',
     )  # fmt: skip
     parser.add_argument('--out', required=True, metavar='BAG', help='bag folder to create')
-    parser.add_argument('--namespace', default='piezo', help='of topics given without a slash')
+    parser.add_argument(
+        '--namespace', default='piezo', help='namespace of topics without a leading slash'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

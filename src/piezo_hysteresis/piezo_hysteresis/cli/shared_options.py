@@ -22,10 +22,9 @@ ZERO_HELP = (
 
 def add_out(parser: argparse.ArgumentParser, default: str | None = None) -> None:
     """Add ``--out DIR`` and ``--overwrite``; without a default the folder is required."""
-    note = '' if default is None else f' ({default})'
     parser.add_argument(
         '--out', required=default is None, default=default, metavar='DIR',
-        help=f'folder of the results; those of the same verb are replaced{note}',
+        help='folder of the results; earlier results of the same verb are replaced',
     )  # fmt: skip
     parser.add_argument(
         '--overwrite', action='store_true', help='write also if the folder is not empty'

@@ -12,24 +12,37 @@ from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.errors import PiezoError, RecordError
 
 HELP = 'measure a sweep on a controller (PI, GCS 2; piezosystem jena, NV200)'
+EXAMPLE = (
+    'sweep --on gcs://192.168.0.10 --frequencies 1,10 --amplitudes 5,10 --range 0 100 --out sweep'
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
     add('--on', required=True, metavar='ADDRESS', help=f'the controller: {FORMS}')
-    add('--axis', default='1', help='of the controller (default 1)')
-    add('--frequencies', required=True, type=_numbers, metavar='HZ,...')
-    add('--amplitudes', required=True, type=_numbers, metavar='V,...')
-    add('--seconds', type=float, default=2.0, metavar='S', help='of each record (default 2)')
-    add('--warm-up', type=float, default=0.0, metavar='S', help='excluded from errors')
-    add('--waveform', default='sine', help='see piezo_sim describe waveforms')
+    add('--axis', default='1', help='axis of the controller')
+    add('--frequencies', required=True, type=_numbers, metavar='HZ,...', help='frequencies [Hz]')
+    add('--amplitudes', required=True, type=_numbers, metavar='V,...', help='amplitudes [V]')
+    add('--seconds', type=float, default=2.0, metavar='S', help='length of each record [s]')
+    add(
+        '--warm-up',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='initial time excluded from errors [s]',
+    )
+    add(
+        '--waveform',
+        default='sine',
+        help='waveform; `python -m piezo_sim describe waveforms` lists them',
+    )
     add('--options', default='', metavar='YAML',
-        help='settings of the waveform, as {offset: 30}')  # fmt: skip
+        help='settings of the waveform, such as {offset: 30}')  # fmt: skip
     add('--range', nargs=2, type=float, metavar=('LOW', 'HIGH'),
         help='voltage range that is never exceeded [V]')  # fmt: skip
-    add('--slew', type=float, metavar='V/S', help='rate that is never exceeded')
-    add('--actuator', default='', help='its name in the records')
+    add('--slew', type=float, metavar='V/S', help='slew rate that is never exceeded [V/s]')
+    add('--actuator', default='', help='name of the actuator in the records')
     add('--out', required=True, metavar='BAG', help='bag folder to create')
 
 

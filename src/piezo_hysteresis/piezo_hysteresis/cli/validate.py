@@ -12,7 +12,8 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.models import ModelFile
 
-HELP = 'free-run and one-step errors of a saved model'
+HELP = 'compare a saved model with records that were not fitted'
+EXAMPLE = 'validate out/check --model out/model/model.yaml --out out/validation'
 
 LIMITS_HELP = 'state the smallest size of each known effect that these records would show'
 _STEADY = 'the same as --start settled'
@@ -58,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     print(found.remark)
     if limits:
-        print(f'  would have shown from: {limits_line(limits)}')
+        print(f'  detection limits: {limits_line(limits)}')
     print(f'written to {arguments.out}; open {arguments.out}/report.html')
     for warning in found.warnings:
         verbosity.warn(warning)

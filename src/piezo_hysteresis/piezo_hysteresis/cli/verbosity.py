@@ -24,11 +24,11 @@ def add_verbosity_options(parser: argparse.ArgumentParser) -> None:
     """Add -q and -v to a verb."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument(
-        '-q', '--quiet', action='store_true', help='no progress, notes and warnings'
+        '-q', '--quiet', action='store_true', help='print no progress, notes and warnings'
     )
     group.add_argument(
         '-v', '--verbose', action='store_true',
-        help='progress as lines, and traceback of errors',
+        help='print progress as lines, and the traceback of an error',
     )  # fmt: skip
 
 

@@ -49,8 +49,32 @@ def short(number: float) -> str:
     return f'{number:.0f}' if 100.0 <= number < 1e9 else f'{number:.3g}'
 
 
+class DefaultsFormatter(argparse.HelpFormatter):
+    """Adds the default to each help text that states none, and prints an epilog unwrapped."""
+
+    def _get_help_string(self, action: argparse.Action) -> str:
+        text, default = action.help or '', action.default
+        if action.nargs == 0 or default in (None, '', argparse.SUPPRESS) or 'default' in text:
+            return text
+        if default in ((), [], {}):
+            return text
+        if isinstance(default, (list, tuple)):
+            default = ' '.join(f'{each:g}' for each in default)
+        shown = f'{default:g}' if isinstance(default, float) else str(default)
+        return f'{text} (default {shown})'.lstrip()
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if text.startswith('example:'):
+            return text
+        return super()._fill_text(text, width, indent)
+
+
 class OneLineParser(argparse.ArgumentParser):
     """Reports an error of the command line in one sentence; ``--help`` prints the usage."""
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        options.setdefault('formatter_class', DefaultsFormatter)
+        super().__init__(*given, **options)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; a mistyped option is named before what seems to be missing for it."""

@@ -120,10 +120,12 @@ class SweepForm:
         self._amplitudes = TextInput(
             title='amplitudes [V]', value='1.0, 0.5', name='sweep.amplitudes', **wide
         )
-        self._seconds = self._number('each [s]', 3.0, 'sweep.seconds')
-        self._warm_up = self._number('left out [s]', 1.0, 'sweep.warm_up')
-        self._pause = self._number('rest [s]', 0.0, 'sweep.pause')
-        self._name = TextInput(title='recorded as', value=next_name(), name='sweep.name', **wide)
+        self._seconds = self._number('record length [s]', 3.0, 'sweep.seconds')
+        self._warm_up = self._number('warm-up [s]', 1.0, 'sweep.warm_up')
+        self._pause = self._number('pause [s]', 0.0, 'sweep.pause')
+        self._name = TextInput(
+            title='name of the bag', value=next_name(), name='sweep.name', **wide
+        )
         self.box = JobBox('sweep', self._start, cancel)
         self.root = Column(
             self._frequencies,

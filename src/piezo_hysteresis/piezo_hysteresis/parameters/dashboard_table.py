@@ -1,4 +1,4 @@
-"""The parameters of the live page, as a table and as words of the command line."""
+"""The parameters of the live page, as a table and as options of the command line."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
 
-# Of the page and of the discovery node, wherever they are started: no folder of sources fills up.
+# Of the page and of the discovery node; not the working directory, which may hold sources.
 RESULTS = '~/piezo_hysteresis'
 
 DASHBOARD = ParameterTable(
@@ -60,11 +60,15 @@ DASHBOARD = ParameterTable(
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of the verb and of the executable ``dashboard``."""
-    parser.add_argument('--namespace', help='namespace of the actuator; by default all that exist')
+    parser.add_argument('--namespace', help='namespace of the actuator (default: all)')
     parser.add_argument(
-        '--folder', help='for sweeps and discoveries, whose reports are served; ~/piezo_hysteresis'
+        '--folder',
+        help='folder for sweeps, discoveries and reports (default: ~/piezo_hysteresis)',
     )
-    parser.add_argument('--port', type=int, help='5006; 0 takes a free one')
     parser.add_argument(
-        '--address', help='where to listen; others than 127.0.0.1 let other machines in'
+        '--port', type=int, help='port of the page, 0 for a free one (default: 5006)'
+    )
+    parser.add_argument(
+        '--address',
+        help='address to listen on (default: 127.0.0.1); any other gives other machines access',
     )
