@@ -9,7 +9,7 @@ from piezo_hysteresis.identification.solver import Problem, bounded_step, solve
 class Rosenbrock(Problem):
     """The classic curved valley, as least squares."""
 
-    grains = np.zeros(2)
+    minimum_steps = np.zeros(2)
 
     def cost(self, x: np.ndarray) -> float:
         r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
@@ -24,7 +24,7 @@ class Rosenbrock(Problem):
 class Stairs(Problem):
     """A slope in x[1] at the place that x[0] says in whole steps; its derivative spans a step."""
 
-    grains = np.array([1.0, 0.0])
+    minimum_steps = np.array([1.0, 0.0])
 
     def _residual(self, x: np.ndarray) -> np.ndarray:
         place = np.floor(x[0])
@@ -43,7 +43,7 @@ class Stairs(Problem):
 class Remainder(Problem):
     """A line that comes to 2 at best and begins at 2.5."""
 
-    grains = np.zeros(1)
+    minimum_steps = np.zeros(1)
 
     def cost(self, x: np.ndarray) -> float:
         return 0.5 * float((x[0] - 1.0) ** 2) + 2.0

@@ -135,7 +135,7 @@ def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad: Any) -> None:
     assert np.all(np.isnan(bounded_step(factor, rhs, 1e-3 * one, -one, one)))
 
     class Spoilt:
-        grains = np.zeros(3)
+        minimum_steps = np.zeros(3)
 
         def __init__(self, factor: FloatArray) -> None:
             self.factor = factor
@@ -154,7 +154,7 @@ def test_a_step_that_cannot_be_found_ends_a_fit_honestly(bad: Any) -> None:
 
 def test_a_fit_whose_derivatives_have_no_finite_squares_is_found() -> None:
     class Steep:
-        grains = np.zeros(2)
+        minimum_steps = np.zeros(2)
 
         def linearise(self, x: Any) -> Any:
             return 1e200 * np.eye(2), 1e200 * x + 1.0, self.cost(x)

@@ -1,10 +1,10 @@
-"""Errors that tell the user what to do; the command line prints them as one line, exit code 2."""
+"""Errors with a remedy for the user; the command line prints them as one line, exit code 2."""
 
 
 class PiezoError(Exception):
-    """Base of every error that a user can cause and mend.
+    """Base of every error that a user can cause and correct.
 
-    The message is one sentence saying what is wrong and what to do about it.
+    The message is one sentence with the cause and the remedy.
     """
 
 

@@ -1,8 +1,8 @@
 """Set-up of a process of our own: memory, and the number of threads and processes.
 
-What is parallel here runs over records and candidates in threads of its own. Those of the linear
-algebra wait for each other by spinning, which beside busy neighbours takes a hundred times as long
-as the work itself.
+Records and candidates are processed in threads of the suite. Those of the linear
+algebra wait for each other by spinning, which takes a hundred times as long as the work itself on
+a busy machine.
 """
 
 from __future__ import annotations

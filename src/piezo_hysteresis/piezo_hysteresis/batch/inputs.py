@@ -82,7 +82,7 @@ def jobs_of(task: Task, data: Sequence[str | Path], out: str | Path) -> list[Job
     task : Task
         Work on each set of data.
     data : sequence of str or Path
-        Bags and column files; a folder that is no bag stands for all of them in it.
+        Bags and column files; a folder that is no bag includes all of them in it.
     out : str or Path
         Folder of the results, which is not searched for data.
 

@@ -1,6 +1,6 @@
 """One table states every parameter of a node; declaration, checks and documents come from it.
 
-This file knows no ROS, so that parameter files are checked without starting a node.
+It does not depend on ROS, so that parameter files are checked without starting a node.
 """
 
 from __future__ import annotations

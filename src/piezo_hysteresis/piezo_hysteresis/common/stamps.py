@@ -95,7 +95,7 @@ class ActuatorClock:
 
     @property
     def jumps(self) -> int:
-        """How often the stamp of a state did not follow from the one before."""
+        """Number of states whose stamp did not follow from the previous one."""
         return self._stamps.jumps
 
     def update(self, sample: int, nanoseconds: int) -> None:

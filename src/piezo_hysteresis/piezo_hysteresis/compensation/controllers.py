@@ -32,8 +32,8 @@ ATTENUATIONS = (*METHODS, REPETITIVE, 'none')
 _NAMES = {'pid': 'PID', 'fuzzy_pid': 'fuzzy PID', 'h_infinity': 'H-infinity'}
 #: Assumed quasi-static gain of an unknown plant [m/V].
 GUESS = 1e-4
-# Largest first step where nothing is known of the plant: beside a mode its gain may be 30 times
-# the guess, and the error then grows by no more than it is.
+# Largest first step for an unknown plant: near a mode its gain may be 30 times the guess, and the
+# error then at most doubles.
 UNKNOWN_PLANT = 0.05
 #: Numerator and denominator of a transfer function in s, the highest power first.
 Polynomials = tuple[tuple[float, ...], tuple[float, ...]]

@@ -1,4 +1,4 @@
-"""The last thing before the wire: range, slew, energy and finiteness of the commanded voltage."""
+"""Final limiter of the commanded voltage: range, slew, energy and finiteness."""
 
 from __future__ import annotations
 
@@ -143,13 +143,13 @@ class Limiter:
             self._memory[MEAN] = 0.0
 
     def reset(self, voltage: float = 0.0) -> None:
-        """Start anew at `voltage` [V], clamped to the range, with every counter at 0."""
+        """Restart at `voltage` [V], clamped to the range, with every counter at 0."""
         start = voltage if math.isfinite(voltage) else 0.0
         self._memory[:] = 0.0
         self._memory[VOLTAGE] = min(max(start, self.limits.low), self.limits.high)
 
     def follow(self, voltage: float) -> None:
-        """Take `voltage` [V] for the last one, where something else has moved it meanwhile."""
+        """Set the last voltage [V], after another source has changed it."""
         if math.isfinite(voltage):
             self._memory[VOLTAGE] = voltage
 

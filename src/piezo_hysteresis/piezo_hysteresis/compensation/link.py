@@ -64,10 +64,10 @@ class Link(Protocol):
         """Return the voltage to pass on [V]."""
 
     def reset(self) -> None:
-        """Forget everything but the parameters."""
+        """Reset the state; the parameters stay."""
 
     def counters(self) -> dict[str, int]:
-        """Return what went wrong so far, by name (clamped slopes, limited samples, ...)."""
+        """Return the counters of faults, by name (clamped slopes, limited samples, ...)."""
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ class ModelPlant:
         self.reset()
 
     def reset(self) -> None:
-        """Return to rest; the noise starts anew."""
+        """Return to rest and restart the noise."""
         self._state = self._model.initial_state(self._dt)
         self._random = np.random.default_rng(self._seed)
 

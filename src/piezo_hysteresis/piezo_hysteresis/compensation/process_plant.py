@@ -1,4 +1,4 @@
-"""A plant in another process, spoken to over a pipe: nothing of it is imported here."""
+"""A plant in another process, connected by a pipe; it shares no imports."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ProcessPlant:
     Raises
     ------
     CompensationError
-        If it ends instead of answering; what it says is in the message.
+        If it ends instead of answering; the message contains its output.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
@@ -55,7 +55,7 @@ class ProcessPlant:
         return self._ask(_NUMBER.pack(voltage))
 
     def reset(self) -> None:
-        """Put the plant back to rest; its noise begins anew."""
+        """Return the plant to rest and restart its noise."""
         self._ask(_REST)
 
     def _ask(self, number: bytes) -> float:

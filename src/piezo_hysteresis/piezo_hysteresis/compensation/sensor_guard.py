@@ -129,7 +129,7 @@ class SensorWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget every point and count."""
+        """Discard all points and counters."""
         reset_watch(self._memory)
 
     def pair(

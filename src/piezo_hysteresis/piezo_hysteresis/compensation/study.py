@@ -115,9 +115,9 @@ def track(
     together : bool
         Whether there is one more run, with attenuation and feedback.
     noise, seed : float, int
-        Rms of the measurement noise of a model as plant [m], and the seed of it.
+        Rms of the measurement noise of a model as plant [m], and its seed.
     from_seconds : float, optional
-        Start of the part that is judged [s]; half of the reference by default.
+        Start of the evaluated part [s]; half of the reference by default.
     plant_settings : sequence of str
         ``NAME=VALUE`` for a simulated actuator.
 

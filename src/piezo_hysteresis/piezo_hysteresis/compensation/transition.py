@@ -157,5 +157,5 @@ class Transition:
         return bool(self._memory[PENDING] > 0.0 or self._memory[BUMP] != 0.0)
 
     def reset(self) -> None:
-        """Forget the last output and any change under way."""
+        """Discard the last output and any running transition."""
         reset_fade(self._memory)

@@ -11,7 +11,7 @@ from piezo_hysteresis.dashboard.live_state import SILENCE, Gap, Live, NodeState
 LOST_SHOWN = 600.0  # time for which a node that has ended is shown [s]
 UNTRACKED = 0.2  # relative tracking error above which the reference is not followed
 CORRECTED = 0.1  # tracking error relative to the gap below which the gap is compensated
-#: Nodes that watch the loop and are not part of it: what they report does not change its light.
+#: Nodes that only monitor the loop: their status does not change its light.
 WATCHERS = {
     'gap_monitor', 'identification', 'discovery', 'observer', 'recorder', 'dashboard_listener',
     'player',

@@ -29,7 +29,7 @@ class Wire(Protocol):
     address: str
 
     def send(self, data: bytes) -> None:
-        """Send all of it.
+        """Send all data.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class TcpWire:
             ) from None
 
     def send(self, data: bytes) -> None:
-        """Send all of it."""
+        """Send all data."""
         try:
             self._socket.sendall(data)
         except OSError as error:
@@ -145,7 +145,7 @@ class SerialWire:
             ) from None
 
     def send(self, data: bytes) -> None:
-        """Send all of it."""
+        """Send all data."""
         try:
             self._port.write(data)
         except self._failures as error:

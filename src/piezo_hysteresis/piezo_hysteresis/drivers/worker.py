@@ -40,7 +40,7 @@ class ControllerSweep:
     frequencies, amplitudes : list of float
         [Hz], [V].
     seconds, warm_up, pause : float
-        Length of each record, what errors leave out of it, and rest behind it [s].
+        Length of each record, its warm-up, and the pause after it [s].
     waveform, options, actuator : str
         As `sweep` takes them.
     """
@@ -65,9 +65,9 @@ class SweepProgress:
     record : str
         That is running.
     frequency, amplitude : float
-        Of it [Hz], [V].
+        Of the record [Hz], [V].
     seconds_left, fraction : float
-        Until the sweep ends [s], and what of it is done.
+        Remaining time of the sweep [s], and its finished share.
     """
 
     record: str
@@ -85,7 +85,7 @@ class SweepOutcome(NamedTuple):
     records : list of Record
         Those that are complete; they are in the bag.
     rate : float
-        Of them [Hz].
+        Sampling rate of the records [Hz].
     reason : str
         Why it failed, empty where not.
     is_cancelled : bool

@@ -1,4 +1,4 @@
-"""Parameters from records: RLS family, output error, swarms; and what the data can tell."""
+"""Parameters from records: RLS family, output error, swarms; and identifiability."""
 
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.fit import fit

@@ -29,7 +29,7 @@ Pair = tuple[FloatArray, FloatArray]
 
 _ROUNDS = 30
 _STILL = 1e-9
-# Corners of the first filters that are tried, as shares of the sampling rate in rad/s.
+# Corner frequencies of the initial filters, as shares of the sampling rate in rad/s.
 _CORNERS = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 
 

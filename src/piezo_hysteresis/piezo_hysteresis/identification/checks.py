@@ -14,7 +14,7 @@ from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.records import Record
 
 _SAMPLES_PER_PERIOD = 10
-_OPPOSED = -0.5  # correlation below which the displacement moves against the input
+_OPPOSED = -0.5  # correlation below which displacement and input have opposite signs
 _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
 
 
@@ -38,7 +38,7 @@ class Finding:
 
 
 def check_records(records: Sequence[Record]) -> list[Finding]:
-    """Look for constant, clipped, short, slow, wrong-unit and unsynchronised records.
+    """Return findings on constant, clipped, short, slow, wrong-unit and unsynchronised records.
 
     Parameters
     ----------

@@ -12,8 +12,8 @@ import numpy as np
 from piezo_hysteresis.identification.model_discrepancy import RecordResidual
 from piezo_hysteresis.models import Discrepancy
 
-# Error, in multiples of the expected one, from which a record shows more than the model is
-# not known to miss. Repeats of the fitted sweeps of two simulated actuators with two models each
+# Error, in multiples of the expected one, from which it exceeds the known discrepancy of the
+# model. Repeats of the fitted sweeps of two simulated actuators with two models each
 # gave 1.00 to 1.02, frequencies and amplitudes between the fitted ones up to 1.31, a chirp 0.7 to
 # 1.4 where it stayed in the swept band; creep that the model lacked 15.8.
 NEW_DEVIATION = 1.5

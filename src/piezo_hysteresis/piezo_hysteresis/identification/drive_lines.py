@@ -16,10 +16,10 @@ from piezo_hysteresis.numerics.qr import orthonormal
 
 #: Length of a record [periods] from which harmonics are resolved: lines are three bins apart.
 PERIODS = 3.0
-#: Scatter of the amplitude, over its mean, from which harmonics follow it: below it a parabola has
-#: nothing to hold on to.
+#: Scatter of the amplitude, over its mean, from which harmonics follow it: below it the
+#: dependence on the amplitude is undetermined.
 STEADY = 0.05
-_DEPENDENT = 1e-6  # share of a row that others leave of it, below which it is theirs
+_DEPENDENT = 1e-6  # remaining share of an orthogonalised row below which it is linearly dependent
 
 
 def drive_lines(

@@ -87,7 +87,7 @@ def views_of(
 
 
 def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> FloatArray:
-    """Return the one-step prediction error that belongs to a free-run error, shape (n,).
+    """Return the one-step prediction error for a given free-run error, shape (n,).
 
     A chain with the autoregression of the papers predicts from past measurements by Fujii 2018
     (3). Every other chain adds its increment to the last measurement.

@@ -52,13 +52,13 @@ def fit(
     records : sequence of Record
         Fitted jointly. Ignored where `targets` are given.
     start : mapping of str to float, optional
-        Start values; parameters left out start at the default of the model.
+        Start values; the default is that of the model.
     free : sequence of str, optional
         Parameters to fit; by default all free parameters of the model.
     bounds : mapping of str to (low, high), optional
         Narrower bounds than those of the model.
     priors : mapping of str to Prior, optional
-        Prior knowledge; needs folded records, whose noise sets its weight.
+        Priors; they require folded records, whose noise determines the weight.
     weights : str or mapping of str to float
         ``equal``: absolute errors. ``relative``: errors relative to the motion of the record. Or
         a factor by record name.

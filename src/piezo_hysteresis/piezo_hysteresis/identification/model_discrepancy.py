@@ -39,7 +39,7 @@ _PARTS = 4
 _MOVES = 0.25
 # Periods for which a drive must hold its largest amplitude to have phases.
 _HELD_FOR = 2.0
-# Places in an octave, over its lowest frequency, at which the spectrum of noise is read.
+# Frequencies of an octave, relative to its lowest one, at which the noise spectrum is sampled.
 _WITHIN = np.linspace(1.0, 2.0, 9)
 
 
@@ -147,7 +147,7 @@ def condition_of(residual: RecordResidual) -> Condition:
 def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
     """Return the rms of each harmonic, 0 being the mean, and the remainder.
 
-    Where the drive changes its amplitude, harmonics follow it: `drive_lines`.
+    If the drive changes its amplitude, the harmonics follow it: `drive_lines`.
     """
     error, dt, drive = residual.error, residual.dt, residual.frequency
     if residual.voltage is not None and varies(amplitudes(residual.voltage, dt, drive)):
@@ -275,7 +275,7 @@ def _mean(sizes: Iterable[float]) -> float:
 
 
 def discrepancy_text(known: Discrepancy) -> str:
-    """Return a sentence on the discrepancy of a model and the records it is from."""
+    """Return a sentence on the discrepancy of a model and its records."""
     where = 'records that were not fitted' if known.held_out else 'fitted records'
     return (
         f'misses {1e6 * known.missed:.3g} µm rms beyond the noise, {100 * known.share:.2g} % '

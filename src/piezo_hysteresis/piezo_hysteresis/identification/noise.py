@@ -69,9 +69,9 @@ class Noise:
     rms : float
         Rms of the noise [m]; NaN if it cannot be estimated.
     lines : int
-        Independent lines of the spectrum that it was taken from, half of those of a windowed one
-        where noise is white, less where few lines hold most of it: it is known to about
-        ``0.72 / sqrt(lines)``.
+        Number of independent spectral lines: half of those of a windowed spectrum for white noise,
+        fewer if few lines contain most of the power. The relative standard deviation of `rms` is
+        about ``0.72 / sqrt(lines)``.
     colour : float
         Correlation of one sample with the next: 0 for white noise, towards 1 for slow noise; NaN
         if it cannot be estimated.
@@ -128,8 +128,8 @@ UNKNOWN_NOISE = Noise(float('nan'), 0)
 def noise_of(record: Record) -> Noise:
     """Return the noise of one record after its warm-up, robust to spikes and drop-outs.
 
-    It is at least that of the steps of its converter, which a record that repeats exactly, or
-    moves by less than a step, does not show.
+    It is at least the quantisation noise of the converter, which is invisible in a record that
+    repeats exactly or moves by less than a step.
     """
     seen, repeats = _seen_noise(record)
     step = step_of(
@@ -149,9 +149,9 @@ def noise_of(record: Record) -> Noise:
 def _with_repeated_rounding(seen: float, step: float) -> float:
     """Return the mean square [m^2] of noise and rounding, from the non-periodic part `seen`.
 
-    By the characteristic function of the noise, after Widrow 1956: where x repeats, so does the
-    mean error of its rounding, ``sum_k step/(pi k) exp(-2 (pi k std/step)^2) sin(2 pi k x/step)``,
-    and only the rest was seen.
+    By the characteristic function of the noise, after Widrow 1956: if x repeats, its mean
+    rounding error repeats too, ``sum_k step/(pi k) exp(-2 (pi k std/step)^2) sin(2 pi k x/step)``,
+    and `seen` contains only the remaining part.
     """
     if seen <= 0.0 or step <= 0.0:
         return seen**2 + step**2 / 12.0
@@ -192,7 +192,7 @@ def _seen_noise(record: Record) -> tuple[Noise, bool]:
     repeat = repeat_of(record)
     if repeat is not None and repeat.shows_from(record.warm_up_samples):
         left = _between_samples(measured, repeat, record.warm_up_samples)
-        if left.size >= 4 * WIDTH:  # without a spectrum creep would pass for noise
+        if left.size >= 4 * WIDTH:  # without a spectrum, creep would count as noise
             return robust_noise(left, repeat.period), False
     return differences_noise(measured[record.warm_up_samples :]), False
 
@@ -210,8 +210,8 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
     """Return the noise of every record; estimates that agree within their uncertainty are pooled.
 
     Where the estimates of most records agree within their uncertainty, the pooled value is more
-    precise. It is not used where those that agree scatter by more than chance: the noise then
-    depends on the record. Where not all agree, a record without an estimate takes that of the
+    precise. It is not used if these estimates scatter by more than chance: the noise then
+    depends on the record. If not all agree, a record without an estimate gets that of the
     records with the most similar drive.
     """
     found = _of_one_colour(records)
@@ -342,7 +342,7 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
     # no estimate at frequencies that the difference cancels
     kept = np.flatnonzero(gain > 0.3)[2:]
     seen, cosine = power[kept] / gain[kept], np.cos(2.0 * np.pi * kept / signal.size)
-    # a median runs low where the spectrum falls within its width: it is levelled for it
+    # a running median is biased if the spectrum falls within its width, so it is levelled first
     memory, colour = nan, 0.0
     for _ in range(_PASSES):
         if memory == (memory := _memory(colour)):

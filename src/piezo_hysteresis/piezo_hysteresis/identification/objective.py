@@ -96,7 +96,7 @@ class Objective:
             if name in self.free
         ]
         self._workers = workers
-        self.grains = self._grains()
+        self.minimum_steps = self._grains()
         self._fastest = self._limit()
 
     def _grains(self) -> FloatArray:
@@ -260,8 +260,8 @@ def projected(full: FloatArray, q: int) -> FloatArray:
     if not q or not np.all(np.isfinite(full)):
         return full[q:, q:]
     left, sizes = full[q:, q:].copy(), np.linalg.norm(full[:, q:], axis=0)
-    # a column that nuisances reproduce (an offset next to a zero) leaves only rounding, which
-    # a solver would take for a direction: it is set to zero
+    # a column that the nuisances reproduce (an offset and a zero) has only rounding left, which
+    # a solver would treat as a direction: it is set to zero
     alike = np.flatnonzero(np.linalg.norm(left, axis=0) <= _ROUNDING * sizes)
     left[:, alike] = 0.0
     unmoved = np.zeros((alike.size, left.shape[1]))

@@ -13,7 +13,7 @@ _MAD = 1.4826  # of a normal distribution: standard deviation over the median ab
 # A short excursion is an outlier if it is this factor larger than all others nearby.
 _STANDS_OUT = 5.0
 _NEARBY = 15
-_WIDEST = 3  # longest excursion in samples that is detected without a second period
+_WIDEST = 3  # longest excursion that is detected without a second period, in samples
 _FROZEN = 4  # number of samples for which a reading may be constant by chance
 _SETTLING = 3.0  # typical difference of a transient period, over that of most
 _SMALLEST = 1e-5  # share of the stroke below which no sample is an outlier
@@ -85,7 +85,7 @@ def step_of(
     nearest = float(differences(y).min(initial=np.inf))
     if nearest <= negligible or _levels(y, nearest) >= fewest:
         return nearest
-    steps = differences(np.sort(y))  # takes ten times as long as the tests above
+    steps = differences(np.sort(y))  # ten times as slow as the tests above
     return float(steps.min()) if steps.size >= max(fewest - 1, 1) else 0.0
 
 

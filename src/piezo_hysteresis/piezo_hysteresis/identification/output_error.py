@@ -176,7 +176,7 @@ def output_error(
     if apart is None:
         return result
     best = follow(*apart)
-    # zeros by this model first, or the fit would again model the zeros as a loop
+    # the zeros are estimated first, or the fit would model them as a loop again
     seen = revised(chain, best.values, best.sampling_offset, targets, records, choices)
     other = end(seen, best)
     return other if zeros_lie_apart(_left(other), _left(result)) else result

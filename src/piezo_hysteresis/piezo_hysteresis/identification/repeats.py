@@ -135,6 +135,6 @@ def _longest(u: FloatArray, period: float, spread: float) -> Repeat | None:
     edges = np.flatnonzero(np.concatenate([[True], broken, [True]]))
     longest = int(np.argmax(np.diff(edges)))
     begin, end = int(edges[longest]), int(edges[longest + 1]) - 1
-    # change[i] compares sample i + lag + _HALF with what was a period before
+    # change[i] compares sample i + lag + _HALF with the value one period earlier
     first, last = begin, end + round(period) + _HALF
     return Repeat(period, first, last) if last - first >= _PERIODS * period else None

@@ -27,7 +27,7 @@ from piezo_hysteresis.numerics.qr import inner
 
 @dataclass(frozen=True)
 class FitResult:
-    """A fitted chain and all that is known about the fit.
+    """A fitted chain with the details of the fit.
 
     Attributes
     ----------

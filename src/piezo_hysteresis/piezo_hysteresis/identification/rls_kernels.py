@@ -31,7 +31,7 @@ def _gain(
     """Update theta and P in place by one RLS step, with g as work space."""
     n = theta.size
     s = forgetting
-    # P is symmetric to the bit, so its rows serve as columns and the inner loop has no carry
+    # P is exactly symmetric, so its rows are used as columns and the inner loop vectorises
     for i in range(n):
         g[i] = p[0, i] * x[0]
     for j in range(1, n):

@@ -53,7 +53,7 @@ class FirstStage(dict[tuple[object, ...], tuple[FloatArray, FloatArray]]):
     """
 
     def keep(self, key: tuple[object, ...], found: tuple[FloatArray, FloatArray]) -> None:
-        """Add a result that is not large, in place of the oldest."""
+        """Replace the oldest result, unless the new one is large."""
         if found[1].size <= _KEPT_VALUES and key not in self:
             if len(self) == _KEPT:
                 del self[next(iter(self))]
@@ -175,7 +175,7 @@ def _alone(
     columns = [j for j, parameter in enumerate(own) if parameter.name in free]
     if moves_by_ticks(stage):
         return _differenced(stage, own, p, columns, signal, tangent, clock)
-    if stage.block.system is not None and len(tangent):  # whatever its state is
+    if stage.block.system is not None and len(tangent):  # independent of its state
         carried_on = as_linear(stage.block).carried(tangent, p, clock.dt)
         output, rows = _alone(stage, own, p, free, signal, tangent[:0], clock)
         return output, np.vstack([carried_on, rows])

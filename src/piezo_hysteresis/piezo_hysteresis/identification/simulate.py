@@ -41,7 +41,7 @@ def simulate(
     ModelError
         If there is no such model, or its values are not known.
     RecordError
-        If something else than records is given.
+        If `records` are not records.
     """
     given = with_values(model)
     late = given.sampling_offset

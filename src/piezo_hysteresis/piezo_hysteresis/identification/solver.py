@@ -36,12 +36,12 @@ class Problem(Protocol):
 
     Attributes
     ----------
-    grains : ndarray, shape (p,)
+    minimum_steps : ndarray, shape (p,)
         Smallest step of each unknown that changes the cost; 0 where the cost is smooth.
     """
 
     @property
-    def grains(self) -> FloatArray:
+    def minimum_steps(self) -> FloatArray:
         """Smallest effective step of each unknown, shape (p,)."""
 
     def cost(self, x: FloatArray) -> float:
@@ -169,7 +169,7 @@ def solve(
     history = [cost]
     norms = _norms(factor)
     damping, growth, used, idle = 1e-3, 2.0, 1, 0
-    grains, jumped = problem.grains, False
+    minimum_steps, jumped = problem.minimum_steps, False
     message, converged = f'stopped at the limit of {max_evaluations} evaluations', False
     while used < max_evaluations:
         if stopped():
@@ -195,10 +195,12 @@ def solve(
         trial = np.clip(x + step, low, high)
         new = problem.cost(trial)
         used += 1
-        if not new < cost and not jumped and np.any(grains):
+        if not new < cost and not jumped and np.any(minimum_steps):
             # an unknown with a smallest step may have to move further than the computed step
             jumped = True
-            trial = _by_whole_grains(x, factor, rhs, step, damping * norms**2, grains, low, high)
+            trial = _by_minimum_steps(
+                x, factor, rhs, step, damping * norms**2, minimum_steps, low, high
+            )
             new = problem.cost(trial)
             used += 1
         ratio = (cost - new) / predicted if isfinite(new) else -1.0
@@ -230,13 +232,13 @@ def solve(
     return _done(x, factor, cost, converged, message, used, history, low, high)
 
 
-def _by_whole_grains(
+def _by_minimum_steps(
     x: FloatArray,
     factor: FloatArray,
     rhs: FloatArray,
     step: FloatArray,
     damping: FloatArray,
-    grains: FloatArray,
+    minimum_steps: FloatArray,
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
@@ -245,8 +247,8 @@ def _by_whole_grains(
     The other unknowns are solved for again.
     """
     least, most = low - x, high - x
-    for j in np.flatnonzero(grains):
-        whole = np.sign(step[j]) * max(abs(step[j]), grains[j])
+    for j in np.flatnonzero(minimum_steps):
+        whole = np.sign(step[j]) * max(abs(step[j]), minimum_steps[j])
         least[j] = most[j] = np.clip(whole, least[j], most[j])
     jump = bounded_step(factor, rhs, np.sqrt(damping), least, most)
     return np.clip(x + np.where(np.isfinite(jump), jump, 0.0), low, high)

@@ -16,7 +16,7 @@ from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.models import Model
 
 _SCAN_RECORDS = 4
-_SCAN_SAMPLES = 20_000  # compared samples of a whole record; more do not find another basin
+_SCAN_SAMPLES = 20_000  # compared samples of a whole record; more samples do not find other basins
 _SCAN_LENGTH = 100_000  # simulated samples of a whole record
 
 

@@ -42,7 +42,7 @@ class Validation(Reportable, Modelled):
     Attributes
     ----------
     given : ModelFile
-        The model as it was given.
+        The given model.
     updated : ModelFile
         The same model, with its errors on these records as its discrepancy.
     records : tuple of RecordErrors
@@ -157,7 +157,7 @@ def validate(
     ModelError
         If there is no such model, or its values are not known.
     RecordError
-        If there is no record, or something else is given.
+        If there is no record, or `records` are not records.
     IdentificationError
         If the values of the records are impossible for a piezo actuator.
     """

@@ -293,7 +293,7 @@ class ModelFile(Plottable):
 
     @property
     def sampling_offset_std(self) -> float:
-        """Standard deviation of it [s]; infinite if the file has none."""
+        """Standard deviation of the sampling offset [s]; infinite if the file has none."""
         return float(self.provenance.notes.get(OFFSET_STD_NOTE, inf))
 
     def to_ros_parameters(self, prefix: str = 'model') -> RosParameters:

@@ -36,7 +36,7 @@ from piezo_hysteresis.ros.timers import wall_timer
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState
 
-# States that wait to be published, at most.
+# Largest number of states in the queue.
 _KEPT = 100
 
 
@@ -71,7 +71,7 @@ class GcsDriver(Node):
         wall_timer(self, every, self._publish)
 
     def close(self) -> None:
-        """Stop what runs, go to 0 V and disconnect."""
+        """Stop the running sweep, go to 0 V and disconnect."""
         self._thread.close()
 
     def _opened(self) -> Controller:
@@ -89,7 +89,7 @@ class GcsDriver(Node):
         )
 
     def _note(self, voltage: float, displacement: float) -> None:
-        """Keep a state until it is published; called by the thread of the controller."""
+        """Queue a state for publication; called by the thread of the controller."""
         self._states.append((time.time_ns(), voltage, displacement))
 
     def _publish(self) -> None:
@@ -146,7 +146,7 @@ class GcsDriver(Node):
         return self._result(goal, outcome, bag)
 
     def _hand_over(self, done: Future, ended: futures.Future[SweepOutcome]) -> None:
-        """Give a result to the thread that spins the node."""
+        """Pass a result to the thread that spins the node."""
         if self.executor is not None:
             self.executor.create_task(done.set_result, ended.result())
 

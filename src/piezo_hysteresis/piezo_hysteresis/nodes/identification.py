@@ -31,7 +31,7 @@ from piezo_hysteresis.runtime.identification_plan import (
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker
 from piezo_interfaces.srv import SaveModel
 
-# Samples, and seconds, between two progress reports to a player.
+# Samples and seconds between two progress reports to a player.
 CONFIRM_EVERY = 64
 CONFIRM_AFTER = 0.05
 

@@ -10,7 +10,7 @@ from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.models.named import RECIPES as MODELS
 from piezo_interfaces.msg import ModelEstimate
 
-if TYPE_CHECKING:  # at run time it would bring every method of identification along
+if TYPE_CHECKING:  # an import at run time would load every identification method
     from piezo_hysteresis.identification.estimate import Estimate
 
 
@@ -44,7 +44,7 @@ def model_from(message: ModelEstimate) -> ModelFile:
     Raises
     ------
     ModelError
-        If it has none, or its numbers make none.
+        If it has none, or its values define none.
     """
     if not message.model:
         raise ModelError('the estimate belongs to no model; choose another method or variant')

@@ -57,7 +57,7 @@ def model_table(model: Model, values: Mapping[str, float]) -> ParameterTable:
 
 
 class ModelParameters:
-    """Keeps ``model.*`` in step with the model that a node uses.
+    """Keeps ``model.*`` consistent with the model that a node uses.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class ModelParameters:
         Raises
         ------
         PiezoError
-            If the node cannot use it; the one before stays, in the parameters too.
+            If the node cannot use it; the previous one remains, in the parameters too.
         """
         self._write(loaded)
         self.follow(loaded)
@@ -151,7 +151,7 @@ class ModelParameters:
             self._node.get_logger().error(f'{error} (the previous model remains active)')
 
     def _refuse_values(self, changes: dict[str, Value]) -> str:
-        if self._changed:  # more may come with it
+        if self._changed:  # more parameters may follow
             return ''
         try:
             return self._refusal(self._described(changes))

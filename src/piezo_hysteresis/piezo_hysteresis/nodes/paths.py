@@ -1,4 +1,4 @@
-"""Paths that come over services stay inside a folder that the node was given."""
+"""Paths in requests are restricted to a folder of the node."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def inside(folder: str, path: str) -> Path:
     Raises
     ------
     PiezoError
-        If it leads out of the folder, by ``..``, by a link or by being absolute elsewhere.
+        If it is outside the folder, by ``..``, a link or an absolute path.
     """
     base = Path(folder or '.').expanduser().resolve()
     target = (base / path).resolve()

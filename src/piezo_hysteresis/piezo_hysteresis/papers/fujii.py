@@ -115,7 +115,7 @@ def figure_7() -> Exhibit:
 
 
 def figure_8_11(length: Length) -> list[Exhibit]:
-    """Show the enhanced model's loop, and both models beside the measurement, at 23 Hz."""
+    """Show the enhanced model's loop, and both models with the measurement, at 23 Hz."""
     loops_of = {kind: bimorph.free_run(23.0, kind, length.identify) for kind in
                 ('extended', 'enhanced')}  # fmt: skip
     voltage = bimorph.record(23.0, length.identify).voltage[-2000:]

@@ -1,1 +1,1 @@
-"""The one table of parameters of each node, and what each node speaks."""
+"""Parameter table of each node, and its topics, services and actions."""

@@ -153,7 +153,7 @@ def _message_records(batch: MessageBatch) -> bytes:
 
 
 def _batches(records: Sequence[Record]) -> Iterator[list[MessageBatch]]:
-    """Yield the messages of every record, a stretch of it at a time."""
+    """Yield the messages of every record in portions."""
     types = {msgtype: fixed_fields(msgtype) for msgtype in (STATE, REFERENCE)}
     sample, free = 0, 0
     for record in records:

@@ -104,7 +104,7 @@ def _table(
     return values, meanings
 
 
-# Characters in which the column names of a large file are looked for.
+# Characters of a large file that are searched for the column names.
 _HEAD = 100_000
 
 

@@ -67,7 +67,7 @@ def typestore() -> Any:
 def definition_of(msgtype: str) -> tuple[str, str]:
     """Return the definition with all it depends on, and the type hash (RIHS01).
 
-    Types that are neither ours nor common are looked for in the sourced ROS 2 prefixes.
+    Types that are neither ours nor common are searched in the sourced ROS 2 prefixes.
 
     Raises
     ------

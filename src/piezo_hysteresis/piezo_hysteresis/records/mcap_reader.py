@@ -174,7 +174,7 @@ class McapFile:
                     at += mcap.PREFIX.size + length
                 continue
             if opcode == mcap.PADDING and self.finished:
-                return  # its writer was stopped between cutting the file and mending the padding
+                return  # the writer stopped between truncation and padding
             if opcode == mcap.CHUNK:
                 yield from self._chunk(window[mcap.PREFIX.size :], at, cut=True)
             at = self._resume(at)

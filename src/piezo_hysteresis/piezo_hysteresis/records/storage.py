@@ -1,4 +1,4 @@
-"""What every bag storage hands over: topics, and blocks of serialised messages."""
+"""Content of every bag storage: topics, and blocks of serialised messages."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def detection_section(
     limits : sequence of DetectionLimit
         Of every effect.
     file : str
-        Name of the file beside the report that lists all variants.
+        Name of the file next to the report that lists all variants.
     """
     if not limits:
         return None

@@ -19,7 +19,7 @@ from piezo_hysteresis.ros.timers import wall_timer
 
 TOPIC = '/diagnostics'
 
-# How often a change of level is looked for, and the longest time between two messages [s].
+# Period of the check for a change of level, and the longest time between two messages [s].
 LOOK = 0.2
 PERIOD = 1.0
 

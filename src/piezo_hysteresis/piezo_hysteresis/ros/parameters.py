@@ -194,7 +194,7 @@ class NodeParameters:
         return []
 
     def _declare_converted(self, spec: ParameterSpec, descriptor: ParameterDescriptor) -> Value:
-        # A parameter file that says 5 for a float: read it untyped, then declare it as 5.0.
+        # A parameter file has 5 for a float: it is read untyped, then declared as 5.0.
         loose = ParameterDescriptor(dynamic_typing=True)
         given = self._node.declare_parameter(spec.name, spec.default, loose).value
         self._node.undeclare_parameter(spec.name)

@@ -90,8 +90,8 @@ class HeartbeatPublisher:
         kernel, seconds = watch.compiling(), time.monotonic() - self._started
         if kernel and not self._reported:
             self._reported = True
-            # rclpy searches all modules for the caller of a logger: beside a thread that
-            # compiles this takes seconds, which the heartbeats must not wait for
+            # rclpy searches all modules for the caller of a logger: while another
+            # thread compiles, this takes seconds and must not delay the heartbeats
             threading.Thread(target=self._log, name='heartbeat log', daemon=True).start()
         state = Readiness.COMPILING if self._ready else Readiness.STARTING
         values = [state.value] if state is Readiness.STARTING else []

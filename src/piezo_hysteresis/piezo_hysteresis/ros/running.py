@@ -1,4 +1,4 @@
-"""Starts, spins and stops a node: one helper for all of them."""
+"""Starts, spins and stops a node."""
 
 from __future__ import annotations
 

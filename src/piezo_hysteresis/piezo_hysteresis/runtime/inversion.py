@@ -13,8 +13,8 @@ from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 
-# Ticks of the reference that a new inverse is led through before it takes over, so that its
-# hysteresis has the history of the one before.
+# Ticks of the reference that a new inverse is simulated with before its use, so that its
+# hysteresis has the history of the previous one.
 HISTORY = 1000
 
 

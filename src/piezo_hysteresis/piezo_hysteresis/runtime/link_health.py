@@ -39,7 +39,7 @@ _SENTENCES: dict[str, Finding] = {
 
 INACTIVE = 'inactive: passes the voltage on'
 
-# Silence that is said while nothing else is wrong [s].
+# Time without input after which it is reported [s].
 SILENCE = 2.0
 
 

@@ -62,9 +62,9 @@ _FREQUENCY_STEP = 2e-3
 _STRONG = (1.0, 2.0, 3.0, 5.0, 7.0, 9.0)
 _STRONG_EVEN = 6.0
 _EXTRA = len(_STRONG) + 1
-# A step that multiplies the mean square error of a period by more than this is taken back. A full
-# step with the wrong sign makes 1.9^2 = 3.6 of it, is the clearest observation there is, and the
-# next step mends it.
+# A step that multiplies the mean square error of a period by more than this is reverted. A full
+# step with the wrong sign multiplies it by 1.9^2 = 3.6, is the clearest possible observation, and
+# is corrected by the next step.
 _HARM = 6.25
 # One that multiplies that of a window by less did no harm.
 _HARMLESS = 1.2
@@ -78,7 +78,7 @@ _LEAST_SHARE = 1e-4
 # other lines, the orders that are fitted, the basis and the normal equations.
 _FREQUENCY, _TICKS, _SKIP, _LENGTH, _COUNT, _FITTED = range(6)
 WINDOWS, RESTARTS, BOUNDED, REVERTED = range(6, 10)
-# The share of a step while the gain is in doubt; mean square error [m^2] of the last window, 0 for
+# The share of a step at an uncertain gain; mean square error [m^2] of the last window, 0 for
 # none; since the last step the sum of squares, its ticks and the turn it began with.
 _SHARE, _POWER, _SQUARES, _SQUARED, _TURN = range(10, 15)
 _MEAN = 15
@@ -237,7 +237,7 @@ def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None
 
 @jit
 def regain(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Set a new model of the plant gain; the estimated correction of it is kept."""
+    """Set a new model of the plant gain; its estimated correction is kept."""
     if memory[_FREQUENCY] > 0.0:
         reschedule(memory[_FREQUENCY], False, memory, p, g, dt)
 

@@ -52,7 +52,7 @@ __all__ = ['AttenuationSettings', 'Harmonic', 'HarmonicAttenuation']
 RAMP = 0.02
 
 # Places in the memory, behind that of the watch: the period of the reference, its largest
-# amplitude so far and that of the one before; then the memory of the supervision.
+# amplitude so far and that of the previous one; then the memory of the supervision.
 _TURN, _LARGEST, _BEFORE = range(WATCH_SIZE, WATCH_SIZE + 3)
 GUARD = WATCH_SIZE + 3
 OWN = GUARD + GUARD_SIZE  # where the memory of the law begins

@@ -33,7 +33,7 @@ class Harmonic(NamedTuple):
     correction_phase: float
 
 
-# Highest order that a resonance is looked for at, and how many orders it adds at most.
+# Highest order near a resonance, and largest number of orders that it adds.
 HIGHEST, MOST = 75, 6
 
 

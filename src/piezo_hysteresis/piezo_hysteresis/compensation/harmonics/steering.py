@@ -14,12 +14,12 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
 from piezo_hysteresis.compensation.harmonics.lines import Harmonic
 from piezo_hysteresis.jit import jit, leaf
 
-# What was believed before weighs this much against clear observations, which fade by the memory.
+# Weight of the prior estimate relative to clear observations, and their forgetting factor.
 _PRIOR = 0.1
 _MEMORY = 0.6
 # An observation, or an error, is clear where it stands so many deviations out of the noise.
 _SIGNIFICANCE = 4.0
-# The gain stays within this factor of the modelled magnitude, so that no number overflows: beside
+# The gain stays within this factor of the modelled magnitude, so that no number overflows: near
 # a resonance that was not modelled the true gain is 30 to 300 times it.
 _GAIN_RANGE = 1e4
 # A clear observation that differs from the estimate by more than this share of the larger one
@@ -35,8 +35,8 @@ _UNSETTLED = 0.1
 _RISES = 3
 
 # Places in the memory of a line. Complex numbers take two: correction theta [V], last error [m],
-# gain as modelled [m/V] and the ratio by which the one that is believed differs, last move of
-# theta [V], whether a clear observation has confirmed the gain since it was last in doubt, and the
+# gain as modelled [m/V] and ratio of the estimated to the modelled gain, last move of
+# theta [V], whether a clear observation has confirmed the gain since its last doubt, and the
 # size of the last change of the error [m].
 ORDER, THETA, ERROR, MODELLED, RATIO, WEIGHT, MOVED, RISES, SEEN = 0, 1, 3, 5, 7, 9, 10, 12, 13
 CONFIRMED, CHANGED = 14, 15

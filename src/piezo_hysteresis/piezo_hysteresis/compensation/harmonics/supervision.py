@@ -177,7 +177,7 @@ def judge(power: float, frequency: float, size: float, memory: FloatArray) -> in
 
 @leaf
 def is_larger(power: float, frequency: float, size: float, memory: FloatArray) -> bool:
-    """Return whether the error [m^2] is so much larger than without a correction to be tested."""
+    """Return whether the error [m^2] exceeds that without correction enough to test it."""
     if abs(frequency - memory[FREQUENCY]) > _CHANGE * memory[FREQUENCY]:
         memory[VALID] = 0.0
     larger = size / memory[SIZE]

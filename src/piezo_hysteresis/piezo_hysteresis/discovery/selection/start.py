@@ -80,10 +80,10 @@ def find(
 ) -> tuple[Baselines, Outcome]:
     """Search the effects that a baseline lacks and evaluate the result on held-out records.
 
-    The knowledge of the user is a prior: a free refit would hide the effect in wrong values. If
-    the baseline is a file with a known discrepancy, its values are therefore fixed. If the records
-    are those of the file itself (`nothing_new`), the baseline is only evaluated on them, because
-    their residual is the known discrepancy by definition.
+    A free refit would hide the effect in wrong values. If the baseline is a file with a known
+    discrepancy, its values are therefore fixed. If the records are those of the file itself
+    (`nothing_new`), the baseline is only evaluated on them, because their residual is the known
+    discrepancy by definition.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Controllers of PI that speak GCS 2: E-727, E-712, E-753 and their kin."""
+"""Controllers of PI with GCS 2: E-727, E-712, E-753 and similar ones."""
 
 from piezo_hysteresis.drivers.gcs.gcs_connection import GcsConnection
 from piezo_hysteresis.drivers.gcs.gcs_controller import GcsController

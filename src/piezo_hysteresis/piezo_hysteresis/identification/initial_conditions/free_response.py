@@ -113,7 +113,7 @@ class FreeResponse:
             )
             if on_a_path and not tail.stage.ahead:
                 free = free.copy()
-                free[:, 0] = 0.0  # the last reading is a separate state there
+                free[:, 0] = 0.0  # the last reading is a separate state in this case
             self._rows[k] = [self._passed_on(k + 1, row) for row in free]
         return self._rows[k]
 
@@ -132,7 +132,7 @@ class FreeResponse:
         return moved - usual if first < len(self._stages) else change
 
     def _tail_of(self, k: int) -> _Tail | None:
-        """Return the linear tail of a stage, None where it has none."""
+        """Return the linear tail of a stage, None if it has none."""
         stage, dt = self._stages[k], self._target.dt
         p = self._packed[stage.columns]
         if not all(self.affine(later, 0) for later in range(k + 1, len(self._stages))):

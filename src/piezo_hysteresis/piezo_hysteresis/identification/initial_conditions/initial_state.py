@@ -93,7 +93,7 @@ class InitialStateRun:
         )
 
     def go(self, moved: tuple[StateOffset, ...]) -> None:
-        """Set the offsets of the initial state and simulate from there."""
+        """Set the offsets of the initial state and simulate."""
         self.moved = moved
         others = tuple(each for each in moved if not self._free_response.holds(each))
         self.response = self._run_from(others) if others else self._led[-1]

@@ -186,9 +186,9 @@ def path_to(drive: FloatArray, start: RecordStart, dt: float) -> FloatArray:
 
 
 def preceded(record: Record, levels: Sequence[float]) -> Record:
-    """Return the record with the voltage before it: from rest through `levels` to its first one.
+    """Return the record with a preceding voltage: from rest through `levels` to its first value.
 
-    A model starts from the virgin state, an actuator rarely does: its displacement at rest depends
+    A model starts from the virgin state. An actuator rarely does: its displacement at rest depends
     on the last extremes of its voltage.
 
     Parameters

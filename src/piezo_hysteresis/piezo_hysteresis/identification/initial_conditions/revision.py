@@ -31,7 +31,7 @@ ZEROS = ('auto', 'record', 'common')
 # error does not.
 ZERO_SHARE = 0.5
 # Robust standard deviations beyond which the influence of a residual is constant (Huber): a short
-# model error (a ring-down) shall not distort the fit elsewhere.
+# model error (a ring-down) must not distort the fit elsewhere.
 _FAR = 4.0
 _MAD = 1.4826
 

@@ -115,7 +115,7 @@ class StartSearch:
         return _square(self._predicted(target))
 
     def best_start(self, target: Target, zero: str) -> Target:
-        """Return the target with the start of the smallest residual, or with the guess.
+        """Return the target with the start of the smallest residual, or with its initial guess.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class StartSearch:
         return largest_if_unknown(size)
 
     def _repeats(self, target: Target) -> bool:
-        """Return whether the whole record has a cycle: a part of it may close by chance."""
+        """Return whether the whole record is a cycle; a part of it may close by chance."""
         return cycle_of(self._records[target.name.removesuffix(WAY_IN)]) > 0
 
     def settled(self, target: Target) -> Target:

@@ -12,8 +12,8 @@ from piezo_hysteresis.kernels.compile import generated
 from piezo_hysteresis.kernels.forward.source import hints_of, names_each
 from piezo_hysteresis.kernels.forward.writer import Writer
 
-#: Directions at once that are given, beside those of the parameters and where there are none: a
-#: pass should be worth it, and compile soon.
+#: Directions per pass, with and without those of the parameters: a compromise between the number
+#: of passes and the time to compile one.
 LANES, WIDE = 2, 4
 
 

@@ -1,4 +1,4 @@
-"""The live page: ROS in this thread, the web server in another, `Live` between them."""
+"""The live page: ROS in this thread, the web server in another, `Live` as interface."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.ros.timers import wall_timer
 
 LISTEN_EVERY = 0.03
-LAG = 1.0  # without listening, which is counted [s]
+LAG = 1.0  # time without polling after which it is counted [s]
 LOOK_EVERY = 1.0
 MOST_ACTUATORS = 100
 STATE_TYPE = 'piezo_interfaces/msg/ActuatorState'
@@ -77,7 +77,7 @@ def silent_node(node: Node, name: str, namespace: str = '') -> Node:
 
 
 class Dashboard(Node):
-    """Serves the page; is the `Backend` that it speaks to, from any thread."""
+    """Serves the page and implements its `Backend`; callable from any thread."""
 
     def __init__(self) -> None:
         super().__init__('dashboard')
@@ -206,7 +206,7 @@ class Dashboard(Node):
     # --- from the threads of the page ----------------------------------------------------------
 
     def actuators(self) -> list[str]:
-        """Return the namespaces there are, never an empty list."""
+        """Return the discovered namespaces, never an empty list."""
         return self._found or ['']
 
     def allows(self, actuator: str) -> bool:
@@ -228,7 +228,7 @@ class Dashboard(Node):
         return answer
 
     def start_sweep(self, actuator: str, order: SweepOrder) -> None:
-        """Run a sweep and record it, after the experiment that runs has been ended."""
+        """End the running experiment, then run and record a sweep."""
         self.live(actuator).sweep = BackgroundJob('asked', 0.0, 'asking the excitation')
         self._request(actuator, lambda session: self._rest_then_sweep(session, order))
 
@@ -255,26 +255,26 @@ class Dashboard(Node):
         self._request(actuator, lambda session: session.jobs.sweep.cancel())
 
     def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
-        """Find what the baseline misses in recorded data."""
+        """Start a discovery: effects that the baseline lacks in recorded data."""
         self.live(actuator).discovery = BackgroundJob('asked', 0.0, 'asking the discovery node')
         self._request(actuator, lambda session: session.jobs.run_discovery(order))
 
     def cancel_discovery(self, actuator: str) -> None:
-        """Give a discovery up."""
+        """Cancel the discovery."""
         self._request(actuator, lambda session: session.jobs.discovery.cancel())
 
     def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
-        """Find what the model in use misses by experiments."""
+        """Start an investigation: effects that the model in use lacks."""
         asking = BackgroundJob('asked', 0.0, 'asking the discovery node')
         self.live(actuator).investigation = asking
         self._request(actuator, lambda session: session.investigation.run(order))
 
     def cancel_investigation(self, actuator: str) -> None:
-        """Give an investigation up."""
+        """Cancel the investigation."""
         self._request(actuator, lambda session: session.investigation.cancel())
 
     def bags(self, actuator: str) -> list[str]:
-        """Return the bags that were recorded, the newest first."""
+        """Return the recorded bags, the newest first."""
         session = self._sessions.get(actuator)
         return session.jobs.bags() if session is not None else []
 
@@ -291,7 +291,7 @@ class Dashboard(Node):
 
 
 def dashboard_arguments(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments for ROS: options of the verb, and those behind ``--ros-args``."""
+    """Return the arguments for ROS: options of the verb, and those after ``--ros-args``."""
     options = list(arguments)
     cut = options.index('--ros-args') if '--ros-args' in options else len(options)
     parser = argparse.ArgumentParser(prog='dashboard')

@@ -34,7 +34,7 @@ class InvestigationJob(ActionJob):
         self.on_result = lambda result: what_was_found(result, folder)
 
     def run(self, order: InvestigationOrder) -> None:
-        """Find what the model in use misses by experiments on the actuator."""
+        """Start an investigation: experiments on the actuator that find missing effects."""
         self._page.states = []
         goal = Investigate.Goal(
             low=order.low,

@@ -18,7 +18,7 @@ from piezo_interfaces.action import Discover, Investigate, RunSweep
 
 SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
 EXPLAINED = 2.0  # time in which a refusing node logs the reason [s]
-TIMEOUT = 5.0  # without the node a job is lost [s]
+TIMEOUT = 5.0  # time without the node after which a job is aborted [s]
 
 
 class ActionJob:
@@ -31,7 +31,7 @@ class ActionJob:
     kind, name : type, str
         The action.
     server : str
-        Node that offers it.
+        Node that offers the action.
     read, write : callable
         Get and set the `BackgroundJob` that the page shows.
     """
@@ -119,7 +119,7 @@ class ActionJob:
         self._handle.cancel_goal_async().add_done_callback(answered)
 
     def watch(self) -> None:
-        """Notice a node that died, and the reason of a refusal; called about once a second."""
+        """Check for an ended node and for the reason of a refusal; called about once a second."""
         self._explain()
         if not self.read().busy or self.offered:
             self._missed_since = math.inf
@@ -197,7 +197,7 @@ class Jobs:
     # --- discovery -----------------------------------------------------------------------------
 
     def run_discovery(self, order: DiscoveryOrder) -> None:
-        """Find what the baseline misses in recorded bags."""
+        """Start a discovery: effects that the baseline lacks in recorded bags."""
         base = self._folder.resolve()
         out = f'{order.data[0]}_{order.baseline}'
         goal = Discover.Goal(
@@ -208,7 +208,7 @@ class Jobs:
         self.discovery.send(goal, _discovered_so_far)
 
     def bags(self) -> list[str]:
-        """Return the recorded bags, the newest first, without the one being written."""
+        """Return the finished bags, the newest first."""
         folder = self._folder / SWEEPS
         busy = self._recorded if self._live.sweep.busy else ''
         found = [p for p in folder.glob('*/') if (p / 'metadata.yaml').exists() and p.name != busy]
@@ -229,7 +229,7 @@ def _discovered_so_far(feedback: Discover.Feedback) -> str:
 
 
 def what_was_found(result: Discover.Result | Investigate.Result, folder: Path) -> BackgroundJob:
-    """Return the end of a discovery or an investigation; its report where `folder` holds it."""
+    """Return the outcome of a discovery or investigation, with its report in `folder`."""
     report, base = Path(result.report).resolve(), folder.resolve()
     return BackgroundJob(
         'done',

@@ -23,7 +23,7 @@ from piezo_hysteresis.dashboard.controls import ParameterState, Value, described
 from piezo_hysteresis.dashboard.live_state import Live, NodeState
 
 TIMEOUT = 5.0  # for an answer [s]
-# Nodes of tools, which come and go.
+# Short-lived nodes of command-line tools.
 NOT_SHOWN = ('_', 'dashboard', 'launch_ros', 'ros2cli', 'rqt', 'transform_listener')
 
 
@@ -164,7 +164,7 @@ class NodeRegistry:
 
         def answered(future: Any) -> None:
             if future.result() is None:
-                return  # and so runs out of time
+                return  # and thus reaches its timeout
             response: SetParameters.Response = future.result()
             refused = [r.reason or 'refused' for r in response.results if not r.successful]
             answer.give(refused[0] if refused else '')
@@ -181,5 +181,5 @@ class NodeRegistry:
 
 
 def shown(name: str) -> bool:
-    """Return whether a node is worth showing."""
+    """Return whether a node is shown."""
     return not name.startswith(NOT_SHOWN)

@@ -40,7 +40,7 @@ MOST = 20000  # messages of one topic at a time
 
 
 class Channel(Generic[Message]):
-    """One topic: takes received messages and passes them on decoded."""
+    """One topic: decodes received messages and forwards them."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class TopicCollector:
         self.channels[short] = Channel(node, kind, self._prefix + short, qos, take)
 
     def topic(self, short: str) -> str:
-        """Return the whole name of a topic of this actuator."""
+        """Return the fully qualified name of a topic of this actuator."""
         return self._prefix + short
 
     def poll(self) -> None:
@@ -191,7 +191,7 @@ class SharedTopics:
         )
 
     def poll(self) -> None:
-        """Take in what has come."""
+        """Process the received messages."""
         for channel in self._channels:
             channel.poll()
 
@@ -202,7 +202,7 @@ class SharedTopics:
     def _logs(self, messages: list[Log]) -> None:
         for message in messages:
             live, name = self._live_of('/' + message.name.replace('.', '/'))
-            if live is not None and message.level >= 30:  # warnings and worse
+            if live is not None and message.level >= 30:  # warnings and errors
                 level = 'warning' if message.level < 40 else 'error'
                 live.words.append(LogLine(live.clock(), name, level, message.msg))
 

@@ -36,7 +36,7 @@ from piezo_hysteresis.runtime.sweep_run import NOT_RUNNING
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
 
-# The last message is repeated after so much silence [s].
+# The last message is repeated after this time without a state [s].
 REPEAT_AFTER = 0.2
 
 # Parameters that shape the waveform.
@@ -51,7 +51,7 @@ _SHAPE = (
     'ramp',
 )
 
-# The process ends with this code where the actuator or the chain was silent.
+# Exit code if the actuator or the chain stopped publishing.
 NO_ANSWER = 3
 
 
@@ -100,7 +100,7 @@ class Excitation(Node):
         wall_timer(self, REPEAT_AFTER, self._repeat)
 
     def close(self) -> None:
-        """Finish the bag of a sweep that is under way."""
+        """Finish the bag of a running sweep."""
         self._sweeps.close()
 
     # --- ticks ---------------------------------------------------------------------------------
@@ -146,13 +146,13 @@ class Excitation(Node):
         self._sweeps.follow_restart()
 
     def _begin(self) -> None:
-        """Reply to the newest state, in case the loop waits for it."""
+        """Reply to the newest state, because the loop may wait for the reply."""
         self._received = time.monotonic()
         self._given_up = ''
         self._answer()
 
     def _answer(self) -> None:
-        """Reply to the newest state where that has not been done."""
+        """Reply to the newest state, unless that is already done."""
         if self._newest_state >= 0 or self._ready:
             self._emit(self._newest_state + 1)
 
@@ -193,7 +193,7 @@ class Excitation(Node):
             self._last = None
             return
         if self._last is None:
-            self._received = time.monotonic()  # not the actuator was waited for until now
+            self._received = time.monotonic()  # until now the wait was not for the actuator
         self._emitted = sample
         self._publish_voltage(sample, voltage)
 
@@ -271,7 +271,7 @@ class Excitation(Node):
             return f'waveform: {error}'
 
     def _beyond_range(self, changes: dict[str, Value]) -> str:
-        """Return why the actuator would refuse the voltage; empty if it would not.
+        """Return why the actuator would refuse the voltage; empty if it accepts it.
 
         Raises
         ------

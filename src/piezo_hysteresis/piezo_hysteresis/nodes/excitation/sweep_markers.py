@@ -103,7 +103,7 @@ class SweepMarkers:
         self._publish(marker, sample)
 
     def end(self, judged: str, verdict: str, sample: int) -> None:
-        """Mark the end of a record at tick `sample`, or reject the record `judged` and why."""
+        """Mark the end of a record at tick `sample`, or reject the record with a reason."""
         marker = RecordMarker(excitation=verdict)
         marker.header.frame_id = judged
         self._publish(marker, sample)

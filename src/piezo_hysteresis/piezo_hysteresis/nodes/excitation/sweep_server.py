@@ -1,4 +1,4 @@
-"""The ``run_sweep`` action: one goal at a time, feedback on the way, at rest after a cancel."""
+"""The ``run_sweep`` action: one goal at a time, with feedback; at rest after a cancellation."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class SweepServer:
 
     @property
     def waits_for(self) -> str:
-        """Subscribers that it waits for; empty if it does not wait."""
+        """Awaited subscribers; empty if the sweep does not wait."""
         return self._missing() if self._run is not None and self._first < 0 else ''
 
     def _missing(self) -> str:
@@ -123,7 +123,7 @@ class SweepServer:
 
     @property
     def doing(self) -> str:
-        """The record that runs and how long the sweep still takes; empty without a sweep."""
+        """The running record and the remaining time of the sweep; empty without a sweep."""
         if self._run is None:
             return ''
         if self._newest < 0:
@@ -149,7 +149,7 @@ class SweepServer:
         if reason := self.beyond_range(*self._run.sweep.extremes):
             self._refuse(reason)
             return False
-        if self._goal.is_cancel_requested:  # the node that is waited for may never come
+        if self._goal.is_cancel_requested:  # the awaited node may never start
             self._finish()
             return False
         if self._missing():
@@ -190,7 +190,7 @@ class SweepServer:
         return self._run is not None and self._first >= 0 and self._run.sweep.over(sample)
 
     def note_state(self, sample: int, voltage: float, payload: bytes) -> None:
-        """Note that a state has come, and record it."""
+        """Process and record a received state."""
         self._voltage = voltage
         if self._run is not None and self._first >= 0:
             self._run.add_state(sample, kept=self._markers.state(payload))
@@ -218,7 +218,7 @@ class SweepServer:
         self._range = (low, high)
 
     def beyond_range(self, low: float, high: float) -> str:
-        """Return why commands from `low` to `high` [V] would be refused; empty where not."""
+        """Return why commands from `low` to `high` [V] would be refused; empty if accepted."""
         least, most = self._range
         if least >= most or (least <= low and high <= most):
             return ''
@@ -279,7 +279,7 @@ class SweepServer:
         Raises
         ------
         PiezoError
-            If it is outside the folder of the node, or there already.
+            If it is outside the folder of the node, or exists.
         """
         folder = self._parameters.text('folder')
         return str(new_inside(folder, goal.bag)) if goal.bag else ''

@@ -1,1 +1,1 @@
-"""The action ``investigate`` of the discovery node: experiments that it has the excitation run."""
+"""The action ``investigate`` of the discovery node: experiments run by the excitation."""

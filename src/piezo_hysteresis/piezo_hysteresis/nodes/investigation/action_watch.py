@@ -1,4 +1,4 @@
-"""Whether the node that took a goal is still the one that took it."""
+"""Detection of a restarted action server during a goal."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
-# Between two looks [s].
+# Period of the check [s].
 LOOK = 0.2
 
 

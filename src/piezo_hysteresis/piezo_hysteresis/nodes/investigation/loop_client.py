@@ -13,7 +13,7 @@ from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
 from piezo_hysteresis.ros.client import Client
 from piezo_interfaces.action import Investigate
 
-# For a discovery node to be found, and to come back after a restart [s].
+# Timeout of the discovery node: for its discovery, and after its restart [s].
 FOUND_WITHIN, BACK_WITHIN = 15.0, 120.0
 # Timeout of the acceptance of a goal [s].
 ANSWERS_WITHIN = 30.0

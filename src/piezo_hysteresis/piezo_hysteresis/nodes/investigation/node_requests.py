@@ -19,7 +19,7 @@ from piezo_interfaces.srv import LoadModel
 T = TypeVar('T')
 
 LOOK = 0.02
-# For an answer, and for a node that is there at all: it may have been started just now, on a slow
+# Timeout of an answer and of the discovery of a node, which may have just been started on a slow
 # machine [s].
 TIMEOUT = 30.0
 # Timeout for the use of a model, which may compile kernels [s].
@@ -38,7 +38,7 @@ class Unanswered(PiezoError):
 
 
 def in_thread_of(node: Node, work: Callable[[], T]) -> T:
-    """Do something in the thread that spins a node, and return its result; from any other one.
+    """Run a function in the thread that spins a node; return its result to the calling thread.
 
     An action client of rclpy registers a request after sending it. If it is sent from another
     thread on a busy machine, the response can arrive before the registration and is lost.
@@ -48,7 +48,7 @@ def in_thread_of(node: Node, work: Callable[[], T]) -> T:
     def task() -> None:
         try:
             result.set_result(work())
-        except Exception as error:  # handed to the waiting thread
+        except Exception as error:  # passed to the waiting thread
             result.set_exception(error)
 
     node.executor.create_task(task)

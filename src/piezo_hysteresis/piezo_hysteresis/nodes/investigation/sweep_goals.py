@@ -137,7 +137,7 @@ class SweepGoals:
         raise PiezoError('cancelled, but the excitation does not say that the actuator is at rest')
 
     def end(self) -> None:
-        """End the sweep that runs, if one does; from any thread."""
+        """End the running sweep, if any; callable from any thread."""
         own = self._own
         if own is not None:
             self._end(own)
@@ -145,7 +145,7 @@ class SweepGoals:
     def _end(self, goal: bytes) -> None:
         self._ender.call_async(CancelGoal.Request(goal_info=_identity(goal)))
 
-    # --- what another one with our name has left -------------------------------------------------
+    # --- orphaned goals of an earlier process with this name -----------------------------------
 
     def _on_status(self, message: GoalStatusArray) -> None:
         """Store the running goals, and cancel orphaned ones."""

@@ -28,16 +28,15 @@ from piezo_interfaces.msg import ActuatorState
 AWAY, LOOK = 60.0, 1.0
 # Least number of attempts of an experiment before it fails.
 TRIES = 3
-# Longer than a record the sweep may take: it may be run again, and on slow machines [s].
+# Time that a sweep may take in addition to its record: it may be repeated on slow machines [s].
 LATE = 120.0
-# Least time in which an actuator that was left elsewhere is brought to rest [s], and the share of
-# the slew that this may have.
+# Shortest time of the return to rest from another voltage [s], and its share of the slew limit.
 BACK, BELOW = 0.5, 0.9
 # A free-running actuator has advanced by a tick after this time [s].
 PACED = 0.5
 # Voltages below this share of the amplitude of an experiment are rest.
 AT_REST = 1e-3
-# A sweep that takes so much longer than its record was restarted in its middle [s].
+# A sweep that exceeds its record by this time was restarted [s].
 RESTARTED = 1.5
 
 
@@ -178,5 +177,5 @@ class Sweeper:
             self._done(goal, under)
 
     def close(self) -> None:
-        """End a sweep that is under way, which brings the actuator to rest."""
+        """End a running sweep, which brings the actuator to rest."""
         self._goals.end()

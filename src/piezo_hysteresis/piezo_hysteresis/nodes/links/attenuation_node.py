@@ -46,7 +46,7 @@ class HarmonicReport:
 
 
 def attenuation(*, output: str = topics.VOLTAGE_COMMAND, wired: bool = True) -> TrackingNode:
-    """Return the second link of the chain: it takes harmonics of the tracking error off."""
+    """Return the second link of the chain, which attenuates harmonics of the tracking error."""
     return TrackingNode(
         'attenuation', ATTENUATION, HarmonicLaws(), HarmonicReport, output=output, wired=wired
     )

@@ -17,10 +17,10 @@ from piezo_interfaces.msg import ActuatorState, Reference
 
 
 class ControlLoop:
-    """The whole voltage chain: the same nodes, parameters and topics as separate processes have.
+    """The whole voltage chain, with the nodes, parameters and topics of separate processes.
 
-    The voltage is handed from link to link by a call, before it is published; reference and state
-    are received once for all three. Feedback passes the voltage on until its `method` is set.
+    Each link passes the voltage to the next one by a call, before it is published. Reference and
+    state are received once for all three. Feedback forwards the voltage until its `method` is set.
     """
 
     def __init__(self) -> None:

@@ -28,7 +28,7 @@ from piezo_hysteresis.runtime.laws import forward_settings
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
 from piezo_interfaces.srv import LoadModel
 
-# How often silence of the reference is looked for [s].
+# Period of the check for a missing reference [s].
 LOOK = 0.1
 
 
@@ -69,7 +69,7 @@ class Feedforward(LinkNode):
         return self._inversion.counters()
 
     def apply(self, changes: dict[str, Value]) -> None:
-        """Take accepted parameter changes over."""
+        """Apply accepted parameter changes."""
         super().apply(changes)
         self._gain = self.parameters.number('gain')
         self._inversion.change(
@@ -80,7 +80,7 @@ class Feedforward(LinkNode):
             self.cross_fade()
 
     def refuse(self, changes: dict[str, Value]) -> str:
-        """Return '' or why the loaded model has no inverse by another law."""
+        """Return why the loaded model has no inverse by another law, '' if it has one."""
         if 'law' in changes:
             return self._inversion.refusal(str(changes['law']))
         return ''
@@ -115,7 +115,7 @@ class Feedforward(LinkNode):
         self.take_state(*measured_of(payload))
 
     def _look(self) -> None:
-        """Watch the actuator while no reference comes; one message less per tick while it does."""
+        """Subscribe to the actuator only without a reference, to save a message per tick."""
         silent, self._seen = self.intake.newest == self._seen >= 0, self.intake.newest
         if silent and self._states is None:
             self._states = self.create_subscription(
@@ -154,7 +154,7 @@ class Feedforward(LinkNode):
         self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {chain}')
 
     def load(self, loaded: ModelFile) -> None:
-        """Make `loaded` the model; on any error the one before stays, in the parameters too.
+        """Make `loaded` the model; after an error the previous one remains, in the parameters too.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What every link of the chain does: limits, watchdog, life cycle, counting, publishing."""
+"""Base class of the links: limits, watchdog, life cycle, counters, publishing."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ _ENERGY = ('energy_limit', 'energy_window', 'capacitance')
 
 
 class Fade(Protocol):
-    """What carries the share of a link over a change."""
+    """Interface of a smooth transition of the share of a link."""
 
     def start(self) -> None:
-        """Make the next share begin where the last one was."""
+        """Start the next share at the value of the last one."""
 
     def apply(self, raw: float) -> float:
         """Return the share for this tick [V]."""
 
     def retune(self, duration: float, slew: float) -> None:
-        """Change how long [s] and how fast [V/s] changes may be."""
+        """Set the duration [s] and the slew [V/s] of transitions."""
 
 
 class LinkNode(LifecycleNode):
@@ -101,19 +101,19 @@ class LinkNode(LifecycleNode):
         return Node.create_publisher(self, kind, topic, qos)
 
     def autostart(self) -> None:
-        """Serve parameters, and activate if configured; call at the end of __init__."""
+        """Serve parameters and activate if configured; to be called at the end of __init__."""
         self.parameters.serve(self.apply, self.refuse)
         if self.parameters.flag('autostart'):
             self.trigger_configure()
             self.trigger_activate()
 
     def give_up(self, reason: str) -> NoReturn:
-        """End the process at start because it cannot work with its settings."""
+        """End the process at start, because its settings are unusable."""
         self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
         raise SystemExit(2)
 
     def destroy_node(self) -> None:
-        """Destroy the node with its life cycle, which rclpy leaves and which would hold it."""
+        """Destroy the node and its life cycle, which otherwise keeps the node alive."""
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 
@@ -137,7 +137,7 @@ class LinkNode(LifecycleNode):
         return max(2, round(seconds / self.dt)) if seconds > 0.0 else 0
 
     def apply(self, changes: dict[str, Value]) -> None:
-        """Take accepted parameter changes over."""
+        """Apply accepted parameter changes."""
         limits = any(name.startswith('limits.') for name in changes)
         if limits or not changes.keys().isdisjoint(_ENERGY):
             self._limiter.retune(self.limits(), self.energy())
@@ -149,7 +149,7 @@ class LinkNode(LifecycleNode):
         self._watchdog.ramp = self.parameters.number('safe_ramp')
 
     def refuse(self, changes: dict[str, Value]) -> str:
-        """Return '' or why `changes` cannot be made."""
+        """Return why `changes` are impossible, '' if they are possible."""
         return ''
 
     # --- life cycle ----------------------------------------------------------------------------
@@ -176,7 +176,7 @@ class LinkNode(LifecycleNode):
     # --- the voltage ---------------------------------------------------------------------------
 
     def new_fade(self) -> Fade:
-        """Return what carries the share over a change."""
+        """Return the transition of the share."""
         return Transition(self.dt, self.parameters.number('transition'), self.limits().slew)
 
     def cross_fade(self) -> None:
@@ -208,7 +208,7 @@ class LinkNode(LifecycleNode):
             self._refused += 1
             voltage = self._limiter.voltage
         if self._watchdog.stale:
-            if sample <= self._sample:  # the ramp to safety was faster
+            if sample <= self._sample:  # the ramp to the safe voltage was faster
                 self._late += 1
                 return
             self.get_logger().info(f'input is back at tick {sample}', throttle_duration_sec=5.0)
@@ -216,7 +216,7 @@ class LinkNode(LifecycleNode):
         self._send(head, sample, self._limiter.apply(voltage))
 
     def _send(self, head: bytes, sample: int, voltage: float) -> None:
-        if sample == 0 or sample != self._sample + 1:  # another node may have commanded in between
+        if sample == 0 or sample != self._sample + 1:  # another node may have commanded
             self._publish_slew()
         self._sample = sample
         self._logged = (head, sample, voltage)
@@ -233,11 +233,11 @@ class LinkNode(LifecycleNode):
         self._slew_publisher.publish(Float64(data=self._limiter.limits.slew))
 
     def deliver_to(self, take: Callable[[bytes, int, float], None]) -> None:
-        """Give head, tick and voltage [V] of every command to `take` before it is published."""
+        """Call `take` with head, tick and voltage [V] of every command before it is published."""
         self._next = take
 
     def pass_on_again(self, sample: int) -> None:
-        """Repeat the last voltage, if it was for tick `sample`, to a link that missed it."""
+        """Send the last voltage again to a link that missed it, if it was for tick `sample`."""
         if sample == self._sample and self._logged is not None:
             self._log(*self._logged)
 
@@ -268,7 +268,7 @@ class LinkNode(LifecycleNode):
             )
 
     def has_publisher(self) -> bool:
-        """Return whether the publisher of the input is still there."""
+        """Return whether the publisher of the input still exists."""
         return bool(self.count_publishers(self.resolve_topic_name(self._source)))
 
     # --- counting ------------------------------------------------------------------------------
@@ -293,7 +293,7 @@ class LinkNode(LifecycleNode):
         return {**self.intake.counters(), **own, **limited, **law}
 
     def health(self) -> Health:
-        """Return how the node is."""
+        """Return the health of the node."""
         numbers = {
             'active': self.active,
             'sample': self._sample,

@@ -84,7 +84,7 @@ class TrackingNode(LinkNode):
             self.create_subscription(kind, topic, take, LOOP, raw=True)
 
     def new_fade(self) -> Fade:
-        """Return what carries the share over a change: a new law begins without weight."""
+        """Return the transition of the share; a new law starts with weight 0."""
         return CrossFade(self.dt, self.parameters.number('transition'))
 
     def _built(self, changes: dict[str, Value]) -> Link | None:
@@ -101,7 +101,7 @@ class TrackingNode(LinkNode):
         return {**own, **law}
 
     def refuse(self, changes: dict[str, Value]) -> str:
-        """Return '' or why there is no such law."""
+        """Return why there is no such law, '' if there is one."""
         try:
             self._built(changes)
         except PiezoError as error:
@@ -109,13 +109,13 @@ class TrackingNode(LinkNode):
         return ''
 
     def apply(self, changes: dict[str, Value]) -> None:
-        """Take changed parameters over; a new law begins without a correction."""
+        """Apply changed parameters; a new law starts without a correction."""
         super().apply(changes)
         values = self.parameters.values
         self._reshape([name for name in changes if self._laws.shapes(values, name)])
 
     def _reshape(self, changed: list[str]) -> None:
-        """Change the law, or make a new one, where the parameters `changed` shape it."""
+        """Change the law, or create a new one if the parameters `changed` define its structure."""
         values = self.parameters.values
         if changed and not self._laws.adjust(self.law, values, changed, self._model):
             self._install(self._built({}))
@@ -164,7 +164,7 @@ class TrackingNode(LinkNode):
             self.watch(head, measured.sample)
 
     def take_voltage(self, head: bytes, sample: int, voltage: float) -> None:
-        """Take the voltage of the link before, for one tick [V]."""
+        """Take the voltage of the previous link, for one tick [V]."""
         newest = self.intake.newest
         if not self.intake.take(sample) and sample != newest:
             return
@@ -223,7 +223,7 @@ class TrackingNode(LinkNode):
         elif tick.point.sample > 0:
             self.start_at(tick.received)
 
-    # --- forgetting ----------------------------------------------------------------------------
+    # --- reset of the law ------------------------------------------------------------------------
 
     def _become(self, active: bool) -> None:
         if active and not self.active and self.law is not None:

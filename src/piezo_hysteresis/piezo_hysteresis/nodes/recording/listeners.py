@@ -39,7 +39,7 @@ class Listeners:
     ended : callable
         Returns whether the node is shutting down; every wait then raises `Ended`.
     recorders : bool
-        Wait for recorders only; if there is none, do not wait.
+        Wait for recorders only, and not at all without one.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Listeners:
         self._counted: frozenset[str] | None = None
 
     def find(self) -> None:
-        """Wait until at least one node reports and no discovered node is still silent.
+        """Wait until at least one node reports, and every discovered node does.
 
         Raises
         ------

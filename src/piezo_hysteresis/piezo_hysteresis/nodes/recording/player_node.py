@@ -31,19 +31,19 @@ from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.msg import RecordMarker
 
-# Samples that may be under way in lock-step; listeners confirm more often than that.
+# Largest number of unconfirmed samples in lock-step; listeners confirm more often.
 WINDOW = 256
 
-# Samples that recorders may not have confirmed yet at any other pace.
+# Largest number of samples not confirmed by recorders in real time.
 FURTHEST = 2048
 
-# Messages that come so much too late are counted [s].
+# Delay from which a message is counted as late [s].
 LATE = 0.05
 
 # Time for the delivery of the last messages after a stop [s].
 LAST_WAY = 1.0
 
-# Silence of a subscriber that is reported [s].
+# Time without a report of a subscriber after which it is logged [s].
 SILENCE = 2.0
 
 SENTENCES: dict[str, Finding] = {
@@ -155,7 +155,7 @@ class PlayerNode(Node):
     def _find_listeners(self, state: str) -> None:
         listeners = self._listeners = self._listeners_of(state)
         listeners.find()
-        # What lies in front of the first marker of the bag belongs to no record.
+        # Samples before the first marker of the bag belong to no record.
         marker = self._marker = state.removesuffix(topics.STATE) + topics.MARKER
         marked = marker in self._topics
         if not marked:
@@ -212,7 +212,7 @@ class PlayerNode(Node):
         self._counts['late'] += played.late > LATE
         self._counts['laps'] = played.lap
 
-    # --- for others ----------------------------------------------------------------------------
+    # --- interface of the process ----------------------------------------------------------------
 
     def _judge(self) -> Health:
         findings = self._watch.findings(self._counts)

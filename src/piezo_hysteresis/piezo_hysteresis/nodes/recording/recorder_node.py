@@ -145,12 +145,12 @@ class RecorderNode(Node):
         return judge(findings, fine, counts)
 
     def _drain(self) -> None:
-        """Write the messages published so far that are still in the middleware.
+        """Write the published messages that are still in the middleware.
 
         They are complete once no message has arrived for a moment, or a newer one arrives.
         """
         asked, last = time.time_ns(), time.monotonic()
-        end = last + LONGEST_DRAIN  # for a publisher whose clock is late
+        end = last + LONGEST_DRAIN  # a publisher may have a late clock
         while time.monotonic() < min(last + QUIET, end):
             for subscription, write in self._inlets:
                 with subscription.handle:

@@ -47,7 +47,7 @@ def matching(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
 
 
 def offered_as_yaml(qos: QoSProfile) -> str:
-    """Return a profile as rosbag2 stores it, so that players offer the same again."""
+    """Return a profile in the format of rosbag2, so that players offer the same profile."""
     forever = {'sec': 9223372036, 'nsec': 854775807}
     return str(
         yaml.safe_dump(

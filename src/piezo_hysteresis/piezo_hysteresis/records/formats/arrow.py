@@ -32,7 +32,7 @@ def write(path: Path, columns: dict[str, FloatArray]) -> None:
     from pyarrow import feather, parquet
 
     table = pyarrow.table({name: np.ascontiguousarray(v) for name, v in columns.items()})
-    if '.feather' in path.suffixes:  # a name beside it, until the file is whole
+    if '.feather' in path.suffixes:  # under another name until the file is complete
         feather.write_feather(table, path)
     else:
         parquet.write_table(table, path)
