@@ -2,11 +2,10 @@
 
     python studies/discovery.py --kind all --sets 100 --workers 2
 
-Every set is made by `piezo_sim`, written as a bag and handed to `python -m piezo_hysteresis
-discover` in a process of its own that is told the bag and the baseline, nothing else. The answer
-stays in the memory of this process and is written (out/discovery/results.jsonl) only after the
-verdict is there. A run that was interrupted goes on where it stopped; --table prints what is
-there already.
+Every set is simulated by `piezo_sim`, written as a bag and given to `python -m piezo_hysteresis
+discover` in a separate process, which gets only the bag and the baseline. The truth stays in the
+memory of this process and is written (out/discovery/results.jsonl) only after the verdict. An
+interrupted run continues where it stopped; --table prints the results so far.
 
 What an effect of the simulator may be called is stated in `discovery_effects.KNOBS`: backlash is
 friction, a second mode a resonance, floor vibration a tone (mains_hum), both creep laws creep, a

@@ -186,7 +186,7 @@ class Row:
 
     @property
     def right(self) -> bool:
-        """Whether the right name came first, or nothing where nothing was hidden."""
+        """Whether the right name is ranked first; for no hidden effect, verdict `none`."""
         if not self.truth:
             return self.verdict.verdict == 'none'
         return self.names[:1] == [self.truth]

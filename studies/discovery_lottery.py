@@ -57,7 +57,7 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Row:
-    """One set and what was said of it; no verdict where the records were refused."""
+    """One set and its verdict; no verdict if the records were refused."""
 
     kind: str
     hidden: tuple[str, ...]
@@ -83,7 +83,7 @@ class Row:
 
     @property
     def right(self) -> bool:
-        """Whether what had to be said was said, and first."""
+        """Whether the verdict is right, with the hidden effects ranked first."""
         word = self.verdict.verdict if self.verdict else 'refused'
         if self.kind == 'null':
             return word == 'none'
@@ -98,7 +98,7 @@ class Row:
 
 
 def sets(count: Sequence[int]) -> list[tuple[str, tuple[str, ...]]]:
-    """Return what hides in each set: as many singles, pairs, nulls and outsiders."""
+    """Return the hidden effects of each set: singles, pairs, nulls, unknown effects."""
     names, singles, pairs, nulls, others = list(EFFECTS), *count
     return [
         *(('single', (names[i % len(names)],)) for i in range(singles)),
@@ -134,7 +134,7 @@ def examined(
 
 
 def calibration(rows: Sequence[Row]) -> list[str]:
-    """Return how often what was said with a probability was hidden, in classes."""
+    """Return the frequency of right names by class of reported probability."""
     said = [
         (effect.probability, effect.name in row.truth)
         for row in rows

@@ -31,19 +31,19 @@ def named(row: Row) -> list[str]:
 
 
 def first_right(row: Row) -> bool:
-    """Tell whether the effect that is named first is hidden in the set."""
+    """Return whether the effect that is ranked first is hidden in the set."""
     every = {name for names in row['names'] for name in names}
     return row['verdict'] == 'named' and row['effects'][0]['name'] in every
 
 
 def all_right(row: Row) -> bool:
-    """Tell whether everything that is hidden is named."""
+    """Return whether all hidden effects are named."""
     words = set(named(row))
     return all(words & set(names) for names in row['names'])
 
 
 def among(row: Row) -> bool:
-    """Tell whether everything that is hidden is named or an alternative."""
+    """Return whether all hidden effects are named or alternatives."""
     words = set(named(row))
     for effect in row.get('effects', []):
         words |= {other['name'] for other in effect['alternatives']}
@@ -129,7 +129,7 @@ def calibration(rows: Sequence[Row]) -> list[str]:
 
 
 def hidden_words(row: Row) -> str:
-    """Return what is hidden in a set; a rate law that no block has is told from the other."""
+    """Return the hidden effects of a set; a rate law without a block is stated separately."""
     words = [
         'rate_dependence (power law)'
         if name == 'rate_dependence' and row['overrides'].get('rate_dependence.exponent', 0.0) > 0
@@ -140,7 +140,7 @@ def hidden_words(row: Row) -> str:
 
 
 def confusion(rows: Sequence[Row]) -> list[str]:
-    """Return what was said for every hidden effect, pairs by themselves."""
+    """Return the reported names for every hidden effect; pairs are listed separately."""
     lines = []
     for kinds, title in (
         (('single', 'null', 'unknown'), 'confusion: hidden -> reported (sets)'),

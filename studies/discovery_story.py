@@ -1,12 +1,11 @@
-"""The papers' own story, told by the tool: what is missing is the mode at 68 Hz.
+"""Discovery of the mode at 68 Hz that the models of Fujii 2018 lack.
 
     python studies/discovery_story.py --baselines extended,classical,modified --workers 2
 
 The simulated bimorph of Fujii 2018 is swept from 1 to 50 Hz and every baseline is given to the
-discovery. Written are, per baseline, the folder that ``discover`` leaves and, for all of them, a
-table (story.md) and a picture over frequency (story.png), Fujii 2018's Figure 10 with what was
-found in the place of what its authors knew. Fujii 2018 names 14 Hz, whose fifth harmonic lands on
-the mode, and 23 Hz, whose third does.
+discovery. It writes the result folder of each baseline, a table (story.md) and a picture over
+frequency (story.png): Figure 10 of Fujii 2018 with the effects found. Fujii 2018 names 14 Hz and
+23 Hz, whose fifth and third harmonics meet the mode.
 """
 
 from __future__ import annotations
@@ -109,7 +108,7 @@ def draw(found: Sequence[Discovery], path: Path) -> None:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Tell the story at size; return 0 where every baseline finds the mode."""
+    """Run the study; return 0 if every baseline finds the mode."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else '')
     parser.add_argument('--baselines', default='extended,classical,modified')
     parser.add_argument('--frequencies', default=','.join(map(str, range(1, 51))))

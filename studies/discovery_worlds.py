@@ -1,8 +1,8 @@
 """Random simulations for the blind test of the discovery: hidden effects and their sizes.
 
-A world is an actuator of `piezo_sim` that a named model describes but for one or two effects. The
-numbers of both are random; an effect is enlarged until it can be seen, which is judged on the
-noise-free readings with everything taken off that a refit of the model would absorb.
+A world is an actuator of `piezo_sim` that a named model describes except for one or two effects.
+The parameters of both are random. An effect is enlarged until it is visible in the noise-free
+readings after subtraction of everything that a refit of the model would absorb.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ def judged(
             try:
                 data = split(annotated([record.section(first, first + length)]), 'auto')
                 found = unsearched(data, model, how)
-            except PiezoError:  # a block at rest tells nothing
+            except PiezoError:  # a block at rest contains no information
                 continue
             scores.append(found.evaluator.excess(found.final))
             alarms.append(found.evaluator.has_significant_residual(found.final, found.start))

@@ -1,4 +1,4 @@
-"""An actuator and its recordings drawn by lot: no block of the suite, no `piezo_sim`.
+"""A random actuator and its recordings: no block of the suite, no `piezo_sim`.
 
 The voltage is held between ticks, as a converter does. Everything after it is integrated on a grid
 sixteen times as fine: a hysteresis of Bouc and Wen, which knows no time, a mode, and one or two

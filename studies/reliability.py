@@ -2,8 +2,8 @@
 
     python studies/reliability.py [--picture docs/pictures/reliability.png]
 
-Read from the pages of the examinations on data that nobody simulated with the suite, whose sets
-decided nothing. A name beside an effect that is hidden counts as wrong.
+It is read from the pages of the tests on data that were not simulated with the suite and that set
+no threshold. A name in addition to a hidden effect counts as wrong.
 """
 
 from __future__ import annotations
@@ -41,28 +41,28 @@ class Class:
     Attributes
     ----------
     low, high : float
-        Between what [1].
-    said, right : int
-        How often, and how often rightly.
+        Bounds of the probability [1].
+    named, right : int
+        Number of reported names, and of right ones.
     mean : float
-        What was said on average [1].
+        Mean reported probability [1].
     """
 
     low: float
     high: float
-    said: int
+    named: int
     right: int
     mean: float
 
     @property
     def share(self) -> float:
         """Share of correct names [1]."""
-        return self.right / self.said
+        return self.right / self.named
 
     @property
     def interval(self) -> tuple[float, float]:
         """95 % of Clopper and Pearson 1934."""
-        found = binomtest(self.right, self.said).proportion_ci(method='exact')
+        found = binomtest(self.right, self.named).proportion_ci(method='exact')
         return float(found.low), float(found.high)
 
 
@@ -82,11 +82,11 @@ def said_in(page: str) -> list[tuple[float, bool]]:
     return found
 
 
-def classes(said: Sequence[tuple[float, bool]]) -> list[Class]:
+def classes(named: Sequence[tuple[float, bool]]) -> list[Class]:
     """Return names by probability, and how many of each class were right."""
     found = []
     for low, high in pairwise(EDGES):
-        inside = [pair for pair in said if low <= pair[0] < high]
+        inside = [pair for pair in named if low <= pair[0] < high]
         if inside:
             given, hits = zip(*inside, strict=True)
             mean = sum(given) / len(given)
@@ -112,14 +112,14 @@ def drawn(found: Sequence[Class]) -> Figure:
             capsize=3,
         )
         axes.annotate(
-            f'{each.right}/{each.said}',
+            f'{each.right}/{each.named}',
             (each.mean, each.share),
             textcoords='offset points',
             xytext=(-6, 6),
             ha='right',
         )
     axes.set(
-        xlabel='probability that was said',
+        xlabel='reported probability',
         ylabel='share that was right, 95 %',
         xlim=(0, 1.03),
         ylim=(0, 1.05),
@@ -134,13 +134,13 @@ def main() -> None:
     parser.add_argument('--picture', type=Path)
     arguments = parsed(parser)
     pages = [DOCS / name for name in PAGES if (DOCS / name).exists()]
-    said = [pair for page in pages for pair in said_in(page.read_text(encoding='utf-8'))]
-    found = classes(said)
-    print('| said with | mean | names | right | 95 % |\n|---|---:|---:|---:|---|')
+    named = [pair for page in pages for pair in said_in(page.read_text(encoding='utf-8'))]
+    found = classes(named)
+    print('| named with | mean | names | right | 95 % |\n|---|---:|---:|---:|---|')
     for each in found:
         low, high = each.interval
         print(
-            f'| {each.low:g} to {each.high:g} | {each.mean:.2f} | {each.said} | {each.right} | '
+            f'| {each.low:g} to {each.high:g} | {each.mean:.2f} | {each.named} | {each.right} | '
             f'{100 * low:.0f} to {100 * high:.0f} % |'
         )
     if arguments.picture:

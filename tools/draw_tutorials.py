@@ -119,7 +119,7 @@ def _compensate(folder: Path) -> Figure:
     names = ['no compensation', 'feedforward', 'with attenuation']
     axes[0].bar(names, [MICRO * r['rms_m'] for r in runs], color=[ROLES[r] for r in RUNS])
     axes[0].set_yscale('log')
-    axes[0].set(ylabel='rms tracking error [µm]', title='What is left at 23 Hz')
+    axes[0].set(ylabel='rms tracking error [µm]', title='Remaining error at 23 Hz')
     orders = list(runs[0]['harmonics_m'])
     for k, (run, role) in enumerate(zip(runs, RUNS, strict=True)):
         sizes = [MICRO * run['harmonics_m'][order] for order in orders]

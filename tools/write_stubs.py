@@ -2,7 +2,7 @@
 
     python tools/write_stubs.py [--check]
 
-tools/stubs/ tells mypy the fields of the messages, services and actions of this workspace, and of
+tools/stubs/ defines for mypy the messages, services and actions of this workspace, and of
 those standard packages that it uses, as the generated Python classes give and take them. With
 --check nothing is written; the exit code is 1 where a stub is out of date.
 """
@@ -76,7 +76,7 @@ def _interface(package: str, kind: str, file: Path) -> Iterator[str]:
 
 
 def _message(name: str, spec: MessageSpecification, beside: str = '') -> Iterator[str]:
-    """Yield the lines of a class; messages of the package `beside` stand in the same module."""
+    """Yield the lines of a class; messages of the package `beside` are in the same module."""
     if not spec.fields and not spec.constants:
         yield from (f'class {name}: ...', '')
         return

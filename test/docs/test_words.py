@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ast
+import io
 import re
 import sys
+import tokenize
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from pages import ROOT
@@ -102,6 +105,31 @@ def test_a_page_is_read_in_one_go(page: str) -> None:
 )
 def test_the_list_finds_dialect_and_nothing_else(text: str, count: int) -> None:
     assert len(dialect(text)) == count
+
+
+def texts(path: Path) -> Iterator[str]:
+    """Yield the docstrings and comments of a file; code in them is left out."""
+    source = path.read_text(encoding='utf-8')
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            yield ast.get_docstring(node) or ''
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.string
+
+
+def test_docstrings_and_comments_use_the_terms_of_the_field() -> None:
+    found = []
+    for folder in ('src', 'studies', 'tools'):
+        for path in (ROOT / folder).rglob('*.py'):
+            for text in texts(path):
+                plain = re.sub(r'`+[^`]*`+', 'code', text)
+                found += [
+                    f'{path.relative_to(ROOT)}: {hit.group()}: write {good}'
+                    for bad, good in WORDS.items()
+                    for hit in bad.finditer(plain)
+                ]
+    assert not found, '\n'.join(found)
 
 
 def defined(tree: ast.Module) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""An identified model in the place of the actuator, for studies without hardware."""
+"""An identified model instead of the actuator, for studies without hardware."""
 
 from __future__ import annotations
 

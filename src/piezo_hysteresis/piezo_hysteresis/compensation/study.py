@@ -107,7 +107,7 @@ def track(
     controllers : Controllers
         What compensates; its limits are those that follow.
     plant : ModelFile or str
-        A model in the place of the actuator, or the name of a preset of the simulator.
+        A model instead of the actuator, or the name of a preset of the simulator.
     reference : str or Waveform
         Desired displacement [m].
     low, high, slew : float, optional
@@ -227,7 +227,7 @@ def open_plant(
     Parameters
     ----------
     plant : ModelFile or str
-        A model in the place of the actuator, or the name of a preset of the simulator.
+        A model instead of the actuator, or the name of a preset of the simulator.
     dt : float
         Sampling interval [s].
     seed : int

@@ -30,7 +30,7 @@ from piezo_hysteresis.compensation.linear_gain import gain_at
 from piezo_hysteresis.jit import jit, leaf, scratch
 
 # Above this trace per parameter the covariance is scaled down: forgetting without excitation
-# would let it grow for ever.
+# would let it grow indefinitely.
 _LARGEST_COVARIANCE = 1e6
 
 # Places in the memory: the frequency of the last error, what was counted, past errors, the

@@ -69,7 +69,7 @@ DT, FROZEN, LEARNING, LEAD, LOWEST, _FILTER = range(6)
 _PAST, _RINGS = WATCH_SIZE, WATCH_SIZE + 4
 
 # Zero-phase low-pass that is flat up to a fifth of the Nyquist frequency and 0 at it: what the
-# learning filter does not invert must not be repeated for ever.
+# learning filter does not invert must not be repeated indefinitely.
 _TAPS = (-0.0625, 0.25, 0.625, 0.25, -0.0625)
 _REACH = 3  # newest sample that filter and interpolation need, ahead of the requested one
 
