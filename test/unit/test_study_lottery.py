@@ -107,7 +107,7 @@ def test_results_are_counted_from_the_page() -> None:
     assert (0.66, True) in names
     assert (0.60, False) in names
     (found,) = classes(names[-2:])
-    assert (found.said, found.right, found.share) == (2, 1, 0.5)
+    assert (found.named, found.right, found.share) == (2, 1, 0.5)
     low, high = found.interval
     assert low == pytest.approx(0.0126, abs=1e-3)
     assert high == pytest.approx(0.9874, abs=1e-3)
