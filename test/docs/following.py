@@ -62,7 +62,7 @@ class Terminal:
     def check(self) -> None:
         """Raise AssertionError if it has ended by itself."""
         ended = self._process.poll()
-        assert ended is None, f'{self.name} ended with {ended}: {self.named()[-2000:]}'
+        assert ended is None, f'{self.name} ended with {ended}: {self.said()[-2000:]}'
 
     def said(self) -> str:
         """Return what it has printed."""
@@ -82,8 +82,8 @@ class Terminal:
             ended = self._process.wait(60)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise AssertionError(f'{self.name} outlives Ctrl-C: {self.named()[-2000:]}') from None
-        text = self.named()
+            raise AssertionError(f'{self.name} outlives Ctrl-C: {self.said()[-2000:]}') from None
+        text = self.said()
         assert ended in (0, 130, -signal.SIGINT), f'{self.name}: {ended}: {text[-2000:]}'
         assert 'Traceback' not in text, text[-2000:]
 

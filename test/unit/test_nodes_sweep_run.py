@@ -21,17 +21,17 @@ class World:
 
     def __init__(self, *, recorded: bool = True) -> None:
         self.sweep = Sweep([10.0, 20.0], [1.0], TICKS / RATE, RATE)
-        self.named: list[tuple[str, str, int]] = []
+        self.said: list[tuple[str, str, int]] = []
         self.tick = 0
         self.voltages: list[float] = []
         self.run = SweepRun(self.sweep, self, recorded=recorded)
         self.sweep.start(0)
 
     def mark(self, record: SweepRecord, sample: int) -> None:
-        self.named.append((record.name, 'begins', sample))
+        self.said.append((record.name, 'begins', sample))
 
     def end(self, judged: str, verdict: str, sample: int) -> None:
-        self.named.append((judged, verdict or 'ends', sample))
+        self.said.append((judged, verdict or 'ends', sample))
 
     def step(self, *, heard: bool = True, kept: bool = True) -> float | None:
         """One answer of the sweep, and the state that it brings about."""
@@ -64,7 +64,7 @@ def test_a_sweep_is_as_planned_and_its_markers_are_at_its_ticks(recorded: bool) 
     assert world.voltages == [world.sweep.voltage(k) for k in range(LENGTH)]
     assert [each.last for each in world.run.kept] == [TICKS, LENGTH - GAP]
     second = TICKS + GAP
-    assert world.named == [
+    assert world.said == [
         (NAMES[0], 'begins', 0), ('', 'ends', TICKS),
         (NAMES[1], 'begins', second), ('', 'ends', second + TICKS),
     ]  # fmt: skip
@@ -80,7 +80,7 @@ def test_a_record_of_which_a_state_is_lost_is_run_again(lost: dict[str, bool], t
     world.step(**lost)
     assert world.finish() == NAMES
     second = TICKS + GAP
-    assert world.named[:4] == [
+    assert world.said[:4] == [
         (NAMES[0], 'begins', 0), ('', 'ends', TICKS), (NAMES[0], 'repeated', second),
         (NAMES[0], 'begins', second),
     ]  # fmt: skip
@@ -94,19 +94,19 @@ def test_states_lost_between_records_or_without_a_bag_are_no_matter() -> None:
     world.to(TICKS + 3)
     world.step(heard=False)
     assert world.finish() == NAMES
-    assert len(world.named) == 4
+    assert len(world.said) == 4
     world = World(recorded=False)
     world.to(10)
     world.step(heard=False)
     assert world.finish() == NAMES
-    assert len(world.named) == 4
+    assert len(world.said) == 4
 
 
 def test_a_record_with_repeated_losses_is_aborted_and_reported() -> None:
     world = World()
     while world.step(heard=not (world.tick % 10 == 0 and world.tick < 700)) is not None:
         pass
-    verdicts = [what for name, what, _ in world.named if name == NAMES[0] and what != 'begins']
+    verdicts = [what for name, what, _ in world.said if name == NAMES[0] and what != 'begins']
     assert verdicts == ['repeated'] * MOST_REPEATS + ['failed']
     assert world.message() == f'1 record; states of {NAMES[0]} were lost'
 
@@ -116,7 +116,7 @@ def test_what_was_cancelled_does_not_count() -> None:
     world.to(TICKS + GAP + 10)
     world.run.stop(world.tick)
     assert world.finish() == NAMES[:1]
-    assert world.named[-1] == (NAMES[1], 'cancelled', TICKS + GAP + 10)
+    assert world.said[-1] == (NAMES[1], 'cancelled', TICKS + GAP + 10)
     assert world.voltages[-1] == 0.0
 
 
@@ -127,9 +127,9 @@ def test_what_was_refused_is_taken_back() -> None:
     assert len(world.run.kept) == 1
     world.run.take_back(TICKS - 1, world.tick, 'refused')
     assert world.run.kept == []
-    assert world.named[-1] == (NAMES[0], 'refused', TICKS + GAP + 10)
+    assert world.said[-1] == (NAMES[0], 'refused', TICKS + GAP + 10)
     world.run.stop(world.tick, 'refused')
-    assert world.named[-1] == (NAMES[1], 'refused', TICKS + GAP + 10)
+    assert world.said[-1] == (NAMES[1], 'refused', TICKS + GAP + 10)
     assert world.finish() == []
 
 

@@ -14,19 +14,19 @@ from piezo_hysteresis.ros.readiness import FRESH, HeartbeatPublisher, Heartbeats
 
 class Ear:
     def __init__(self) -> None:
-        self.named: list[tuple[Readiness, str]] = []
+        self.said: list[tuple[Readiness, str]] = []
         self.compiled = 0
 
     def publish(self, state: Readiness, words: str) -> None:
-        self.named.append((state, words))
+        self.said.append((state, words))
 
     def compiles(self) -> None:
         self.compiled += 1
 
     def wait(self, count: int) -> None:
         end = time.monotonic() + 10.0
-        while len(self.named) < count:
-            assert time.monotonic() < end, self.named
+        while len(self.said) < count:
+            assert time.monotonic() < end, self.said
             time.sleep(0.01)
 
 
@@ -43,7 +43,7 @@ def threads() -> int:
 
 def test_a_start_is_reported_until_the_node_is_served(ear: Ear) -> None:
     told = HeartbeatPublisher(ear.publish)
-    assert ear.named == [(Readiness.STARTING, 'starting (0 s)')]
+    assert ear.said == [(Readiness.STARTING, 'starting (0 s)')]
     ear.wait(3)
     told.ready()
     end = time.monotonic() + 10.0
@@ -58,10 +58,10 @@ def test_compiling_is_reported_while_it_lasts_and_once_in_the_log(ear: Ear) -> N
     told = HeartbeatPublisher(ear.publish, ear.compiles)
     for _ in range(2):
         watch.begin('kernel')
-        ear.wait(len(ear.named) + 2)
+        ear.wait(len(ear.said) + 2)
         watch.end()
-    assert ear.named[-1][0] is Readiness.STARTING
-    assert ear.named[-1][1].startswith('starting: compiles its kernels (first start only) (')
+    assert ear.said[-1][0] is Readiness.STARTING
+    assert ear.said[-1][1].startswith('starting: compiles its kernels (first start only) (')
     assert ear.compiled == 1
     told.close()
 
@@ -71,11 +71,11 @@ def test_later_compiling_is_reported(ear: Ear) -> None:
     told.ready()
     while threads():
         time.sleep(0.01)
-    before = len(ear.named)
+    before = len(ear.said)
     watch.begin('kernel')
     ear.wait(before + 2)
     watch.end()
-    assert ear.named[-1] == (Readiness.COMPILING, 'compiles its kernels (first start only) (0 s)')
+    assert ear.said[-1] == (Readiness.COMPILING, 'compiles its kernels (first start only) (0 s)')
     told.close()
 
 
