@@ -6,4 +6,4 @@ that changes a task or a score; results of two versions do not compare.
 
 from __future__ import annotations
 
-VERSION = '1.0.0'
+VERSION = '1.1.0'

@@ -7,8 +7,9 @@ numbered.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -217,13 +218,39 @@ def _hidden(
 
 
 def _chosen(random: Generator, kind: str, place: int) -> list[str]:
-    """Return names to try, in order; single names take turns so that all are equally frequent."""
-    names = list(EFFECTS)
-    if kind == 'outside':
-        return [list(OUTSIDE)[(place + int(random.integers(4))) % 4]]
-    if kind == 'single':
-        return [names[(place + k) % len(names)] for k in range(len(names))]
-    return [str(n) for n in random.permutation(names)]
+    """Return names to try, in order; names take turns so that all are equally frequent."""
+    names = list(OUTSIDE if kind == 'outside' else EFFECTS)
+    if kind == 'pair':
+        return [str(n) for n in random.permutation(names)]
+    return [names[(place + k) % len(names)] for k in range(len(names))]
+
+
+def _effects(
+    random: Generator,
+    kind: str,
+    place: int,
+    actuator: Actuator,
+    voltage: Array,
+    tangent: Array,
+    warm_up: int,
+) -> dict[str, Parameters]:
+    """Return the effects of a task with their parameters.
+
+    Raises
+    ------
+    ValueError
+        If too few effects are visible on these voltages.
+    """
+    effects: dict[str, Parameters] = {}
+    wanted = {'nothing': 0, 'pair': 2}.get(kind, 1)
+    for name in _chosen(random, kind, place) * 3:
+        if len(effects) < wanted and name not in effects:
+            found = _hidden(random, name, actuator, voltage, tangent, warm_up)
+            if found is not None:
+                effects[name] = found
+    if len(effects) < wanted:
+        raise ValueError(f'only {len(effects)} of {wanted} effects are visible')
+    return effects
 
 
 def _tangent(
@@ -287,15 +314,7 @@ def one(seed: Sequence[int], level: str, kind: str, place: int) -> tuple[Task, T
         base = fitted_baseline(baseline_name, cut(known), read, scale, warm_up, near)
         near = {k: v for k, v in base.values.items() if k != 'offset'}
     tangent = _tangent(baseline_name, cut(training), scale, near, warm_up)
-    effects: dict[str, Parameters] = {}
-    wanted = {'nothing': 0, 'pair': 2}.get(kind, 1)
-    for name in _chosen(second, kind, place):
-        if len(effects) < wanted:
-            found = _hidden(second, name, actuator, training, tangent, warm_up)
-            if found is None and kind == 'outside':
-                found = OUTSIDE[name][1](second, scale)
-            if found is not None:
-                effects[name] = found
+    effects = _effects(second, kind, place, actuator, training, tangent, warm_up)
     plain, changed = actuator.clean(training, {}), actuator.clean(training, effects)
     read_training = actuator.recorded(changed, third)
     clean_unseen = actuator.clean(unseen, effects)
@@ -337,7 +356,11 @@ def plan() -> list[tuple[str, str, int]]:
 
 
 def drawn(
-    seed: int, share: int = 1, data: Path | None = None, levels: Sequence[str] = ()
+    seed: int,
+    share: int = 1,
+    data: Path | None = None,
+    levels: Sequence[str] = (),
+    each: Callable[..., Iterable[tuple[Task, Truth]]] = map,
 ) -> tuple[list[Task], list[Truth]]:
     """Draw a set of tasks; each is the same, whichever others are drawn with it.
 
@@ -348,25 +371,30 @@ def drawn(
     share : int
         Draw one of so many of each level and kind.
     data : Path, optional
-        Folder of the measured records; without it the level `measured` is left out.
+        Folder of the measured records; without it the level `measured` is omitted.
     levels : sequence of str
         All by default.
+    each : callable
+        `map`, or that of a pool of processes.
     """
     cells, files = plan(), lab.available(data)
     order = np.random.default_rng([seed, 7]).permutation(len(cells))
-    tasks, truths = [], []
-    for number, index in enumerate(order):
-        level, kind, place = cells[index]
-        if place % share or (levels and level not in levels):
-            continue
-        key = [seed, list(COUNTS).index((level, kind)), place]
-        if level == 'measured':
-            if not files or data is None:
-                continue
-            task, truth = lab.one(key, kind, place, data)
-        else:
-            task, truth = one(key, level, kind, place)
-        name = f'task-{number:04d}'
-        tasks.append(replace(task, identifier=name))
-        truths.append(replace(truth, identifier=name))
-    return tasks, truths
+    jobs = [
+        (f'task-{number:04d}', seed, *cells[index])
+        for number, index in enumerate(order)
+        if not cells[index][2] % share
+        and (not levels or cells[index][0] in levels)
+        and (files or cells[index][0] != 'measured')
+    ]
+    found = list(each(partial(_task, data), jobs))
+    return [task for task, _ in found], [truth for _, truth in found]
+
+
+def _task(data: Path | None, job: tuple[str, int, str, str, int]) -> tuple[Task, Truth]:
+    name, seed, level, kind, place = job
+    key = [seed, list(COUNTS).index((level, kind)), place]
+    if level == 'measured' and data is not None:
+        task, truth = lab.one(key, kind, place, data)
+    else:
+        task, truth = one(key, level, kind, place)
+    return replace(task, identifier=name), replace(truth, identifier=name)

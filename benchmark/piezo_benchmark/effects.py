@@ -163,7 +163,7 @@ OUTSIDE: dict[str, tuple[str, Callable[[Generator, Scale], Parameters], float]] 
     'dead_band': ('width', lambda r, s: {'width': 0.05}, 0.3),
     'heating': ('share', lambda r, s: {'share': 0.1, 'time': between(r, 0.1, 0.4) * s.span}, 0.6),
     'sensor_steps': ('height', lambda r, s: {'height': 0.01, 'every': s.span / 5.7}, 0.2),
-    'slew_limit': ('rate', lambda r, s: {'rate': 60.0}, 1e9),
+    'slew_limit': ('rate', lambda r, s: {'rate': 0.03 / s.dt}, 1e9),
 }
 
 

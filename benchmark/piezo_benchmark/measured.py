@@ -31,6 +31,8 @@ NAMES = (
     'transport_delay', 'amplifier_lag', 'sensor_curve', 'tone', 'drift', 'falling_gain', 'creep',
 )  # fmt: skip
 SAMPLES, WARM_UP = 1900, 200
+#: Resolution of the displacement [m]; a dither of one step hides whether it was changed later.
+STEPS = {'p885': 4e-9, '150v': 8e-9}
 AT_REST = {'p885': 7e-8, '150v': 5e-8}  # noise [m] rms, as stated with the records
 
 
@@ -110,6 +112,7 @@ def one(seed: Sequence[int], kind: str, place: int, data: Path) -> tuple[Task, T
     dt, parts = _pieces(first, actuator, data)
     voltages = [np.array([p[:, 1] for p in part]).T for part in parts]
     plain = [1e-6 * np.array([p[:, 2] for p in part]).T for part in parts]
+    plain = [y + STEPS[actuator] * first.uniform(-0.5, 0.5, y.shape) for y in plain]
     middle = float(np.mean(plain[0]))
     plain = [y - middle for y in plain]
     volts, metres = (float(np.ptp(x)) / 2 for x in (voltages[0], plain[0]))

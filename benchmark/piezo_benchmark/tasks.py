@@ -25,6 +25,12 @@ QUESTIONS = (
     'What are the parameters of the effects that you name, and their standard deviations?'
 )
 
+CONVENTIONS = (
+    'The voltage is held from sample to sample; the displacement is read at the end of each '
+    'sample. Records begin at rest at 0 V; those in motion (scale.moving) are simulated from rest '
+    'at their first voltage, and no score looks at their first warm_up samples.'
+)
+
 EQUATIONS = {
     'bouc_wen': (
         "y = gain u - loop h + offset; h' = u' - beta |u'| h - gamma u' |h|; h = 0 at the start"
@@ -237,6 +243,7 @@ def save(task: Task, folder: Path, csv: bool = False) -> None:
         'baseline': {
             'name': task.baseline.name,
             'equations': task.baseline.equations,
+            'conventions': CONVENTIONS,
             'values': {k: _wide(v) for k, v in task.baseline.values.items()},
             'deviations': {k: _wide(v) for k, v in task.baseline.deviations.items()},
         },

@@ -117,6 +117,34 @@ def test_measured_records_are_omitted_without_their_data(tmp_path: Path) -> None
     assert found == ([], [])
 
 
+def test_a_resolution_of_measured_records_does_not_show_that_nothing_hides(
+    tmp_path: Path,
+) -> None:
+    """Steps of the sensor are in untouched records and would be lost in changed ones."""
+    time = 5e-3 * np.arange(50000)
+    volts = 5.0 * np.sin(2 * np.pi * time)
+    steps = 7.6e-3 * np.round((volts + 0.5 * np.sin(2 * np.pi * time - 0.5)) / 7.6e-3)
+    for names in measured.FILES.values():
+        for name in names:
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            table = np.column_stack([time, volts, steps])
+            np.savetxt(tmp_path / name, table, '%.7f', ',', header='t,u,y', comments='')
+    shares = {}
+    for kind in ('nothing', 'single'):
+        task, _ = measured.one([1, 0, 4], kind, 4, tmp_path)
+        y = task.measured[:, 0]
+        shares[kind] = np.unique(np.round(y, 13)).size / y.size
+    assert shares['nothing'] == pytest.approx(shares['single'], abs=0.02)
+    assert shares['nothing'] > 0.95
+
+
+@pytest.mark.parametrize('place', range(4))
+def test_an_effect_outside_the_list_is_visible(place: int) -> None:
+    task, truth = draw.one([3, 2, place], 'clean', 'outside', place)
+    left = task.measured - task.records.free_run
+    assert np.std((left - left.mean(0))[task.warm_up :]) > 1.5 * truth.noise
+
+
 def test_bouc_wen_is_solved_exactly() -> None:
     """The law in 4000 small Euler steps per sample gives the same."""
     voltage = np.array([[0.5], [1.0], [-0.3], [0.2]])
