@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -12,14 +12,16 @@ import numpy as np
 
 from piezo_benchmark.draw import COUNTS
 from piezo_benchmark.effects import EFFECTS, OUTSIDE
-from piezo_benchmark.entries import NAMES
+from piezo_benchmark.entries import CALIBRATED, NAMES
+from piezo_benchmark.entries.calibrated import read as read_calibration
 from piezo_benchmark.run import entry_named
 from piezo_benchmark.scores import FLOOR, GROUPS, Row, calibration, summary
-from piezo_benchmark.tasks import EQUATIONS, outcomes
+from piezo_benchmark.tasks import CONVENTIONS, EQUATIONS, outcomes
 
 Summary = dict[str, dict[str, Any]]
 TEMPLATE = Path(__file__).with_name('page.md')
-NO_RIVALS = ('ideal_observer', 'suite')
+DETAIL = Path(__file__).with_name('detail.md')
+RIVALS = tuple(name for name in CALIBRATED if name != 'suite')
 
 
 def rows_of(results: dict[str, Any]) -> dict[str, list[Row]]:
@@ -36,9 +38,9 @@ def rows_of(results: dict[str, Any]) -> dict[str, list[Row]]:
 
 
 def table(
-    entries: dict[str, Summary], key: str, form: str, percent: bool = False
+    entries: dict[str, Summary], key: str, form: str, percent: bool = False, short: bool = False
 ) -> Iterator[str]:
-    """Yield a table of one number per entry and group, with its interval."""
+    """Yield a table of one number per entry and group, with its interval unless `short`."""
     groups = [g for g in GROUPS if any(g in s for s in entries.values())]
     tasks = {g: next(s[g]['tasks'] for s in entries.values() if g in s) for g in groups}
     yield '| entry | ' + ' | '.join(f'{g} ({tasks[g]})' for g in groups) + ' |'
@@ -48,7 +50,8 @@ def table(
         cells = []
         for group in groups:
             value, low, high = (factor * x for x in found[group][key])
-            cells.append(f'{value:{form}} ({low:{form}} to {high:{form}})')
+            spread = '' if short else f' ({low:{form}} to {high:{form}})'
+            cells.append(f'{value:{form}}{spread}')
         yield f'| `{name}` | ' + ' | '.join(cells) + ' |'
 
 
@@ -98,7 +101,7 @@ def losses(entries: dict[str, Summary]) -> list[str]:
             better = [
                 f'`{name}` {s[group][key][0]:{form}}'
                 for name, s in entries.items()
-                if name not in NO_RIVALS and s[group][key][0] < own - 0.005
+                if name in RIVALS and s[group][key][0] < own - 0.005
             ]
             if better:
                 found.append(f'- {what}, {group}: {own:{form}} against {", ".join(better)}')
@@ -115,7 +118,65 @@ def _rest(count: int, total: int) -> str:
     return 'The others were not run by every entry.'
 
 
-def page(results: dict[str, Any], sealed: Sequence[dict[str, Any]] = (), at: str = '') -> str:
+def _cost_table(results: dict[str, Any]) -> Iterator[str]:
+    yield '| entry | tasks | wall s | processor s |'
+    yield '|---|---:|---:|---:|'
+    for name, cost in results.get('cost', {}).items():
+        yield (
+            f'| `{name}` | {cost["tasks"]} | {cost["wall_s"]:.0f} | {cost["processor_s"]:.0f} |'
+        )
+
+
+def _wrong_table(rows: Sequence[Row]) -> Iterator[str]:
+    yield '| task | group | truth | most probable | stated | bits | held-out over control |'
+    yield '|---|---|---|---|---:|---:|---:|'
+    for row in rows:
+        if row.right < 1.0:
+            top = row.failed or f'`{row.top}`'
+            yield (
+                f'| {row.identifier} | {row.group} | `{row.truth}` | {top} | {row.confidence:.0%} '
+                f'| {row.bits:.1f} | {row.ratio:.2f} |'
+            )
+
+
+def _calibrated_on() -> str:
+    """Return on which tasks entries are calibrated."""
+    found = read_calibration()
+    seeds = sorted({seed for part in found.values() for seed in part['seeds']})
+    count = max((len(part['rows']) for part in found.values()), default=0)
+    return f'up to {count} tasks of seed {", ".join(str(seed) for seed in seeds)}'
+
+
+def _lines(lines: Iterable[str]) -> str:
+    return chr(10).join(lines)
+
+
+def detail(results: dict[str, Any], page_at: str) -> str:
+    """Return the detail of the results in Markdown, with a link to the page."""
+    entries = rows_of(results)
+    found = {name: summary(rows) for name, rows in entries.items()}
+    made = {
+        'page': page_at,
+        'version': str(results['version']),
+        'seed': str(results.get('seed')),
+        'date': str(results.get('date')),
+        'right': _lines(table(found, 'right', '.0f', True)),
+        'false_alarms': _lines(table(found, 'false_alarms', '.0f', True)),
+        'ratio': _lines(table(found, 'ratio', '.2f')),
+        'second': _lines(_second_table(entries)),
+        'cost': _lines(_cost_table(results)),
+        'calibration': _lines(_calibration_table(entries)),
+        'wrong': _lines(_wrong_table(entries.get('suite', []))),
+    }
+    return Template(DETAIL.read_text(encoding='utf-8')).substitute(made)
+
+
+def page(
+    results: dict[str, Any],
+    sealed: Sequence[dict[str, Any]] = (),
+    at: str = '',
+    detail_at: str = '',
+) -> str:
     """Return the page in Markdown.
 
     Parameters
@@ -125,14 +186,13 @@ def page(results: dict[str, Any], sealed: Sequence[dict[str, Any]] = (), at: str
     sealed : sequence of dict
         Results of sealed sets.
     at : str
-        Folder of the pictures as links name it; empty leaves them out.
+        Folder of the pictures as links name it; empty omits them.
+    detail_at : str
+        File of the detail as the link names it.
     """
     entries = rows_of(results)
     found = {name: summary(rows) for name, rows in entries.items()}
     count, total = len(next(iter(entries.values()), [])), sum(COUNTS.values())
-
-    def numbers(key: str, form: str, percent: bool = False) -> str:
-        return chr(10).join(table(found, key, form, percent))
 
     def picture(title: str, name: str) -> str:
         return f'![{title}]({at}/{name}.svg)' if at else ''
@@ -144,24 +204,24 @@ def page(results: dict[str, Any], sealed: Sequence[dict[str, Any]] = (), at: str
         'seed': str(results.get('seed')),
         'date': str(results.get('date')),
         'note': str(results.get('note', '')),
+        'causes': _lines(results.get('causes', [])),
         'rest': _rest(count, total),
+        'detail': detail_at,
+        'conventions': CONVENTIONS,
         'uniform': f'{np.log2(len(outcomes())):.1f}',
-        'bits': numbers('bits', '.1f'),
-        'right': numbers('right', '.0f', True),
-        'false_alarms': numbers('false_alarms', '.0f', True),
-        'ratio': numbers('ratio', '.2f'),
-        'second': chr(10).join(_second_table(entries)),
-        'losses': chr(10).join(losses(found) or ['- in no group']),
-        'calibration': chr(10).join(
-            _calibration_table({n: r for n, r in entries.items() if n in NAMES[:5]})
-        ),
+        'bits': _lines(table(found, 'bits', '.1f')),
+        'right': _lines(table(found, 'right', '.0f', True, short=True)),
+        'false_alarms': _lines(table(found, 'false_alarms', '.0f', True, short=True)),
+        'ratio': _lines(table(found, 'ratio', '.2f', short=True)),
+        'losses': _lines(losses(found) or ['- in no group']),
+        'calibration': _calibrated_on(),
         'picture_bits': picture('Log score of each entry by level', 'benchmark_bits'),
         'picture_calibration': picture('Right over stated', 'benchmark_calibration'),
-        'entries': chr(10).join(
+        'entries': _lines(
             ['| entry | method |', '|---|---|']
             + [_cells(f'`{name}`', entry_named(name)[2]) for name in entries]
         ),
-        'effects': chr(10).join(
+        'effects': _lines(
             ['| effect | equation | units |', '|---|---|---|']
             + [
                 _cells(f'`{n}`', e.equation, ', '.join(f'{k} {u}' for k, u in e.units.items()))
@@ -169,7 +229,7 @@ def page(results: dict[str, Any], sealed: Sequence[dict[str, Any]] = (), at: str
             ]
         ),
         'outside': ', '.join(f'`{name}`' for name in OUTSIDE),
-        'baselines': chr(10).join(
+        'baselines': _lines(
             ['| baseline | equations |', '|---|---|']
             + [_cells(f'`{n}`', e) for n, e in EQUATIONS.items()]
         ),
@@ -177,7 +237,7 @@ def page(results: dict[str, Any], sealed: Sequence[dict[str, Any]] = (), at: str
         'names': str(len(EFFECTS)),
         'floor': f'{FLOOR:.0%}',
         'worst': f'{-np.log2(FLOOR / len(outcomes())):.1f}',
-        'sealed': chr(10).join(_sealed(sealed) or ['| | | | | |']),
+        'sealed': _lines(_sealed(sealed) or ['| | | | | |']),
         'versions': ', '.join(
             f'{k} {v}'
             for part in ('versions', 'hardware')
@@ -228,7 +288,7 @@ def pictures(results: dict[str, Any], folder: Path) -> bool:
     _save(figure, folder / 'benchmark_bits.svg')
     figure, axes = plt.subplots(figsize=(4.2, 3.8), layout='constrained')
     axes.plot([0, 1], [0, 1], color='0.7', lw=1)
-    for name in ('ideal_observer', 'suite', 'least_squares_bic', 'most_frequent'):
+    for name in ('ideal_observer', *CALIBRATED):
         if name in entries:
             parts: Sequence[dict[str, float]] = calibration(entries[name])
             axes.plot(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib
 import json
+import multiprocessing
 import os
 import platform
+import resource
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -18,6 +20,7 @@ from typing import Any
 
 from piezo_benchmark import VERSION
 from piezo_benchmark.entries import NAMES
+from piezo_benchmark.entries.calibrated import chances_row
 from piezo_benchmark.scores import Row, scored
 from piezo_benchmark.tasks import Answer, Task, Truth
 
@@ -45,6 +48,15 @@ def examined(name: str, task: Task, truth: Truth) -> Row:
     except Exception as error:  # whatever an entry raises is its failure and no one else's
         answer, failed = Answer({}), f'{type(error).__name__}: {error}'
     return scored(task, truth, answer, time.perf_counter() - started, failed)
+
+
+def calibration_row(name: str, task: Task, truth: Truth) -> dict[str, Any]:
+    """Return what a task adds to the calibration of an entry; nothing if the entry fails."""
+    module = importlib.import_module(f'piezo_benchmark.entries.{name}')
+    try:
+        return chances_row(task, module.statement(task), truth.outcome)
+    except RuntimeError:
+        return {}
 
 
 def versions() -> dict[str, str]:
@@ -76,29 +88,34 @@ def read(file: Path) -> dict[str, Any]:
     return {'version': VERSION, 'entries': {}}
 
 
-def keep(file: Path, name: str, rows: Sequence[Row], seed: int, examiner: str = '') -> None:
-    """Add rows of an entry to a file of results; rows of the same tasks are replaced."""
-    results = read(file)
-    if results.get('seed', seed) != seed:
-        raise ValueError(f'{file} holds results of seed {results["seed"]}, not of {seed}')
-    results |= {
-        'seed': seed,
-        'date': time.strftime('%Y-%m-%d'),
-        'versions': versions(),
-        'hardware': hardware(),
-        'examiner': examiner or results.get('examiner', ''),
-    }
-    before = {row['identifier']: row for row in results['entries'].get(name, [])}
-    before |= {row.identifier: asdict(row) for row in rows}
-    results['entries'][name] = [before[key] for key in sorted(before)]
+def keep(file: Path, results: Mapping[str, Any]) -> None:
+    """Write results with one row to a line."""
+    head = {key: value for key, value in results.items() if key != 'entries'}
+    entries = ',\n'.join(
+        f'{json.dumps(name)}: [\n' + ',\n'.join(json.dumps(row) for row in rows) + '\n]'
+        for name, rows in results['entries'].items()
+    )
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(results, indent=0) + '\n', encoding='utf-8')
+    text = json.dumps({**head, 'entries': {}}, indent=1)
+    file.write_text(text.removesuffix('{}\n}') + f'{{\n{entries}}}\n}}\n', encoding='utf-8')
 
 
-def annotate(file: Path, note: str) -> None:
-    """Keep a sentence with results, for the page."""
-    text = json.dumps({**read(file), 'note': note}, indent=0) + '\n'
-    file.write_text(text, encoding='utf-8')
+def annotate(file: Path, **notes: str | list[str]) -> None:
+    """Keep sentences with results, for the page."""
+    keep(file, {**read(file), **notes})
+
+
+def pool(workers: int) -> ProcessPoolExecutor:
+    """Return worker processes of one thread each."""
+    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
+        os.environ.setdefault(name, '1')
+    return ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'))
+
+
+def processor_seconds() -> float:
+    """Return the processor time of this process and of all that have ended [s]."""
+    used = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
 def run(
@@ -112,29 +129,51 @@ def run(
     say: Callable[[str], None] = print,
     workers: int = 1,
 ) -> None:
-    """Run entries one after another, each on `workers` tasks at a time; keep every row at once.
+    """Run entries one after another, each on `workers` tasks at a time; keep rows as they come.
 
-    Tasks that the file of results holds already are left out unless `again`.
+    Tasks that the file of results holds already are omitted unless `again`.
+
+    Raises
+    ------
+    ValueError
+        If the file holds results of another seed.
     """
+    results = read(file)
+    if results.get('seed', seed) != seed:
+        raise ValueError(f'{file} holds results of seed {results["seed"]}, not of {seed}')
+    results |= {
+        'seed': seed,
+        'date': time.strftime('%Y-%m-%d'),
+        'versions': versions(),
+        'hardware': {**hardware(), 'workers': str(workers)},
+        'examiner': examiner or results.get('examiner', ''),
+    }
     for name in names:
-        rows: list[Row] = []
-        known = {row['identifier'] for row in read(file)['entries'].get(name, []) if not again}
+        known = {} if again else {r['identifier']: r for r in results['entries'].get(name, [])}
         both = zip(tasks, truths, strict=True)
         left = [pair for pair in both if pair[0].identifier not in known]
         asked = ([pair[place] for pair in left] for place in (0, 1))
+        began, used, kept, rows = time.monotonic(), processor_seconds(), 0.0, []
         try:
             with ExitStack() as stack:
-                each = map
-                if workers > 1:
-                    each = stack.enter_context(ProcessPoolExecutor(workers)).map
+                each = stack.enter_context(pool(workers)).map if workers > 1 else map
                 for row in each(partial(examined, name), *asked):
                     rows.append(row)
-                    keep(file, name, [row], seed, examiner)
+                    known[row.identifier] = asdict(row)
+                    results['entries'][name] = [known[key] for key in sorted(known)]
+                    if time.monotonic() - kept > 10.0:
+                        keep(file, results)
+                        kept = time.monotonic()
         except ImportError as error:
-            say(f'{name}: left out, {error}')
+            say(f'{name}: omitted, {error}')
             continue
+        wall, used = time.monotonic() - began, processor_seconds() - used
+        if rows:
+            cost = {'tasks': len(rows), 'wall_s': round(wall, 1), 'processor_s': round(used, 1)}
+            results.setdefault('cost', {})[name] = cost
+        keep(file, results)
         right = sum(row.right for row in rows)
-        say(f'{name}: {right:.0f} of {len(rows)} right, {sum(r.seconds for r in rows):.0f} s')
+        say(f'{name}: {right:.0f} of {len(rows)} right, {wall:.0f} s, processor {used:.0f} s')
         for failed in sorted({row.failed for row in rows if row.failed}):
             say(f'  failed: {failed}')
 

@@ -11,3 +11,5 @@ NAMES = (
     'ideal_observer', 'suite', 'least_squares_bic', 'pysindy', 'sysidentpy', 'joint_fit', 'coin',
     'most_frequent', 'always_none',
 )  # fmt: skip
+#: Entries with a function ``statement(task)``, whose probabilities are calibrated.
+CALIBRATED = ('suite', 'least_squares_bic', 'pysindy', 'sysidentpy', 'joint_fit')

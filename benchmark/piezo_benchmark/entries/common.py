@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_benchmark.effects import EFFECTS
+from piezo_benchmark.entries.calibrated import Statement, kind_of
 from piezo_benchmark.fits import NAMES, Fit, beside, centred, fitted, linearised
 from piezo_benchmark.tasks import NONE, UNKNOWN, Task
 from piezo_benchmark.worlds import Array
@@ -112,6 +113,11 @@ def memory(residual: Array) -> float:
     return (1.0 - rho) / (1.0 + rho)
 
 
+def remains(residual: Array) -> bool:
+    """Return whether neighbouring samples of a residual are correlated: it is not white noise."""
+    return memory(residual) < 0.9
+
+
 def linear_prediction(
     task: Task, fit: Fit, parts: list[Signature], weights: Array, slopes: Array
 ) -> Array:
@@ -165,11 +171,13 @@ class Library:
         slopes = np.asarray(np.linalg.lstsq(self.fit.jacobian, rest, rcond=1e-8)[0], np.float64)
         return linear_prediction(task, self.fit, self.parts, real, slopes)
 
-    def outcome(self, weights: Array) -> tuple[str, float]:
-        """Return which outcome a sparse combination stands for, and what it explains.
+    def statement(self, task: Task, weights: Array) -> Statement:
+        """Return which outcome a sparse combination of the columns states.
 
         Columns count for the name of the effect they were computed with. The name without which
-        most is left comes first; a second one joins it if it takes a tenth of that.
+        most remains is the first; a second one joins it if it takes a tenth of that. Less than
+        5 % explained is `none`, less than 30 % is `unknown`. Names of the other columns are
+        further possibilities.
         """
         names = {s.name for s, w in zip(self.parts, weights, strict=True) if w}
         total = float(self.target @ self.target)
@@ -182,12 +190,19 @@ class Library:
             worth[name] = float(alone @ alone - whole @ whole)
         order = sorted(worth, key=lambda name: -worth[name])
         if not order or explained < 0.05:
-            return NONE, explained
-        if explained < 0.3:
-            return UNKNOWN, explained
-        if len(order) > 1 and worth[order[1]] > 0.1 * worth[order[0]]:
-            return '+'.join(sorted(order[:2])), explained
-        return order[0], explained
+            outcome = NONE
+        elif explained < 0.3:
+            outcome = UNKNOWN
+        elif len(order) > 1 and worth[order[1]] > 0.1 * worth[order[0]]:
+            outcome = '+'.join(sorted(order[:2]))
+        else:
+            outcome = order[0]
+        return Statement(
+            kind_of(outcome, remains(whole.reshape(self.fit.residual.shape)), task),
+            {outcome: 1.0},
+            dict.fromkeys(order, 1.0),
+            self.prediction(task, weights),
+        )
 
 
 def library(task: Task) -> Library:

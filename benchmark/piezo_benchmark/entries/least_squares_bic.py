@@ -4,7 +4,7 @@ Every effect is screened beside the tangent of the baseline; the five best are f
 parameters free, and two more beside the best of them. The sample size in the criterion is
 reduced by the correlation of neighbouring residuals, and each name costs the logarithm of the
 number of candidates (extended BIC, Chen and Chen 2008). Reference records are fitted along,
-without effects.
+without effects. The posterior is calibrated as the answers of every entry (`calibrated`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from piezo_benchmark.effects import EFFECTS, scaled
 from piezo_benchmark.entries import common
+from piezo_benchmark.entries.calibrated import Statement, answered, kind_of
 from piezo_benchmark.entries.common import (
     all_measured,
     base_fit,
@@ -26,6 +27,7 @@ from piezo_benchmark.fits import Fit, fitted
 from piezo_benchmark.tasks import NONE, Answer, Task
 
 FITTED, FITTED_BESIDE = 5, 3
+TEMPERED = 40.0  # in BIC: how much worse a candidate may be and still be possible
 
 
 def screened(task: Task, fit: Fit) -> list[tuple[float, str, dict[str, float]]]:
@@ -81,7 +83,12 @@ def _tries(task: Task, name: str) -> float:
 
 
 def answer(task: Task) -> Answer:
-    """Return the posterior of BIC, and the prediction of the best."""
+    """Return the calibrated answer."""
+    return answered('least_squares_bic', task, statement(task))
+
+
+def statement(task: Task) -> Statement:
+    """Return the posterior of BIC, and prediction and parameters of the best."""
     found = candidates(task)
     fits = {name: f for name, f in found.items() if isinstance(f, Fit)}
     sharpest = min(fits.values(), key=lambda f: f.rss)
@@ -95,16 +102,16 @@ def answer(task: Task) -> Answer:
         scores[name] = effective * np.log(rss / samples) + count * np.log(effective)
         scores[name] += sum(2.0 * np.log(_tries(task, n)) for n in name.split('+') if n != NONE)
     least = min(scores.values())
-    weights = {name: float(np.exp(-0.5 * (s - least))) for name, s in scores.items()}
-    total = sum(weights.values())
     best = min(fits, key=lambda name: scores[name])
     chosen = fits[best]
     parameters = {
         effect: {name: (value, chosen.deviations[effect, name]) for name, value in e.items()}
         for effect, e in chosen.effects.items()
     }
-    return Answer(
-        {name: 0.95 * w / total for name, w in weights.items()},
-        prediction=held_out_run(task, chosen.values, chosen.effects),
-        parameters=parameters,
+    return Statement(
+        kind_of(best, common.remains(chosen.residual), task),
+        {name: float(np.exp(-0.5 * (score - least))) for name, score in scores.items()},
+        {name: float(np.exp((least - score) / TEMPERED)) for name, score in scores.items()},
+        held_out_run(task, chosen.values, chosen.effects),
+        parameters,
     )

@@ -4,7 +4,8 @@ As favourable as we could make it: SINDy knows no names, so the discrepancy of t
 is the target (Ebers, Steele, Kutz 2024) and every column of the library is an effect of the list,
 computed by its equation, the tangent of the baseline taken out. The threshold is the one with the
 least BIC. A surviving column gives its name; nothing surviving, or less than 5 % explained, is
-`none`, less than 30 % is `unknown`. PySINDy gives no probabilities: the outcome gets 0.7.
+`none`, less than 30 % is `unknown`. PySINDy states no probabilities: they are calibrated as those
+of every entry (`calibrated`).
 """
 
 from __future__ import annotations
@@ -13,15 +14,20 @@ import warnings
 
 import numpy as np
 
+from piezo_benchmark.entries.calibrated import Statement, answered
 from piezo_benchmark.entries.common import library, memory
 from piezo_benchmark.tasks import Answer, Task
 from piezo_benchmark.worlds import Array
 
 THRESHOLDS = (0.9, 0.6, 0.4, 0.25, 0.15, 0.1, 0.06, 0.04)
-SURE = 0.7
 
 
 def answer(task: Task) -> Answer:
+    """Return the calibrated answer."""
+    return answered('pysindy', task, statement(task))
+
+
+def statement(task: Task) -> Statement:
     """Return the names of the surviving columns."""
     from pysindy import STLSQ
 
@@ -41,5 +47,4 @@ def answer(task: Task) -> Answer:
         score = effective * np.log(left) + np.count_nonzero(weights) * np.log(effective)
         if score < best[0]:
             best = score, weights
-    outcome, _ = lib.outcome(best[1])
-    return Answer({outcome: SURE}, prediction=lib.prediction(task, best[1]))
+    return lib.statement(task, best[1])

@@ -1,26 +1,32 @@
-"""The suite that this benchmark comes with, by its public command `piezo discover` on CSV files.
+"""The suite that this benchmark comes with, by `discover` of its documented Python interface.
 
-It gets the records, the name of the baseline and, where there is one, the reference, and competes
-with about twenty effects of its own; those that are not on the list count as `unknown`. A variant
-decides between two names of the list that are one of the suite's. `none` and `unknown` have no
-probability in its verdict and get 0.9 and 0.7. The prediction is the free run of its `model.yaml`
-by the documented Python functions, in a process of their own. The command is `PIEZO_COMMAND`
-(``piezo`` by default), the interpreter `PIEZO_PYTHON` (``python``).
+It gets the records, the name of the baseline, whether records begin at rest at 0 V and, where
+there is one, the reference, as CSV files. It competes with about twenty effects of its own; those
+that are not on the list count as `unknown`. Every worker asks one process of the suite's
+interpreter `PIEZO_PYTHON` (``python``), so that its modules are imported once. The probabilities
+of its verdict are calibrated as those of every entry (`calibrated`). The prediction is the free
+run of the found model, shifted as it fits the records best: a model of the suite may be read at
+another time within a sample.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import select
 import shlex
 import subprocess
 import tempfile
 from collections.abc import Mapping
+from functools import lru_cache
+from multiprocessing.util import Finalize
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from piezo_benchmark.effects import EFFECTS
+from piezo_benchmark.entries.calibrated import Statement, answered, kind_of
 from piezo_benchmark.fits import centred
 from piezo_benchmark.tasks import NONE, UNKNOWN, Answer, Task, save_csv
 from piezo_benchmark.worlds import Array
@@ -44,6 +50,8 @@ NAMES = {
     'gain_decay': 'falling_gain',
     'friction': 'friction',
 }
+#: Other values of the baseline than on the reference: the list has no such effect.
+SHIFT = 'parameter_shift'
 #: Parameters in the words of the list, where they are the same numbers.
 PARAMETERS = {
     'transport_delay': {'delay': 'delay'},
@@ -56,60 +64,152 @@ PARAMETERS = {
     },
     'tone': {'hum_frequency': 'frequency'},
 }
-SECONDS = 120.0  # of one command, after which the answer is missing
-SURE_OF_NONE, SURE_OF_UNKNOWN = 0.9, 0.7
-_PREDICT = """
-import sys
+#: Time limit of a search, the default of `piezo discover`, and of an answer [s].
+TIME_LIMIT, SECONDS = 60.0, 180.0
+_DISCOVERY = """
+import json, os, sys
 import numpy as np
 import piezo_hysteresis as ph
 from scipy.interpolate import CubicSpline
-model_file, voltages, dt, out = sys.argv[1:]
-model, table, dt = ph.Model.load(model_file), np.load(voltages), float(dt)
-held = np.vstack([table, table[-1:], table[-1:]])
-ticks = dt * np.arange(len(held))
-# the file says how much later than its convention the records were read
-read = ticks[: len(table)] + model.sampling_offset
-columns = [CubicSpline(ticks, model.simulate(u, dt))(read) for u in held.T]
-np.save(out, np.array(columns).T)
+
+answers = os.fdopen(os.dup(1), 'w')
+os.dup2(2, 1)
+
+
+def free_runs(model, table, dt):
+    held = np.vstack([table, table[-1:], table[-1:]])
+    ticks = dt * np.arange(len(held))
+    # the model states how much later than its convention the records were read
+    read = ticks[: len(table)] + model.sampling_offset
+    return np.array([CubicSpline(ticks, model.simulate(u, dt))(read) for u in held.T]).T
+
+
+for line in sys.stdin:
+    task = json.loads(line)
+    try:
+        before = ph.load(task['reference']) if task['reference'] else ()
+        records, options = ph.load(task['records']), task['options']
+        found = ph.discover(records, task['baseline'], reference=before, **options)
+        run = free_runs(found.model_file(), np.load(task['voltages']), task['dt'])
+        np.save(task['run'], run)
+        answer = {'verdict': found.verdict.to_dict()}
+    except Exception as error:
+        answer = {'error': f'{type(error).__name__}: {error}'}
+    answers.write(json.dumps(answer) + chr(10))
+    answers.flush()
 """
 
 
+class Process:
+    """A process of the suite that answers one task after another."""
+
+    def __init__(self) -> None:
+        python = shlex.split(os.environ.get('PIEZO_PYTHON', 'python'))
+        self._process = subprocess.Popen(
+            [*python, '-W', 'ignore', '-c', _DISCOVERY],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        self._pipes = self._process.stdin, self._process.stdout
+
+    def ask(self, task: Mapping[str, object]) -> dict[str, Any]:
+        """Return the answer to one task.
+
+        Raises
+        ------
+        RuntimeError
+            If the suite raises an error, ends, or needs more than `SECONDS`.
+        """
+        question, answers = self._pipes
+        if question is None or answers is None:
+            raise RuntimeError('the process has no pipes')
+        try:
+            question.write(json.dumps(task).encode() + b'\n')
+            question.flush()
+        except BrokenPipeError:
+            self.close()
+            raise RuntimeError('the interpreter of the suite does not start') from None
+        if not select.select([answers], [], [], SECONDS)[0]:
+            self.close()
+            raise RuntimeError(f'no answer within {SECONDS:g} s')
+        try:
+            found: dict[str, Any] = json.loads(answers.readline())
+        except ValueError:
+            self.close()
+            raise RuntimeError('the process of the suite ended without an answer') from None
+        if 'error' in found:
+            raise RuntimeError(found['error'])
+        return found
+
+    def close(self) -> None:
+        """End the process; the next task begins another one."""
+        _process.cache_clear()
+        self._process.kill()
+        self._process.wait()
+
+
+@lru_cache(maxsize=1)
+def _process() -> Process:
+    begun = Process()
+    Finalize(begun, begun.close, exitpriority=0)  # also where a worker of a pool ends
+    return begun
+
+
+def discovered(task: Task) -> tuple[dict[str, Any], Array]:
+    """Return the verdict and the free run [m] on records and, after them, held-out voltages."""
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        files = save_csv(task, folder)
+        both = np.concatenate([task.records.voltage, task.held_out.voltage], 1)
+        np.save(folder / 'voltages.npy', both)
+        asked = {
+            'records': [str(file) for file in files['records']],
+            'reference': [str(file) for file in files.get('reference', [])],
+            'baseline': BASELINES[task.baseline.name],
+            'voltages': str(folder / 'voltages.npy'),
+            'dt': task.scale.dt,
+            'options': {
+                'begins': 'auto' if task.scale.moving else 'step',
+                'time_limit': TIME_LIMIT,
+            },
+            'run': str(folder / 'run.npy'),
+        }
+        verdict: dict[str, Any] = _process().ask(asked)['verdict']
+        return verdict, np.load(folder / 'run.npy')
+
+
 def answer(task: Task) -> Answer:
-    """Return the answer of the verdict.
+    """Return the calibrated answer."""
+    return answered('suite', task, statement(task))
+
+
+def statement(task: Task) -> Statement:
+    """Return what the verdict states.
 
     Raises
     ------
     RuntimeError
-        With the last line that the command wrote, if it fails.
+        If there is no verdict.
     """
-    with tempfile.TemporaryDirectory() as made:
-        folder = Path(made)
-        files = save_csv(task, folder)
-        command = [*shlex.split(os.environ.get('PIEZO_COMMAND', 'piezo')), 'discover', '-q']
-        command += [str(file) for file in files['records']]
-        command += ['--baseline', BASELINES[task.baseline.name], '--out', str(folder / 'out')]
-        command += ['--workers', '1', '--seed', '0', '--time-limit', '0']
-        if 'reference' in files:
-            command += ['--reference', *(str(file) for file in files['reference'])]
-        _run(command)
-        verdict = json.loads((folder / 'out' / 'verdict.json').read_text(encoding='utf-8'))
-        prediction = _prediction(task, folder, verdict)
-    return Answer(probabilities(verdict), prediction=prediction, parameters=parameters(verdict))
+    verdict, run = discovered(task)
+    return stated(task, verdict, _fitting(task, run))
 
 
-def _run(command: list[str]) -> None:
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=SECONDS, check=False
-        )
-    except subprocess.TimeoutExpired:  # its own text names folders of the machine
-        raise RuntimeError(f'no answer within {SECONDS:g} s') from None
-    if done.returncode:
-        said = (done.stderr or done.stdout).strip().splitlines() or ['no message']
-        raise RuntimeError(said[-1])
+def stated(task: Task, verdict: Mapping[str, Any], prediction: Array | None = None) -> Statement:
+    """Return a verdict in the words of the list."""
+    named, left = verdict['effects'], bool(verdict['unexplained']['significant'])
+    found = probabilities(verdict)
+    kind = kind_of(max(found, key=lambda name: found[name]), left, task)
+    if any(effect['name'] not in (*NAMES, SHIFT) for effect in named):
+        kind = ('not on the list', *kind)
+    others: dict[str, float] = {}
+    doubted = [effect for effect in named for effect in effect['look_alikes']]
+    doubted += [*verdict['suspects'], *(o for effect in named for o in effect['alternatives'])]
+    for each in doubted:
+        others[NAMES.get(each['name'], UNKNOWN)] = 1.0
+    return Statement(kind, found, others, prediction, parameters(verdict))
 
 
-def probabilities(verdict: Mapping[str, object]) -> dict[str, float]:
+def probabilities(verdict: Mapping[str, Any]) -> dict[str, float]:
     """Return probabilities of outcomes from a verdict.
 
     One effect has its probability and its alternatives have theirs. Of several, the two most
@@ -117,13 +217,10 @@ def probabilities(verdict: Mapping[str, object]) -> dict[str, float]:
     alone.
     """
     if verdict['verdict'] == 'none':
-        return {NONE: SURE_OF_NONE}
-    named = verdict['effects']
-    if verdict['verdict'] == 'unknown' or not isinstance(named, list) or not named:
-        return {UNKNOWN: SURE_OF_UNKNOWN}
-    known = [e for e in named if e['name'] in NAMES]
+        return {NONE: 1.0}
+    known = [effect for effect in verdict['effects'] if effect['name'] in NAMES]
     if not known:
-        return {UNKNOWN: SURE_OF_UNKNOWN}
+        return {UNKNOWN: 1.0}
     first = known[0]
     found = _spread(first)
     if len(known) > 1:
@@ -138,42 +235,31 @@ def probabilities(verdict: Mapping[str, object]) -> dict[str, float]:
     return found
 
 
-def _spread(effect: Mapping[str, object]) -> dict[str, float]:
+def _spread(effect: Mapping[str, Any]) -> dict[str, float]:
     found: dict[str, float] = {}
-    others = effect['alternatives']
-    for part in (effect, *(others if isinstance(others, list) else ())):
-        name = NAMES.get(str(part['name']), UNKNOWN)
-        found[name] = found.get(name, 0.0) + float(str(part['probability']))
+    for part in (each for each in (effect, *effect['alternatives']) if each['name'] != SHIFT):
+        name = NAMES.get(part['name'], UNKNOWN)
+        found[name] = found.get(name, 0.0) + float(part['probability'])
     total = sum(found.values())
     return {name: p / max(total, 1.0) for name, p in found.items()}
 
 
-def parameters(verdict: Mapping[str, object]) -> dict[str, dict[str, tuple[float, float]]]:
+def parameters(verdict: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, float]]]:
     """Return parameters that the list has as well."""
     found: dict[str, dict[str, tuple[float, float]]] = {}
-    named = verdict['effects']
-    for effect in named if isinstance(named, list) else ():
+    for effect in verdict['effects']:
         name = NAMES.get(effect['name'], '')
         for theirs, ours in PARAMETERS.get(name, {}).items():
-            said = effect['parameters'].get(theirs)
-            if said and said['std'] and ours in EFFECTS[name].units:
-                found.setdefault(name, {})[ours] = float(said['value']), float(said['std'])
+            number = effect['parameters'].get(theirs)
+            if number and number['std'] and ours in EFFECTS[name].units:
+                value, deviation = float(number['value']), float(number['std'])
+                found.setdefault(name, {})[ours] = value, deviation
     return found
 
 
-def _prediction(task: Task, folder: Path, verdict: Mapping[str, object]) -> Array | None:
-    """Return the free run of the found model, shifted as it fits the records best."""
-    model = folder / 'out' / 'model.yaml'
-    if not model.exists():
-        return None
+def _fitting(task: Task, run: Array) -> Array:
+    """Return the held-out part of a free run, shifted as its other part fits the records."""
     count = task.records.voltage.shape[1]
-    both = np.concatenate([task.records.voltage, task.held_out.voltage], 1)
-    np.save(folder / 'voltages.npy', both)
-    python = shlex.split(os.environ.get('PIEZO_PYTHON', 'python'))
-    (folder / 'predict.py').write_text(_PREDICT, encoding='utf-8')
-    given = [str(model), str(folder / 'voltages.npy'), repr(task.scale.dt)]
-    _run([*python, str(folder / 'predict.py'), *given, str(folder / 'run.npy')])
-    run = np.load(folder / 'run.npy')
     target = centred(task.measured, task.warm_up)
 
     def error(shift: float) -> float:

@@ -3,8 +3,8 @@
 As for PySINDy: the discrepancy of the fitted baseline is the output of an NFIR model, each effect
 of the list (by its equation, the tangent of the baseline taken out) one input, degree one, one
 lag. Inputs are shifted by one sample so that lag one is the present. A chosen input gives its
-name; none chosen, or less than 5 % explained, is `none`, less than 30 % is `unknown`. The outcome
-gets a probability of 0.7.
+name; none chosen, or less than 5 % explained, is `none`, less than 30 % is `unknown`.
+Probabilities are calibrated as those of every entry (`calibrated`).
 """
 
 from __future__ import annotations
@@ -15,13 +15,19 @@ import warnings
 
 import numpy as np
 
+from piezo_benchmark.entries.calibrated import Statement, answered
 from piezo_benchmark.entries.common import library
 from piezo_benchmark.tasks import Answer, Task
 
-SURE, TERMS, LEAST = 0.7, 5, 1e-3
+TERMS, LEAST = 5, 1e-3
 
 
 def answer(task: Task) -> Answer:
+    """Return the calibrated answer."""
+    return answered('sysidentpy', task, statement(task))
+
+
+def statement(task: Task) -> Statement:
     """Return the names of the chosen inputs."""
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
@@ -52,5 +58,4 @@ def answer(task: Task) -> Answer:
     if np.any(weights):  # what was left out for its small share changes the rest
         kept = np.flatnonzero(weights)
         weights[kept] = np.linalg.lstsq(lib.columns[:, kept], lib.target, rcond=None)[0]
-    outcome, _ = lib.outcome(weights)
-    return Answer({outcome: SURE}, prediction=lib.prediction(task, weights))
+    return lib.statement(task, weights)
