@@ -107,7 +107,7 @@ def _unit(part: Distribution) -> dict[str, float]:
 def answered(entry: str, task: Task, statement: Statement) -> Answer:
     """Return the answer of an entry: the mixture, with its prediction and parameters."""
     mixed: dict[str, float] = {}
-    weights = _weights(entry, statement.kind)
+    weights = weights_of(entry, statement.kind)
     for weight, part in zip(weights, components(task, statement).values(), strict=True):
         for name, p in part.items():
             mixed[name] = mixed.get(name, 0.0) + float(weight) * p
@@ -157,13 +157,13 @@ def write(entry: str, seeds: Sequence[int], rows: Sequence[Mapping[str, Any]]) -
         for name, part in sorted(found.items())
     ]
     FILE.write_text('{' + ',\n'.join(lines) + '}\n', encoding='utf-8')
-    _weights.cache_clear()
+    weights_of.cache_clear()
 
 
 @cache
-def _weights(entry: str, kind: tuple[str, ...]) -> Array:
+def weights_of(entry: str, kind: tuple[str, ...]) -> Array:
     """Return the weights of a kind; those of the wider kind are its prior."""
-    wider = _weights(entry, kind[:-1]) if kind else np.full(len(COMPONENTS), 1 / len(COMPONENTS))
+    wider = weights_of(entry, kind[:-1]) if kind else np.full(len(COMPONENTS), 1 / len(COMPONENTS))
     rows = [r for r in read().get(entry, {}).get('rows', []) if r['kind'][: len(kind)] == [*kind]]
     if not rows:
         return wider
