@@ -76,7 +76,7 @@ class Outcome:
         return (
             f'{"ok" if self.good else "FAILED"}: code {self.code}, {self.seconds:.0f} s, '
             f'processor {self.processor:.0f} s, .venv {self.size / 1e6:.0f} MB, '
-            f'rms {microns} um {self.tail}'
+            f'rms {microns} µm {self.tail}'
         )
 
 

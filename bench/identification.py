@@ -187,7 +187,7 @@ def big(seconds: float) -> None:
     rows = errors_of(result.model, result.values, records, result.sampling_offset)
     errors = {row.record: 1e6 * row.free_run_rms for row in rows}
     shown = ', '.join(f'{f}: {errors[f"{f} Hz"]:.2f}' for f in (1, 10, 14, 23, 35, 50))
-    print(f'  one parameter set, free run rms [um] at f [Hz]: {shown}')
+    print(f'  one parameter set, free run rms [µm] at f [Hz]: {shown}')
     print(f'  worst of all {len(records)}: {max(errors.values()):.2f} um')
     print(
         f'  fn {result.values["natural_frequency"]:.2f} +- {result.std["natural_frequency"]:.2f} '

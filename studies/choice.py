@@ -43,7 +43,7 @@ def left(
     skipped = max(first - record.warm_up_samples, 0)
     rms = float(np.sqrt(np.mean(error[skipped:] ** 2)))
     spread = float(np.std(view.measured[skipped:]))
-    return f'{1e6 * rms:.3g} um, {100 * rms / spread:.3g} % of its standard deviation'
+    return f'{1e6 * rms:.3g} µm, {100 * rms / spread:.3g} % of its standard deviation'
 
 
 def by_choice(records: Sequence[Record], judges: Sequence[Record]) -> None:
@@ -53,7 +53,7 @@ def by_choice(records: Sequence[Record], judges: Sequence[Record]) -> None:
     took = time.process_time() - started
     print(f'choice: {choice.model.name}, {took:.0f} s of processor time')
     for each in choice.held_out:
-        print(f'  rest of {each.record}: {1e6 * each.free_run_rms:.3g} um, '
+        print(f'  rest of {each.record}: {1e6 * each.free_run_rms:.3g} µm, '
               f'{each.nrmse_percent:.3g} % of its standard deviation')  # fmt: skip
     found = identify(records, choice.model, start=choice.start, count=1)
     for record in judges:

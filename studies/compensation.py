@@ -39,7 +39,7 @@ from studies.goals import Goals
 
 DT, LIMITS = bimorph.DT, bimorph.LIMITS
 HARMONIC = {14.0: 5, **dict.fromkeys(map(float, range(18, 29)), 3)}
-# Median 0.09, 14 Hz 0.05, 23 Hz 0.045 and worst 1.4 um, mean included, 20 to 60 s.
+# Median 0.09, 14 Hz 0.05, 23 Hz 0.045 and worst 1.4 µm, mean included, 20 to 60 s.
 GOALS_UM = {'median': 0.09, 'worst': 1.4, '14 Hz': 0.05, '23 Hz': 0.045}
 
 
@@ -74,7 +74,7 @@ def measure_bimorph(goals: Goals, step: float, workers: int) -> None:
     """Track 1 to 50 Hz with everything on."""
     goals.heading(
         'Bimorph of Fujii 2018 and Tatebatake 2017, 1 to 50 Hz, rms error with its mean, 20 to '
-        '60 s [um]'
+        '60 s [µm]'
     )
     frequencies = sorted({*np.arange(1.0, 50.5, step), 14.0, 23.0, 50.0})
     with ProcessPoolExecutor(workers) as pool:
@@ -210,7 +210,7 @@ def detuned(task: tuple[float, str, float]) -> tuple[float, str, float, float, f
 
 def measure_robustness(goals: Goals, rows: int, workers: int) -> None:
     """Wrong parameters, loud noise and steps of the frequency."""
-    goals.heading('Bimorph with one parameter wrong by 10 %, rms error 12 to 20 s [um]')
+    goals.heading('Bimorph with one parameter wrong by 10 %, rms error 12 to 20 s [µm]')
     names = ('A1', 'A', 'beta', 'gamma', 'natural_frequency', 'damping_ratio')
     frequencies = (14.0, 23.0, 50.0)[:rows]
     tasks = [(f, n, x) for f in frequencies for n in names for x in (0.9, 1.1)]
@@ -227,7 +227,7 @@ def measure_robustness(goals: Goals, rows: int, workers: int) -> None:
     wave = Sine(bimorph.amplitude(23.0), 23.0, 40.0, ramp=1.0)
     loud = runs.run(wave, compensated, noisy, LIMITS, DT)
     error = runs.rms(loud.error[20_000:]) * 1e6
-    goals.check('rms error with noise of 1 um at 23 Hz', error, 1.1, 'um')
+    goals.check('rms error with noise of 1 µm at 23 Hz', error, 1.1, 'um')
     amplitude = bimorph.amplitude(23.0)
     steps = Parts(tuple(Sine(amplitude, f, 15.0) for f in (22.0, 23.0, 24.0, 22.0)))
     stepped = runs.run(steps, compensated, runs.plant(bimorph.NAME, 3), LIMITS, DT)

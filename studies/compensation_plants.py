@@ -14,7 +14,7 @@ KINDS = (
 def measure_stack(goals: Goals, rows: int) -> None:
     """Beat Xiao 2014's table 1 in every row."""
     goals.heading(
-        'Stack of Xiao 2014, triangles of 30 um peak to peak, rms (largest), mean included [um]'
+        'Stack of Xiao 2014, triangles of 30 µm peak to peak, rms (largest), mean included [µm]'
     )
     selector = stack.selector_values()
     for frequency, none, _, paper, paper_largest in stack.TABLE_1[:rows]:
@@ -31,8 +31,8 @@ def measure_stack(goals: Goals, rows: int) -> None:
 
 
 def measure_flap(goals: Goals, rows: int) -> None:
-    """Stay below Zhou 2021's 14 and 9 um at every frequency with 10 % of mismatch."""
-    goals.heading('Actuator of Zhou 2021, +-200 um, largest error [um]; paper at 10 Hz: 65, 14, 9')
+    """Stay below Zhou 2021's 14 and 9 µm at every frequency with 10 % of mismatch."""
+    goals.heading('Actuator of Zhou 2021, +-200 µm, largest error [µm]; paper at 10 Hz: 65, 14, 9')
     cases = dict(list(flap.mismatches().items())[: 1 + rows])
     for frequency in (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)[:rows]:
         none = flap.largest_error('none', frequency, cases['as identified']) * 1e6
@@ -42,7 +42,7 @@ def measure_flap(goals: Goals, rows: int) -> None:
             f'{frequency:.0f} Hz, none {none:.0f}: '
             + ', '.join(f'{k} {alone[k]:.1f} / {both[k]:.1f}' for k in cases)
         )
-        # No open-loop law can make up for a wrong gain: 10 % of 200 um are 20 um.
+        # No open-loop law can make up for a wrong gain: 10 % of 200 µm are 20 µm.
         shape = max(error for words, error in alone.items() if not words.startswith('A1'))
         goals.check(f'inverse, worst but for the gain, {frequency:.0f} Hz', shape, 14.0, 'um')
         goals.check(f'compound, worst mismatch at {frequency:.0f} Hz', max(both.values()), 9.0,
@@ -51,7 +51,7 @@ def measure_flap(goals: Goals, rows: int) -> None:
 
 def measure_stage(goals: Goals, rows: int) -> None:
     """Stay below every error that Fang 2019 prints."""
-    goals.heading('Stage of Fang 2019, largest error [um]')
+    goals.heading('Stage of Fang 2019, largest error [µm]')
     fast, slow = stage.by_least_squares(), stage.slow_by_least_squares()
     for name, spec, paper_pid, paper in stage.FIGURES[:rows]:
         row = {kind: stage.largest_error(stage.run(spec, kind, fast, slow)) for kind in KINDS}

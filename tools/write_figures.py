@@ -39,7 +39,7 @@ TOLERANCE = 0.05
 
 
 def of_demo(summary: Mapping[str, Any]) -> dict[str, float]:
-    """Return the figures of a demo: rms tracking errors [um]."""
+    """Return the figures of a demo: rms tracking errors [µm]."""
     runs = {run['name']: 1e6 * run['rmse_m'] for run in summary['tracking']['runs']}
     return {f'{name.replace(" + ", "_").replace(" ", "_")}_um': rms for name, rms in runs.items()}
 

@@ -20,7 +20,7 @@ EFFECTS = DOCS / 'effects'
 PARAMETERS = DOCS / 'reference' / 'parameters.md'
 PARAMETERS_INTRO = """# Parameters of the blocks
 
-Bounds are physical limits; defaults are for 1 V and 130 um. The play bank has `w1` to `w9` like
+Bounds are physical limits; defaults are for 1 V and 130 µm. The play bank has `w1` to `w9` like
 `w1` below (thresholds 0.1 to 0.9 of `pi_range`), Preisach `mu_0_0` to `mu_7_7`, and the selector
 every `inverse_` parameter at ten knots (`inverse_gain_at1` ...). `python tools/write_docs.py`
 writes this page.

@@ -55,7 +55,7 @@ class Plant:
     seed : int
         Seed of all noise.
     preset : Preset, optional
-        Initial preset; without one, a linear actuator of 100 um/V.
+        Initial preset; without one, a linear actuator of 100 µm/V.
     refine : int
         Number of times that every integration step is halved, for numerical tests.
 

@@ -21,7 +21,7 @@ class PlantParameter:
     unit : str
         SI unit, ``1`` for a dimensionless one.
     default : float
-        Value without an entry in the preset, for an actuator that moves 100 um at 1 V; `scaled`
+        Value without an entry in the preset, for an actuator that moves 100 µm at 1 V; `scaled`
         converts it for other actuators.
     low, high : float
         Bounds; values outside are physically impossible or beyond the range of the integrator.

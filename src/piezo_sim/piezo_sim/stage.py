@@ -12,19 +12,19 @@ from piezo_sim.simulation_errors import PresetError
 def configure_stage(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add = parser.add_argument
-    add('--preset', help='the dimensions of a preset; those given here replace them')
+    add('--preset', help='preset whose dimensions are the defaults')
     for name, text in (
         ('modulus', "Young's modulus [Pa]"),
-        ('depth', 'of the hinges, b [m]'),
-        ('thickness', 'where they are thinnest, t [m]'),
-        ('radius', 'of the circular hinges, R [m]'),
+        ('depth', 'depth of the hinges, b [m]'),
+        ('thickness', 'smallest thickness of the hinges, t [m]'),
+        ('radius', 'radius of the circular hinges, R [m]'),
         ('link', 'length between two hinges, L [m]'),
     ):
         add(f'--{name}', type=float, help=text)
-    add('--hinges', type=int, help='that bend (8)')
-    add('--stroke', type=float, default=1e-5, help='of the stage [m] (10 um)')
-    add('--actuator-stiffness', type=float, default=1e8, help='[N/m] (100 N/um)')
-    add('--mass', type=float, default=0.3, help='of the stage [kg] (0.3)')
+    add('--hinges', type=int, help='number of bending hinges (default 8)')
+    add('--stroke', type=float, default=1e-5, help='stroke of the stage [m]')
+    add('--actuator-stiffness', type=float, default=1e8, help='stiffness of the actuator [N/m]')
+    add('--mass', type=float, default=0.3, help='mass of the stage [kg]')
     parser.set_defaults(run=_stage)
 
 

@@ -80,7 +80,7 @@ BLOCK = Block(
     source=(
         'Fang 2019 (9), which did not survive printing; our reading: x = k1 u + k2 + k3 h, dh = '
         'eta (alpha du - beta |du| h + gamma du |h| + epsilon (u - lambda) |du|), with A = -k3 '
-        'alpha and gamma = -gamma_004; k2 is the offset'
+        'alpha and gamma = -gamma_paper; k2 is the offset'
     ),
     check=check,
     part=Part.MODIFIED,

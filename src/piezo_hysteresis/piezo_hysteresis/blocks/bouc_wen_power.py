@@ -166,7 +166,7 @@ BLOCKS = (
         between=Between.PATH,
         unknown=(1,),
         description=_DESCRIPTION,
-        source='Tatebatake 2017 (1), Zhou 2021 (1): beta_002 = beta h_sat^(1-n), gamma_002 '
+        source='Tatebatake 2017 (1), Zhou 2021 (1): beta_paper = beta h_sat^(1-n), gamma_paper '
         'likewise',
         check=check,
     ),

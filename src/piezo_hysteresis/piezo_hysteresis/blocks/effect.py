@@ -114,7 +114,7 @@ class Effect:
     repeatable : bool
         Whether a model may have it several times (modes, tones, creep elements).
     start : mapping of str to float
-        Start values of a fit for an input amplitude of 1 V and a displacement amplitude of 130 um.
+        Start values of a fit for an input amplitude of 1 V and a displacement amplitude of 130 µm.
     alternatives : tuple of mapping
         Further start values, each completing `start`, for several local optima (signs,
         frequencies).

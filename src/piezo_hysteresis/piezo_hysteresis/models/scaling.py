@@ -1,7 +1,7 @@
 """Start values and scales of a model for a given actuator, by dimensional analysis.
 
 Defaults are for an input amplitude of 1 V (or N) and a displacement amplitude of 130 um, a
-bimorph; a stack with 20 um at 150 V is the same model in other units.
+bimorph; a stack with 20 µm at 150 V is the same model in other units.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def errors(kind: str, frequency: float) -> TrackingMetrics:
 
 
 @functools.cache
-def by_003(frequency: float) -> Identification:
+def by_xiao(frequency: float) -> Identification:
     """Return Xiao 2014's Bouc-Wen model of one triangle, by its particle swarm."""
     chain = named('classical')
     return identify(
@@ -78,7 +78,7 @@ def loop_figures() -> list[Exhibit]:
 
 
 def _model_figure(name: str, frequency: float) -> Exhibit:
-    model = by_003(frequency)
+    model = by_xiao(frequency)
     each = stack.record(frequency)
     answer = model.chain.respond(each.voltage, model.chain.pack(model.values), each.dt)
     part = slice(-round(1.0 / (frequency * each.dt)), None)

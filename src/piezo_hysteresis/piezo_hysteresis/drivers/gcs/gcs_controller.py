@@ -11,7 +11,7 @@ from piezo_hysteresis.drivers.driver_errors import DriverError
 from piezo_hysteresis.drivers.gcs.gcs_connection import IDENTITY, STOP, GcsConnection
 
 _UPDATE_TIME = '0x0E000200'  # period of the servo [s]
-_POSITION, _OUTPUT = 2, 7  # what the recorder holds: position [um], voltage of the output [V]
+_POSITION, _OUTPUT = 2, 7  # what the recorder holds: position [µm], voltage of the output [V]
 _TABLE = 1
 _POINTS_PER_LINE = 100
 

@@ -18,7 +18,7 @@ from piezo_hysteresis.drivers.nv200.nv200_connection import MODEL, Nv200Connecti
 
 #: Of its servo, recorder and generator [Hz].
 SERVO = 20_000.0
-_POSITION, _OUTPUT = 0, 2  # what a recorder holds: position [um], voltage of the output [V]
+_POSITION, _OUTPUT = 0, 2  # what a recorder holds: position [µm], voltage of the output [V]
 _LINE, _GENERATOR = 0, 3  # what gives the set point: this connection, or the wave generator
 _SLEW_OFF = 2000.0  # of the limiter of the set point [%/ms]
 _RECORDED = 1.0  # longest time that a recorder of one value takes [s]
