@@ -220,14 +220,25 @@ _LOOPS = 3.0
 _FICTITIOUS = {'A1': 170e-6, 'A': 60e-6, 'beta': 2.0, 'gamma': 0.5}
 
 
-def modelled(frequency: float, kind: str) -> tuple[FloatArray, FloatArray]:
-    """Return a loop of a model of Fujii 2018 or Tatebatake 2017."""
+def modelled(
+    frequency: float, kind: str, identified_at: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return voltage and displacement of a model of Fujii 2018 or Tatebatake 2017, two periods.
+
+    The extended model is identified at `identified_at` [Hz], by default at `frequency`.
+    """
     each = record(frequency, _LOOPS)
     if kind == 'extended':
-        answer = rls(frequency, 0, 20.0).free_run(each.voltage)
+        answer = rls(identified_at or frequency, 0, 20.0).free_run(each.voltage)
     else:
         model = named('classical_euler' if kind == 'basic' else 'modified_euler')
         values = {**_FICTITIOUS, 'A0': 0.0 if kind == 'basic' else 0.1 * _FICTITIOUS['A']}
         answer = model.respond(each.voltage, model.pack(values), DT)
     part = slice(-round(2.0 / (frequency * DT)), None)
     return each.voltage[part], answer[part]
+
+
+def state(frequency: float, kind: str) -> tuple[FloatArray, FloatArray]:
+    """Return voltage and state h = A1 u - y of the basic or the modified model, two periods."""
+    u, y = modelled(frequency, kind)
+    return u, _FICTITIOUS['A1'] * u - y

@@ -12,13 +12,15 @@ from piezo_hysteresis.papers.paper_page import Draw, finish, loop, panels
 from piezo_hysteresis.records import Record
 
 
-def drawn(curves: Mapping[str, tuple[FloatArray, FloatArray]]) -> Draw:
+def drawn(
+    curves: Mapping[str, tuple[FloatArray, FloatArray]], label: str = 'displacement [µm]'
+) -> Draw:
     """Return a drawing of loops, each in a panel of its own."""
 
     def draw(figure: Figure) -> None:
         for axis, (title, (u, y)) in zip(panels(figure, len(curves)), curves.items(), strict=True):
             loop(axis, u, y, '')
-            axis.set_title(title)
+            axis.set(title=title, ylabel=label)
 
     return draw
 
@@ -49,3 +51,21 @@ def width(curve: tuple[FloatArray, FloatArray]) -> float:
     way = np.gradient(u)
     gap = abs(float(y[near & (way > 0)].mean() - y[near & (way < 0)].mean()))
     return 100.0 * gap / float(np.ptp(y))
+
+
+def late(curve: tuple[FloatArray, FloatArray]) -> float:
+    """Return by how much the maximum of the last displacement follows that of the input [deg].
+
+    Parameters
+    ----------
+    curve : tuple of ndarray, shape (n,)
+        Input and displacement of two whole periods.
+    """
+    u, y = (part[-(part.size // 2) :] for part in curve)
+    return 360.0 * float((np.argmax(y) - np.argmax(u)) % u.size) / u.size
+
+
+def clockwise(curve: tuple[FloatArray, FloatArray]) -> bool:
+    """Return whether a loop of whole periods is passed through clockwise."""
+    u, y = curve
+    return float(np.sum(u[:-1] * np.diff(y) - y[:-1] * np.diff(u))) < 0.0

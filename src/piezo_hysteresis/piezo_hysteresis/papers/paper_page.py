@@ -54,8 +54,10 @@ MISSING: dict[str, tuple[str, ...]] = {
     ),
 }
 
-VERDICTS = ('better', 'equal', 'worse', 'as stated', 'not as stated')
+VERDICTS = ('better', 'equal', 'worse', 'as stated', 'not as stated', 'nothing to compare')
 _EQUAL = 0.05  # relative difference up to which errors are equal
+GOOD = 5.0
+"""Relative rms error [%] up to which a model matches a measurement "well"."""
 
 _TICKS = 9  # that fit below a picture of one panel
 
@@ -89,8 +91,9 @@ class Exhibit:
         Results of methods that are not those of the paper, or '' if there are none.
     compared : sequence of tuple of float
         Errors printed in the paper, each with the one obtained here by its method.
-    holds : bool
-        Whether a statement of the paper without a number holds here.
+    holds : bool, optional
+        Whether a statement of the paper without a printed error holds here; by default the paper
+        states nothing that can be compared.
     """
 
     paper: str
@@ -103,12 +106,14 @@ class Exhibit:
     numbers: dict[str, float] = field(default_factory=dict)
     deviating: str = ''
     compared: Sequence[tuple[float, float]] = ()
-    holds: bool = True
+    holds: bool | None = None
 
     @property
     def verdict(self) -> str:
         """One of `VERDICTS`: how the errors here compare with the printed ones."""
         if not self.compared:
+            if self.holds is None:
+                return 'nothing to compare'
             return 'as stated' if self.holds else 'not as stated'
         ratios = [here / printed for printed, here in self.compared]
         if max(ratios) < 1.0 - _EQUAL:
@@ -227,7 +232,10 @@ def summary(entries: Sequence[Exhibit]) -> list[str]:
     lines = [
         '"Better", "equal" (within 5 %) and "worse" compare the printed errors with those of the',
         'same method here, by the largest ratio, or by the median over seeds. Without a printed',
-        'number, "as stated" means that the statement of the paper on the figure holds here.',
+        'number, "as stated" means that the statement of the paper on the figure holds here, and',
+        f'a good match that the rms error is below {GOOD:g} % of the displacement. "Nothing to',
+        'compare": the paper shows the figure without a statement, or for a reference that it',
+        'does not print. Quotation marks enclose text of the paper.',
         '"Better" has little weight if the simulated actuator has the structure of the model',
         '(Zhou 2021) or parameters that are not printed; each figure states the assumptions.',
         '',

@@ -11,7 +11,15 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.offline_loop import LoopResult, tracking_metrics
 from piezo_hysteresis.papers import flap, runs
 from piezo_hysteresis.papers.loops import together, width
-from piezo_hysteresis.papers.paper_page import Builders, Draw, Exhibit, finish, loop, panels
+from piezo_hysteresis.papers.paper_page import (
+    GOOD,
+    Builders,
+    Draw,
+    Exhibit,
+    finish,
+    loop,
+    panels,
+)
 from piezo_hysteresis.waveforms import Sine, Waveform, from_spec
 
 FREQUENCIES = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
@@ -54,9 +62,12 @@ def table() -> Exhibit:
         f'{rows["gamma"][0]:.4f} /V, b {rows["b"][0]:.0f} N s/m, by its two steps of particle '
         'swarm (zhou2021)', draw,
         'the preset has the printed values with corrected units (m in tonnes, d in m/V). Step 1 '
-        'treats 1 Hz as quasi-static: the lag of the damping is fitted as hysteresis; at one '
-        'amplitude only the loop shape distinguishes beta from gamma',
+        'treats 1 Hz as quasi-static, so that the lag of the damping is fitted as hysteresis: by '
+        '40 000 evaluations the swarm finds alpha 0.624 and gamma 0.0071, and 0.608 and 0.0064 '
+        'for a stage with a fiftieth of the damping. The 4000 evaluations here add up to 0.0007 '
+        'to gamma, by seed',
         {name: ours / printed for name, (ours, printed) in rows.items()},
+        holds=all(abs(ours / printed - 1.0) < 0.05 for ours, printed in rows.values()),
     )  # fmt: skip
 
 
@@ -77,13 +88,17 @@ def model_figures() -> list[Exhibit]:
     worst = max(data[f][3] for f in FREQUENCIES) * 1e6
     same = 'model and simulated actuator have the same structure'
     return [
-        Exhibit('Zhou 2021', 'Figure 6', 'model at 1 Hz', 'good agreement, no number',
+        Exhibit('Zhou 2021', 'Figure 6', 'model at 1 Hz',
+              '"good agreement between the measured outputs and the model outputs", no number',
               f'rms error {data[1.0][3] * 1e6:.2f} µm of +-{data[1.0][1].max() * 1e6:.0f} µm, by '
-              'the two steps of Zhou 2021', drawing((1.0,)), same, {'error': data[1.0][3] * 1e6}),
+              'the two steps of Zhou 2021', drawing((1.0,)), same, {'error': data[1.0][3] * 1e6},
+              holds=data[1.0][3] < 0.01 * GOOD * runs.rms(data[1.0][1])),
         Exhibit('Zhou 2021', 'Figure 7', 'model at 10 to 60 Hz',
-              'captures the rate dependence in a wide range, no number',
+              '"captured the rate-dependent hysteresis of the actuator in a wide range of '
+              'frequencies", no number',
               f'rms error at most {worst:.2f} µm; the damping alone widens the loops',
-              drawing(FREQUENCIES), same, {'error': worst}),
+              drawing(FREQUENCIES), same, {'error': worst},
+              holds=all(data[f][3] < 0.01 * GOOD * runs.rms(data[f][1]) for f in FREQUENCIES)),
     ]  # fmt: skip
 
 
@@ -151,12 +166,14 @@ def control(frequencies: Sequence[float], seconds: float) -> list[Exhibit]:
               f'{ten[0]:.0f} µm without, {ten[1]:.1f} µm with (8)', draw_9, why,
               {'none': ten[0], 'inverse': ten[1]},
               f'exact inverse {worst["ours inverse", 10.0]:.1f} µm', [(14.0, ten[1])]),
-        Exhibit('Zhou 2021', 'Figure 11', 'compound control, 10 to 60 Hz', 'straight lines',
-              'straight lines, largest error '
-              f'{max(worst["PID", f] for f in frequencies):.1f} µm', draw_11, why),
+        Exhibit('Zhou 2021', 'Figure 11', 'compound control, 10 to 60 Hz',
+              'shown with figure 12, without a statement of its own',
+              f'largest error {max(worst["PID", f] for f in frequencies):.1f} µm of '
+              f'+-{1e6 * flap.STROKE:.0f} µm', draw_11, why),
         Exhibit('Zhou 2021', 'Figure 12',
               'errors without, with feedforward, with compound control',
-              'largest at 10 Hz 65, 14 and 9 µm; other frequencies without numbers',
+              'largest at 10 Hz 65, 14 and 9 µm; "other frequencies was also significantly '
+              'suppressed", without numbers',
               'largest errors without / (8) / (8) and PID [µm]: '
               + listed('none', 'inverse', 'PID'), draw_12, why,
               {'compound': max(worst['PID', f] for f in frequencies)},
@@ -185,7 +202,7 @@ def composites(seconds: float) -> Exhibit:
     low, high = 'composite_zhou2021_low', 'composite_zhou2021_high'
     return Exhibit(
         'Zhou 2021', 'Figure 13', 'sums of three sinusoids',
-        'errors reduced dramatically, no numbers',
+        '"the errors were reduced dramatically", no numbers',
         f'20/30/40 Hz {worst[low, "none"]:.0f} -> {worst[low, "inverse"]:.1f} -> '
         f'{worst[low, "PID"]:.1f} µm ((8), (8) and PID); 40/50/60 Hz '
         f'{worst[high, "none"]:.0f} -> {worst[high, "inverse"]:.1f} -> {worst[high, "PID"]:.1f}',
@@ -193,6 +210,7 @@ def composites(seconds: float) -> Exhibit:
         {'low': worst[low, 'PID'] / worst[low, 'none'],
          'high': worst[high, 'PID'] / worst[high, 'none']},
         f'exact inverse {worst[low, "ours inverse"]:.1f} and {worst[high, "ours inverse"]:.1f} µm',
+        holds=max(worst[kind, 'PID'] / worst[kind, 'none'] for kind in (low, high)) < 0.2,
     )  # fmt: skip
 
 
@@ -211,13 +229,17 @@ def loop_figure(quick: bool = False) -> list[Exhibit]:
     stroke = {f: 1e6 * float(np.ptp(y)) / 2 for f, (_, y) in seen.items()}
     return [
         Exhibit('Zhou 2021', 'Figure 3', 'loops from 1 to 60 Hz',
-              'alike up to 10 Hz, much wider above; the stroke hardly changes',
+              'at low frequencies "almost identical to each other", then "changed dramatically"; '
+              'the stroke "nearly remained constant"',
               'opening ' + ', '.join(f'{f:.0f} Hz {width(each):.0f} %' for f, each in seen.items())
               + f'; stroke +-{stroke[1.0]:.0f} µm at 1 Hz, +-{stroke[60.0]:.0f} µm at 60 Hz',
               together({f'{f:.0f} Hz': each for f, each in seen.items()}),
-              'the printed damping alone widens the loop from 1 to 10 Hz already',
+              'the printed damping alone widens the loop from 1 to 10 Hz already: b / k is a lag '
+              'of 2.3 degrees at 10 Hz, 4 % of the height',
               {'1': width(seen[1.0]), '60': width(seen[60.0])},
-              holds=width(seen[10.0]) < 1.1 * width(seen[1.0])),
+              holds=width(seen[10.0]) < 1.1 * width(seen[1.0])
+              and stroke[60.0] > 0.95 * stroke[1.0]
+              and width(seen[60.0]) > 1.5 * width(seen[1.0])),
     ]  # fmt: skip
 
 
