@@ -35,9 +35,9 @@ class InvestigationForm:
             'No discovery node is running.', 'discovery', actuator, 'model_file:=model.yaml'
         )
         self._order, self._next_name = start, next_name
-        self._low = _number('lowest [V]', 'investigation.low')
-        self._high = _number('highest [V]', 'investigation.high')
-        self._slew = _number('fastest [V/s]', 'investigation.slew')
+        self._low = _number('low limit [V]', 'investigation.low')
+        self._high = _number('high limit [V]', 'investigation.high')
+        self._slew = _number('slew limit [V/s]', 'investigation.slew')
         self._budget = _number('budget [s]', 'investigation.budget', 200.0)
         self.box = JobBox('investigation', self._start, cancel)
         self._drawn: tuple[InvestigationState, ...] | None = None
