@@ -19,6 +19,8 @@ from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import NAMES
 from piezo_hysteresis.records import Record, RecordInfo
+from studies.foreign_worlds import DAHL, NOISE, RATE
+from studies.investigate_foreign import Stage, ramped
 
 AMPLITUDE, STROKE = 1.0, 100e-6
 BEGINS = ('rest', 'step', 'mid_period')
@@ -181,3 +183,17 @@ def test_a_model_is_recovered(name: str, begin: str, noises: str) -> None:
     away = {n: (found.values[n] - truth[n]) / found.std[n] for n in sure}
     assert max(map(abs, away.values())) < 4.0, away
     assert distance(found, truth, sure) < chi2.ppf(0.999, len(sure)), away
+
+
+@pytest.mark.component
+def test_a_mode_is_recovered_from_samples_taken_a_tick_later() -> None:
+    """A friction loop before a mode is a Bouc-Wen model; the drive at 50 Hz excites the mode."""
+    stage = Stage(DAHL, 'nothing', 0.0, np.random.default_rng([0, 5]))
+    drives = [(a, f) for f in (1.0, 5.0, 20.0, 50.0) for a in (0.5, 1.0)]
+    records = [stage.measured(f'{f:g} Hz {a:g} V', ramped(a, f)) for a, f in drives]
+    found = identify(records, 'bouc_wen_mode')
+    assert found.values['natural_frequency'] == pytest.approx(95.0, rel=2e-3)
+    assert found.values['damping_ratio'] == pytest.approx(0.04, rel=0.02)
+    assert found.values['beta'] == pytest.approx(5.0, rel=0.02)
+    assert found.sampling_offset == pytest.approx(0.95 / RATE, abs=0.02 / RATE)
+    assert max(row.free_run_rms for row in found.records) < 1.1 * NOISE * STROKE

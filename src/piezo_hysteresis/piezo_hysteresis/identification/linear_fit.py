@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.objective import projected
+from piezo_hysteresis.identification.free_run import read, samples_late
+from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, projected
 from piezo_hysteresis.identification.sensitivities import FirstStage, sensitivities
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
@@ -79,13 +81,13 @@ class Simulated:
 
     Attributes
     ----------
-    points : dict of bytes to list of ndarray
-        Triangular factors of every target by its parameters, see `_factor`.
+    points : dict of bytes to list of list of ndarray
+        By the parameters: triangular factors of every target per sampling offset, see `_factors`.
     first : dict of str to FirstStage
         Results of the first stage by target.
     """
 
-    points: dict[bytes, list[FloatArray]] = field(default_factory=dict)
+    points: dict[bytes, list[list[FloatArray]]] = field(default_factory=dict)
     first: defaultdict[str, FirstStage] = field(default_factory=lambda: defaultdict(FirstStage))
 
 
@@ -95,6 +97,7 @@ def solve_linear(
     values: Mapping[str, float],
     names: Sequence[str],
     simulated: Simulated,
+    offsets: Sequence[float] = (0.0,),
 ) -> dict[str, float]:
     """Return `values` with the unknowns `names` at their least-squares optimum.
 
@@ -109,18 +112,34 @@ def solve_linear(
     names : sequence of str
         From `linear_parameters`.
     simulated : Simulated
-        Simulations of these records, which are extended.
+        Simulations of these records with these offsets, which are extended.
+    offsets : sequence of float
+        Sampling offsets [s]. The best one is stated in the result as ``sampling_offset``.
     """
-    packed, p = model.pack({**values, **dict.fromkeys(names, 0.0)}, checked=False), len(names)
+    known = {name: value for name, value in values.items() if name != SAMPLING_OFFSET}
+    packed = model.pack({**known, **dict.fromkeys(names, 0.0)}, checked=False)
     key = packed.tobytes()
     if key not in simulated.points:
-        simulated.points[key] = [
-            _factor(model, packed, names, target, simulated.first[target.name])
+        every = [
+            _factors(model, packed, names, target, simulated.first[target.name], offsets)
             for target in targets
         ]
-    factors = simulated.points[key]
+        simulated.points[key] = [list(each) for each in zip(*every, strict=True)]
+    solved = [
+        (*_solved(targets, factors, model, names), offset)
+        for factors, offset in zip(simulated.points[key], offsets, strict=True)
+    ]
+    _, best, offset = min(solved, key=lambda each: each[0])
+    return {**values, **best, SAMPLING_OFFSET: offset}
+
+
+def _solved(
+    targets: Sequence[Target], factors: Sequence[FloatArray], model: Model, names: Sequence[str]
+) -> tuple[float, dict[str, float]]:
+    """Return the norm of the residual and the solution, which is empty if it is not unique."""
+    p = len(names)
     if not all(np.all(np.isfinite(each)) for each in factors):
-        return dict(values)
+        return inf, {}
     parts = [
         target.weight * (projected(factor, 1) if target.own_zero else factor[:, 1:])
         for target, factor in zip(targets, factors, strict=True)
@@ -130,24 +149,30 @@ def solve_linear(
     norms[norms == 0.0] = 1.0
     solved = solve_least_squares(full[:p, :p] / norms, full[:p, p], rcond=1e-7)
     if not solved.sound:
-        return dict(values)
-    best = solved.values / norms
+        return float(np.linalg.norm(full[:, p])), {}
     limits = {q.name: (q.low, q.high) for q in model.parameters}
-    best = np.array(
-        [np.clip(value, *limits[name]) for name, value in zip(names, best, strict=True)]
-    )
-    best_values = dict(zip(names, (float(v) for v in best), strict=True))
-    return {**values, **best_values}
+    best = {
+        name: float(np.clip(value, *limits[name]))
+        for name, value in zip(names, solved.values / norms, strict=True)
+    }
+    moved = full[:, :p] @ np.array([best[name] for name in names])
+    return float(np.linalg.norm(full[:, p] - moved)), best
 
 
-def _factor(
-    model: Model, packed: FloatArray, names: Sequence[str], target: Target, first: FirstStage
-) -> FloatArray:
-    """Return R of the QR factorisation of [1, derivatives, residual] of a target."""
+def _factors(
+    model: Model, packed: FloatArray, names: Sequence[str], target: Target, first: FirstStage,
+    offsets: Sequence[float],
+) -> list[FloatArray]:  # fmt: skip
+    """Return R of the QR factorisation of [1, derivatives, residual] by sampling offset."""
+    factors = []
     with np.errstate(over='ignore', invalid='ignore'):
         y, rows = sensitivities(
             model, packed, names, target.voltage, target.dt, target.frequency, target.start,
             first=first,
         )  # fmt: skip
-        error = target.measured - target.pick(y)
-        return triangle(np.vstack([np.ones_like(error), rows[:, target.compared], error]))
+        for offset in offsets:
+            late = samples_late(model, target.dt, offset)
+            error = target.measured - target.pick(read(y, target, late))
+            columns = read(rows, target, late)[:, target.compared]
+            factors.append(triangle(np.vstack([np.ones_like(error), columns, error])))
+    return factors

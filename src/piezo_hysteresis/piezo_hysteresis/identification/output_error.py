@@ -134,11 +134,11 @@ def output_error(
         samples = sum(t.voltage.size for t in few)
         count = int(np.clip(_FOLLOWED_SAMPLES // samples, 3, 16))
     known = dict(start or {})
-    late = {SAMPLING_OFFSET: known.pop(SAMPLING_OFFSET, 0.0)}
+    offsets = _offsets(known.pop(SAMPLING_OFFSET, None), sampling_offset, targets)
     if set(names) <= set(known):
         # a known model allows estimating the initial conditions before the fit
         given = {**chain.defaults(), **known}
-        targets = revised(chain, given, late[SAMPLING_OFFSET], targets, records, choices)
+        targets = revised(chain, given, offsets[0], targets, records, choices)
         few = representative(targets, _FOLLOWED_RECORDS)
 
     common: dict[str, Any] = {
@@ -148,10 +148,10 @@ def output_error(
 
     def follow(seen: Sequence[Target], begins: Sequence[Start]) -> FitResult:
         def attempt(values: Mapping[str, float]) -> FitResult:
-            begin, evaluations = {**late, **values}, max_evaluations // 6
-            return _attempt(chain, seen, begin, max_evaluations=evaluations, **common)
+            return _attempt(chain, seen, values, max_evaluations=max_evaluations // 6, **common)
 
-        guessed = [Start({**chain.defaults(), **guess, **known}, 0.0) for guess in guesses]
+        late = {SAMPLING_OFFSET: offsets[0]}
+        guessed = [Start({**chain.defaults(), **late, **guess, **known}, 0.0) for guess in guesses]
         return _followed([*guessed, *begins], attempt, stopped)
 
     def end(seen: Sequence[Target], best: FitResult) -> FitResult:
@@ -167,12 +167,15 @@ def output_error(
         )
 
     simulated = Simulated()
-    found = starts(chain, few, names, known, count=count, stopped=stopped, simulated=simulated)
+    found = starts(
+        chain, few, names, known, count=count, offsets=offsets, stopped=stopped,
+        simulated=simulated,
+    )  # fmt: skip
     best = follow(few, found)
     result = end(targets, best)
     if leaves_noise(result) or stopped():
         return result
-    apart = _by_own_zeros(chain, few, names, known, found, choices, simulated)
+    apart = _by_own_zeros(chain, few, names, known, found, choices, offsets, simulated)
     if apart is None:
         return result
     best = follow(*apart)
@@ -182,6 +185,20 @@ def output_error(
     return other if zeros_lie_apart(_left(other), _left(result)) else result
 
 
+def _offsets(
+    known: float | None, free: bool | float, targets: Sequence[Target]
+) -> tuple[float, ...]:
+    """Return the sampling offsets with which start values are scanned [s].
+
+    Unknown, the displacement is sampled before the voltage of the tick acts or a tick later.
+    """
+    if known is not None:
+        return (known,)
+    if free is not True:
+        return (float(free),)
+    return 0.0, min(target.dt for target in targets)
+
+
 def _by_own_zeros(
     model: Model,
     targets: Sequence[Target],
@@ -189,6 +206,7 @@ def _by_own_zeros(
     known: Mapping[str, float],
     found: Sequence[Start],
     choices: Choices,
+    offsets: Sequence[float],
     simulated: Simulated,
 ) -> tuple[list[Target], list[Start]] | None:
     """Return targets with a zero per record and start values, if these fit much better.
@@ -198,7 +216,9 @@ def _by_own_zeros(
     if choices.zero != 'auto' or len(targets) < 2:
         return None
     own = [replace(target, own_zero=True) for target in targets]
-    others = starts(model, own, names, known, count=len(found), simulated=simulated)
+    others = starts(
+        model, own, names, known, count=len(found), offsets=offsets, simulated=simulated
+    )
     return (own, others) if zeros_lie_apart(others[0].cost, found[0].cost) else None
 
 

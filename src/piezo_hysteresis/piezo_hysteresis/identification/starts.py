@@ -27,7 +27,7 @@ class Start:
     Attributes
     ----------
     values : dict of str to float
-        Every parameter of the chain.
+        Every parameter of the chain, and the sampling offset.
     cost : float
         Sum of squares over the scanned records [m^2].
     """
@@ -43,6 +43,7 @@ def starts(
     given: Mapping[str, float] | None = None,
     *,
     count: int = 8,
+    offsets: Sequence[float] = (0.0,),
     stopped: Callable[[], bool] = lambda: False,
     simulated: Simulated | None = None,
 ) -> list[Start]:
@@ -50,7 +51,8 @@ def starts(
 
     Resonance and memory are scanned together first, because a wrong one hides the other; then the
     shape of the loop (beta, gamma) in units of the amplitude, and the resonance once more. Gains,
-    weights and offset are solved exactly at each point.
+    weights and offset are solved exactly at each point, for each sampling offset: the phase of a
+    wrong one would be explained by another resonance or loop.
 
     Parameters
     ----------
@@ -64,6 +66,8 @@ def starts(
         Values that are not scanned; a start of all unknowns is returned first, unchanged.
     count : int
         Largest number of start points.
+    offsets : sequence of float
+        Sampling offsets to try [s].
     stopped : callable
         Returns True to stop before the next point; the best so far are returned.
     simulated : Simulated, optional
@@ -77,7 +81,7 @@ def starts(
     scanned = [name for name in free if name not in known and name not in linear]
 
     def evaluated(values: Mapping[str, float]) -> Start:
-        solved = solve_linear(model, seen, values, linear, simulated)
+        solved = solve_linear(model, seen, values, linear, simulated, offsets)
         x = np.array([solved[name] for name in free])
         return Start(solved, Objective(model, seen, free, solved).cost(x))
 

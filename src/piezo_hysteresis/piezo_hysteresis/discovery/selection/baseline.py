@@ -146,7 +146,8 @@ def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, flo
     short = thinned(data.training, samples, data.periods)
     views = [replace(view, own_zero=True) for view in representative(short)]
     held = {name: joint.values[name] for name in model.held}
-    found = starts(model, views, model.free_names, held, count=1)
+    offsets = (joint.sampling_offset,)
+    found = starts(model, views, model.free_names, held, count=1, offsets=offsets)
     return {name: found[0].values[name] for name in joint.values}
 
 
