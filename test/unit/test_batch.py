@@ -240,6 +240,8 @@ def test_by_default_there_is_a_worker_per_core(
     words = ['batch', 'identify', str(data / 'bad.csv'), '--model', 'classical']
     assert main([*words, '--out', str(tmp_path / 'out')]) == 2  # its only file is refused
     assert asked == [3]
+    run_batch(Gain(), [data], tmp_path / 'other', workers=0)
+    assert asked == [3, 3]
     assert [number_of_workers(n) for n in (0, 1, 7)] == [3, 1, 7]
     with pytest.raises(PiezoError, match='--workers'):
         number_of_workers(-1)

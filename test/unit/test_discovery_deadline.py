@@ -8,9 +8,13 @@ import pytest
 
 from piezo_hysteresis.cli.discover import configure, task_of
 from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.data.annotate import annotated
+from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.selection.baseline import fitted_baselines
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.models import named
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT = 1e-3
@@ -74,3 +78,11 @@ def test_a_search_with_time_enough_is_the_same_as_one_without_a_limit() -> None:
     assert [effect.name for effect in with_limit.effects] == ['transport_delay']
     assert with_limit.not_tried == ()
     assert 'time limit' not in with_limit.summary
+
+
+def test_a_baseline_without_time_is_fitted_from_its_first_start_only() -> None:
+    end = Deadline(1e-9)
+    model = named('classical')
+    given = ModelFile(model, {**model.defaults(), 'offset': 0.0})
+    fitted_baselines(split(annotated(records())), given, Choices(), deadline=end)
+    assert 'a further start of the baseline' in end.untried

@@ -106,3 +106,24 @@ def test_a_rival_with_better_initial_conditions_wins(
     # knowing that, no rival tells anything else
     same, again = led_by_best_start(chosen, round_, start)
     assert (same, again) == (chosen, round_)
+
+
+def test_finalists_of_equal_values_and_other_residuals_are_told_apart(
+    scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    evaluator, start, delay, _ = scene
+    lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
+    first = round_of(evaluator, start, [lag, delay], 2, start)
+    renewed: list[CandidateFit] = []
+
+    def with_own_starts(fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
+        renewed.append(replace(fit, errors=tuple(0.1 * each for each in fit.errors)))
+        return evaluator, renewed[-1]
+
+    monkeypatch.setattr(evaluator, 'with_own_starts', with_own_starts)
+    monkeypatch.setattr(evaluator, 'explains_enough', lambda *_: False)
+    chosen, round_ = led_by_best_start(evaluator, first, start)
+    assert chosen is evaluator
+    assert round_.finalists[1] is renewed[0]
+    assert round_.best is first.best

@@ -11,10 +11,18 @@ import pytest
 from frozen_rounds import FREE, FROZEN, HELD, free, held, unpacked
 
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    Added,
+    CandidateFit,
+    evaluated_on,
+)
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import HELD as HELD_POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound, ranked, round_of
+from piezo_hysteresis.discovery.selection.search import search
+from piezo_hysteresis.identification.initial_conditions.record_start import SETTLED
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.models import EFFECT_NAMES
 
 CONTENT: dict[str, Any] = json.loads((FROZEN / 'rounds.json').read_text('utf-8'))
 NAMES = {f'held {kind}': names for kind, names in HELD.items()}
@@ -128,3 +136,79 @@ def test_a_better_model_without_new_deviation_needs_no_further_evidence(
     assert evaluator.is_significant(made.before, best, many) is adequate
     # nothing was known to be missing before
     assert not evaluator.is_significant(best, best, many)
+
+
+def test_each_name_beyond_the_first_has_a_price() -> None:
+    evaluator, base = held('nothing')
+    one, another = Added('creep', 'creep', {}), Added('drift', 'drift', {})
+    assert evaluator.further_names(replace(base, added=(one,))) == 0.0
+    assert evaluator.further_names(replace(base, added=(one, one))) == 0.0
+    price = np.log(len(EFFECT_NAMES))
+    assert evaluator.further_names(replace(base, added=(one, another))) == pytest.approx(price)
+
+
+def test_a_level_before_a_record_has_the_price_of_a_parameter() -> None:
+    evaluator, base = held('nothing')
+    more = evaluator.score(replace(base, levels=2)) - evaluator.score(base)
+    assert more == pytest.approx(2.0 * evaluator.policy.price)
+
+
+def test_the_held_out_excess_is_beyond_the_known_discrepancy() -> None:
+    evaluator, base = held('nothing')
+    raw = evaluated_on(base, evaluator.data.held_out).floors ** 2 - 1.0
+    assert raw > 10.0  # what the model is known to miss, above the noise
+    assert abs(evaluator.held_out_excess(base)) < 0.5
+
+
+def test_a_short_fit_of_a_delay_is_tried_with_the_sampling_offset_of_the_file() -> None:
+    evaluator, base = held('delay')
+    assert isinstance(evaluator, HeldEvaluator)
+    assert base.sampling_offset < evaluator.late  # makes up for a part of the delay
+    (delay,) = (e for e in evaluator.candidates(base) if e.effect.name == 'transport_delay')
+    spec = base.with_candidate(delay, delay.values(base.values, {'delay': 2e-3}))
+    found, stuck = evaluator.fit_briefly(spec, 10), Evaluator.fit_briefly(evaluator, spec, 10)
+    assert found is not None
+    assert stuck is not None
+    assert found.square < 0.1 * stuck.square
+    assert found.sampling_offset == pytest.approx(evaluator.late, rel=0.01)
+
+
+def test_initial_conditions_of_a_finalist_are_kept_if_they_score_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known, base = held('nothing')
+    assert isinstance(known, HeldEvaluator)
+    assert known.with_own_starts(base) == (known, base)  # the records keep theirs
+    evaluator = HeldEvaluator(known.data, 1, 1, known.base, known.given, choices=Choices())
+    other = known.data.with_each(lambda view: replace(view, begins=SETTLED))
+    monkeypatch.setattr(
+        'piezo_hysteresis.discovery.selection.anchored_evaluator.with_revised_starts',
+        lambda *_, **__: other,
+    )
+    for factor, better in ((0.5, True), (2.0, False)):
+        again = replace(base, errors=tuple(factor * each for each in base.errors))
+        monkeypatch.setattr(HeldEvaluator, 'fit', lambda self, spec, again=again: again)
+        chosen, fit = evaluator.with_own_starts(base)
+        assert (fit is again) == better
+        assert ({view.begins for view in chosen.views} == {SETTLED}) == better
+
+
+def test_finalists_estimate_their_starts_before_a_round_is_lost(
+    first: dict[str, Round], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = first['held delay']
+    lost = replace(found.evaluated(), accepted=False)
+    asked: list[SelectionRound] = []
+
+    def led(
+        evaluator: Evaluator, round_: SelectionRound, start: CandidateFit
+    ) -> tuple[Evaluator, SelectionRound]:
+        asked.append(round_)
+        return evaluator, round_
+
+    searching = 'piezo_hysteresis.discovery.selection.search'
+    monkeypatch.setattr(f'{searching}.select', lambda *_: lost)
+    monkeypatch.setattr(f'{searching}.led_by_best_start', led)
+    ended = search(found.evaluator, found.start, lambda fraction, words: None)
+    assert asked[0] is lost
+    assert ended.steps == ()

@@ -568,3 +568,16 @@ def test_the_client_of_the_maker_reads_the_same_samples(server: GcsServer) -> No
         assert theirs.qVOL('1') == {'1': 0.5}
         theirs.WAV_PNT(2, 1, 100, 'X', np.linspace(0.0, 1.0, 100).tolist())
         assert theirs.qWAV(2, 1)[2][1] == 100
+
+
+@pytest.mark.parametrize('begin', [0.1, 0.3, -0.7, 1.1])
+def test_a_ramp_ends_exactly_at_its_voltage(begin: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('piezo_hysteresis.drivers.controller._STEP', 1e-3)
+    with serving(speed=1.0) as made, connected(made, replace(UNLIMITED, slew=37.0)) as controller:
+        controller.open_loop()
+        controller.set_voltage(begin)
+        sent: list[float] = []
+        monkeypatch.setattr(controller, 'set_voltage', sent.append)
+        controller.ramp_to(0.0)
+    assert sent[-1] == 0.0
+    assert len(sent) > 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -174,3 +175,12 @@ def test_a_verb_takes_its_own_folder_again(
     assert found is not None
     assert found.verb == verb
     assert set(found.files) == set(content(tmp_path / 'out')) - {MARKER}
+
+
+def test_results_have_the_permissions_of_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0o077)
+    try:
+        write_folder(tmp_path / 'out', {'summary.json': '{}', 'a.png': b'1'}, 'identify')
+    finally:
+        os.umask(before)
+    assert {path.stat().st_mode & 0o777 for path in (tmp_path / 'out').iterdir()} == {0o600}
