@@ -19,6 +19,7 @@ tasks: Any = importlib.import_module('piezo_benchmark.tasks')
 run: Any = importlib.import_module('piezo_benchmark.run')
 report: Any = importlib.import_module('piezo_benchmark.report')
 fits: Any = importlib.import_module('piezo_benchmark.fits')
+common: Any = importlib.import_module('piezo_benchmark.entries.common')
 suite: Any = importlib.import_module('piezo_benchmark.entries.suite')
 program: Any = importlib.import_module('piezo_benchmark.__main__')
 
@@ -166,6 +167,20 @@ def test_least_squares_names_a_drift_and_predicts_as_the_control(drawn: dict[str
     assert row.ratio < 1.2
     assert row.parameter_error is not None
     assert row.parameter_error < 0.1
+
+
+@pytest.mark.component
+def test_the_known_error_of_a_baseline_is_subtracted(drawn: dict[str, Any]) -> None:
+    task, truth = draw.one([5, 0, 3], 'foreign', 'nothing', 8)
+    known = common.corrected(task)
+    missed = [
+        np.std(fits.centred(run - truth.held_out, task.warm_up))
+        for run in (task.held_out.free_run, task.held_out.free_run + known.held_out)
+    ]
+    assert missed[1] < 0.8 * missed[0]
+    assert 0.5 * missed[1] < known.error < 2.0 * missed[1]
+    exact, _ = drawn['nothing']
+    assert common.corrected(exact).task is exact
 
 
 @pytest.mark.component

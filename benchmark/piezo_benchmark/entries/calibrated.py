@@ -49,7 +49,8 @@ class Statement:
     kind : tuple of str
         Kind of the statement, from wide to narrow; each kind has its weights.
     stated : dict of str to float
-        Probabilities of outcomes, or 1 for the only one.
+        Probabilities of outcomes, or 1 for the only one. What is missing to 1 is distributed by
+        the published frequencies, more than 1 is scaled down.
     others : dict of str to float
         Further outcomes that the method holds possible, in any scale.
     prediction : (samples, held-out records) [m], optional
@@ -87,8 +88,12 @@ def components(task: Task, statement: Statement) -> dict[str, dict[str, float]]:
             for other in _relatives(name):
                 changed = '+'.join(sorted({*parts, other} - {name}))
                 relative[changed] = relative.get(changed, 0.0) + p
+    total = sum(statement.stated.values())
+    stated = {name: p / max(total, 1.0) for name, p in statement.stated.items()}
+    for name, p in usual.items():
+        stated[name] = stated.get(name, 0.0) + max(1.0 - total, 0.0) * p
     found = {
-        'stated': statement.stated, 'frequencies': usual, 'none': {NONE: 1.0},
+        'stated': stated, 'frequencies': usual, 'none': {NONE: 1.0},
         'unknown': {UNKNOWN: 1.0}, 'half': half, 'partner': partner,
         'relative': relative, 'others': statement.others,
     }  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,9 @@ from piezo_benchmark.effects import EFFECTS
 from piezo_benchmark.entries.calibrated import Statement, kind_of
 from piezo_benchmark.fits import NAMES, Fit, beside, centred, fitted, linearised
 from piezo_benchmark.tasks import NONE, UNKNOWN, Task
-from piezo_benchmark.worlds import Array
+from piezo_benchmark.worlds import PLAYS, Array, plays
+
+RIDGE = 1e-4  # of the correction of a baseline, over the number of samples
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,71 @@ def all_measured(task: Task) -> Array:
     if task.reference is None or task.reference.displacement is None:
         return task.measured
     return np.concatenate([task.measured, task.reference.displacement], 1)
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A task without the error that its baseline already has on the reference.
+
+    Attributes
+    ----------
+    task : Task
+    held_out : (samples, held-out records) [m]
+        The correction on the held-out voltages, which a prediction adds again.
+    error : float
+        What the correction misses on a record that it has not seen, rms [m].
+    """
+
+    task: Task
+    held_out: Array
+    error: float
+
+
+def corrected(task: Task) -> Corrected:
+    """Subtract the known error of the baseline; change nothing where there is no reference.
+
+    The error on the reference is regressed on the voltage, on plays of it, and on their squares
+    and cubes, by ridge regression. Its own error is the median of those on a quarter of the
+    reference by the other three.
+    """
+    before = task.reference
+    if before is None or before.displacement is None:
+        return Corrected(task, np.zeros_like(task.held_out.free_run), 0.0)
+    columns = _columns(task, before.voltage)
+    error = centred(before.displacement - before.free_run, task.warm_up).T.ravel()
+    kept = np.array([centred(c, task.warm_up).T.ravel() for c in columns]).T
+    weights = _ridge(kept, error)
+    quarters = np.array_split(np.arange(error.size), 4)
+    missed = [
+        np.std(error[part] - kept[part] @ _ridge(np.delete(kept, part, 0), np.delete(error, part)))
+        for part in quarters
+    ]
+
+    def correction(voltage: Array) -> Array:
+        return np.asarray(np.tensordot(weights, _columns(task, voltage), 1))
+
+    records = task.measured - correction(task.records.voltage)
+    reference = before.displacement - correction(before.voltage)
+    changed = replace(
+        task,
+        records=replace(task.records, displacement=records),
+        reference=replace(before, displacement=reference),
+    )
+    return Corrected(changed, correction(task.held_out.voltage), float(np.median(missed)))
+
+
+def _ridge(columns: Array, target: Array) -> Array:
+    size = np.sqrt(np.mean(columns**2, 0)) + 1e-12
+    scaled = columns / size
+    gram = scaled.T @ scaled + RIDGE * len(columns) * np.eye(columns.shape[1])
+    return np.asarray(np.linalg.solve(gram, scaled.T @ target) / size)
+
+
+def _columns(task: Task, voltage: Array) -> Array:
+    volts = task.scale.volts
+    bank = plays(voltage, PLAYS * volts, task.scale.moving)
+    linear = np.moveaxis(np.concatenate([voltage[:, :, None], bank], 2), 2, 0) / volts
+    return np.concatenate([linear, linear**2, linear**3])
 
 
 def base_fit(task: Task) -> Fit:
@@ -146,6 +213,8 @@ class Library:
 
     Attributes
     ----------
+    known : Corrected
+        The task without the known error of the baseline.
     target : (samples,)
         Residual of the fitted baseline, in its rms.
     columns : (samples, signatures)
@@ -154,13 +223,14 @@ class Library:
         What one unit of a column is, in signatures, times the rms of the residual.
     """
 
+    known: Corrected
     fit: Fit
     parts: list[Signature]
     target: Array
     columns: Array
     sizes: Array
 
-    def prediction(self, task: Task, weights: Array) -> Array:
+    def prediction(self, weights: Array) -> Array:
         """Return the held-out prediction of weights of the columns [m]."""
         real = weights * self.sizes
         said = sum(
@@ -169,9 +239,10 @@ class Library:
         )
         rest = self.fit.residual.ravel() - said
         slopes = np.asarray(np.linalg.lstsq(self.fit.jacobian, rest, rcond=1e-8)[0], np.float64)
-        return linear_prediction(task, self.fit, self.parts, real, slopes)
+        run = linear_prediction(self.known.task, self.fit, self.parts, real, slopes)
+        return run + self.known.held_out
 
-    def statement(self, task: Task, weights: Array) -> Statement:
+    def statement(self, weights: Array) -> Statement:
         """Return which outcome a sparse combination of the columns states.
 
         Columns count for the name of the effect they were computed with. The name without which
@@ -198,15 +269,17 @@ class Library:
         else:
             outcome = order[0]
         return Statement(
-            kind_of(outcome, remains(whole.reshape(self.fit.residual.shape)), task),
+            kind_of(outcome, remains(whole.reshape(self.fit.residual.shape)), self.known.task),
             {outcome: 1.0},
             dict.fromkeys(order, 1.0),
-            self.prediction(task, weights),
+            self.prediction(weights),
         )
 
 
 def library(task: Task) -> Library:
     """Return the regressors of a task."""
+    known = corrected(task)
+    task = known.task
     fit = base_fit(task)
     q = basis(fit.jacobian)
     r = fit.residual.ravel()
@@ -220,4 +293,4 @@ def library(task: Task) -> Library:
             parts.append(part)
             columns.append(column / size)
             sizes.append(rms / size)
-    return Library(fit, parts, r / rms, np.array(columns).T, np.array(sizes))
+    return Library(known, fit, parts, r / rms, np.array(columns).T, np.array(sizes))

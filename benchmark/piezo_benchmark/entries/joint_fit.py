@@ -13,6 +13,7 @@ from piezo_benchmark.entries.calibrated import Statement, answered, kind_of
 from piezo_benchmark.entries.common import (
     all_measured,
     base_fit,
+    corrected,
     held_out_run,
     memory,
     remains,
@@ -29,6 +30,8 @@ def answer(task: Task) -> Answer:
 
 def statement(task: Task) -> Statement:
     """Return a prediction, and delay and lag as possible names where they lower BIC."""
+    known = corrected(task)
+    task = known.task
     base, dt = base_fit(task), task.scale.dt
     extra = {'transport_delay': {'delay': 1.5 * dt}, 'amplifier_lag': {'lag_time': 0.5 * dt}}
     fit = fitted(
@@ -44,5 +47,5 @@ def statement(task: Task) -> Statement:
         ('late' if better else 'in time', *kind_of(word, left, task)[1:]),
         {word: 1.0},
         dict.fromkeys(extra, 1.0) if better else {},
-        held_out_run(task, best.values, best.effects),
+        held_out_run(task, best.values, best.effects) + known.held_out,
     )

@@ -4,7 +4,9 @@ Every effect is screened beside the tangent of the baseline; the five best are f
 parameters free, and two more beside the best of them. The sample size in the criterion is
 reduced by the correlation of neighbouring residuals, and each name costs the logarithm of the
 number of candidates (extended BIC, Chen and Chen 2008). Reference records are fitted along,
-without effects. The posterior is calibrated as the answers of every entry (`calibrated`).
+without effects; the error that the baseline has on them is subtracted, and what is uncertain of it
+counts as noise (`common.corrected`). The posterior is calibrated as the answers of every entry
+(`calibrated`).
 """
 
 from __future__ import annotations
@@ -89,6 +91,8 @@ def answer(task: Task) -> Answer:
 
 def statement(task: Task) -> Statement:
     """Return the posterior of BIC, and prediction and parameters of the best."""
+    known = common.corrected(task)
+    task = known.task
     found = candidates(task)
     fits = {name: f for name, f in found.items() if isinstance(f, Fit)}
     sharpest = min(fits.values(), key=lambda f: f.rss)
@@ -99,7 +103,9 @@ def statement(task: Task) -> Statement:
         rss = fit.rss if isinstance(fit, Fit) else fit
         extra = sum(len(e) for e in fit.effects.values()) if isinstance(fit, Fit) else 1
         count = free_names(task) + extra
-        scores[name] = effective * np.log(rss / samples) + count * np.log(effective)
+        scores[name] = effective * np.log(rss / samples + known.error**2) + count * np.log(
+            effective
+        )
         scores[name] += sum(2.0 * np.log(_tries(task, n)) for n in name.split('+') if n != NONE)
     least = min(scores.values())
     best = min(fits, key=lambda name: scores[name])
@@ -112,6 +118,6 @@ def statement(task: Task) -> Statement:
         kind_of(best, common.remains(chosen.residual), task),
         {name: float(np.exp(-0.5 * (score - least))) for name, score in scores.items()},
         {name: float(np.exp((least - score) / TEMPERED)) for name, score in scores.items()},
-        held_out_run(task, chosen.values, chosen.effects),
+        held_out_run(task, chosen.values, chosen.effects) + known.held_out,
         parameters,
     )

@@ -47,4 +47,4 @@ def statement(task: Task) -> Statement:
         score = effective * np.log(left) + np.count_nonzero(weights) * np.log(effective)
         if score < best[0]:
             best = score, weights
-    return lib.statement(task, best[1])
+    return lib.statement(best[1])
