@@ -309,7 +309,7 @@ def test_a_plant_that_ends_is_reported(tmp_path: Path) -> None:
     with pytest.raises(CompensationError, match='the plant has ended: it broke'):
         plant.exchange(0.0)
     plant.close()
-    with pytest.raises(CompensationError, match='cannot be started: No such file'):
+    with pytest.raises(CompensationError, match='cannot be started: the path does not exist'):
         ProcessPlant([str(tmp_path / 'nowhere')])
 
 

@@ -77,5 +77,5 @@ def test_errors_in_tables_are_reported(
     (tmp_path / 'mine.yaml').write_text(yaml.safe_dump(content))
     with pytest.raises(CompensationError, match=says):
         read_tables(tmp_path / 'mine.yaml')
-    with pytest.raises(CompensationError, match='cannot be read: No such file'):
+    with pytest.raises(CompensationError, match='cannot be read: the path does not exist'):
         read_tables(tmp_path / 'none.yaml')

@@ -290,7 +290,7 @@ def test_a_prior_holds_what_the_data_leave_open() -> None:
 def test_bounds_hold_and_are_reported() -> None:
     result = fit(BIMORPH, [simulated(23.0)], TRUTH, bounds={'offset': (7e-6, 1e-3)})
     assert result.values['offset'] == 7e-6
-    assert any('offset ended on its bound' in each for each in result.warnings)
+    assert any('offset is at its bound' in each for each in result.warnings)
 
 
 def test_wrong_names_are_refused() -> None:

@@ -287,7 +287,7 @@ def test_nothing_is_overwritten_and_nothing_half_written(
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('piezo_hysteresis.records.metadata.Metadata.write', full)
-    with pytest.raises(RecordError, match='No space left'):
+    with pytest.raises(RecordError, match='the disk is full'):
         write_bag(tmp_path / 'new', [make()])
     assert [path.name for path in tmp_path.iterdir()] == ['bag']
 

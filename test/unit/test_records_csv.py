@@ -179,7 +179,7 @@ def test_notes_next_to_the_file_are_used(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match='wrong kind'):
         read_csv(path)
     notes.write_text('{')
-    with pytest.raises(RecordError, match='mend or remove'):
+    with pytest.raises(RecordError, match='correct or remove'):
         read_csv(path)
 
 

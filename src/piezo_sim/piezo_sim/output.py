@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.records import Record, write_bag, write_csv
 from piezo_sim.plant import Plant
 from piezo_sim.simulation_errors import SweepError
@@ -84,4 +85,4 @@ def _replace(path: Path, write: Any) -> None:
         with write_atomically(path) as temporary:
             write(temporary)
     except OSError as error:
-        raise SweepError(f'{path} cannot be written: {error.strerror or error}') from None
+        raise SweepError(f'{path} cannot be written: {reason_of(error)}') from None

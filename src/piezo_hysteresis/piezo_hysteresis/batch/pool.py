@@ -5,12 +5,15 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
+import warnings
 from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing.connection import wait
 from types import TracebackType
+from typing import TextIO
 
-from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.errors import DataNote, PiezoError
 from piezo_hysteresis.process_setup import one_for_linear_algebra
 
 
@@ -76,11 +79,27 @@ def _load(task: object) -> None:
 
 
 def _begin() -> None:
-    """Prepare a worker: only the owner handles Ctrl-C, and the worker ends with its owner."""
+    """Prepare a worker: only the owner handles Ctrl-C, and the worker ends with its owner.
+
+    Warnings are one line each, without the source that caused them.
+    """
+    warnings.showwarning = _print_warning
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     owner = multiprocessing.parent_process()
     if owner is not None:
         threading.Thread(target=_end_with, args=(owner.sentinel,), daemon=True).start()
+
+
+def _print_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    kind = 'note' if issubclass(category, DataNote) else 'warning'
+    print(f'{kind}: {message}', file=sys.stderr)
 
 
 def _end_with(sentinel: int) -> None:

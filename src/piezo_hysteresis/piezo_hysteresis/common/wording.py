@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import errno
 import re
 import sys
 from collections.abc import Iterable
@@ -34,9 +35,30 @@ def choices(name: object, known: Iterable[str]) -> str:
     return f'{similar}; choose one of {", ".join(names)}'
 
 
-def reason_of(error: BaseException) -> str:
-    """Return the message of an error in one line, without errno and path."""
-    return ' '.join(str(getattr(error, 'strerror', None) or error).split())
+# Reasons of the system in words; others keep the text of the system.
+_REASONS = {
+    errno.ENOENT: 'the path does not exist',
+    errno.EACCES: 'access is denied',
+    errno.EPERM: 'access is denied',
+    errno.EROFS: 'the file system is read-only',
+    errno.ENOSPC: 'the disk is full',
+    errno.EISDIR: 'it is a folder',
+    errno.ENOTDIR: 'a part of the path is a file',
+    errno.EEXIST: 'it exists already',
+    errno.ENAMETOOLONG: 'the name is too long',
+    errno.EMFILE: 'too many files are open',
+    errno.EADDRINUSE: 'the address is in use',
+    errno.ECONNREFUSED: 'the connection was refused',
+    errno.ECONNRESET: 'the connection was reset',
+    errno.EHOSTUNREACH: 'the host cannot be reached',
+    errno.ETIMEDOUT: 'there was no response in time',
+}
+
+
+def reason_of(error: object) -> str:
+    """Return the reason of an error in one line, without errno and path."""
+    known = _REASONS.get(getattr(error, 'errno', None) or 0)
+    return known or ' '.join(str(getattr(error, 'strerror', None) or error).split())
 
 
 def counted(number: int, noun: str) -> str:

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import CompensationError
 
 _NUMBER = struct.Struct('<d')
@@ -41,7 +42,7 @@ class ProcessPlant:
                 stderr=subprocess.PIPE,
             )  # fmt: skip
         except OSError as error:
-            raise CompensationError(f'the plant cannot be started: {error.strerror}') from error
+            raise CompensationError(f'the plant cannot be started: {reason_of(error)}') from error
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._in, self._out = self._process.stdin, self._process.stdout

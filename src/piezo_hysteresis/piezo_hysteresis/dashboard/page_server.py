@@ -19,6 +19,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.web import HTTPError, StaticFileHandler
 
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.dashboard.access import LOCAL_NAMES, AccessPolicy
 from piezo_hysteresis.dashboard.backend import Backend
 from piezo_hysteresis.dashboard.guard import GuardedApplication
@@ -84,8 +85,7 @@ class DashboardServer:
             self._sockets, self.port = bind_sockets(address, port)
         except OSError as error:
             raise PiezoError(
-                f'{address}:{port} cannot be listened to ({error.strerror or error}); '
-                'give another port'
+                f'{address}:{port} cannot be listened to ({reason_of(error)}); give another port'
             ) from None
         self._address, self._folder = address, folder
         self._access = AccessPolicy(address, self.port, origins, token)

@@ -6,6 +6,7 @@ import socket
 import time
 from typing import Any, Protocol
 
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.drivers.driver_errors import ConnectionLostError, DriverError
 
 #: Timeout of a response [s].
@@ -75,7 +76,7 @@ class TcpWire:
         try:
             self._socket = socket.create_connection((host, port), timeout)
         except (OSError, OverflowError) as error:
-            why = getattr(error, 'strerror', None) or error
+            why = reason_of(error)
             raise DriverError(
                 f'{self.address}: no controller answers ({why}); check cable, address and port'
             ) from None
@@ -138,8 +139,7 @@ class SerialWire:
             )
             self._port.reset_input_buffer()
         except (*self._failures, ValueError) as error:
-            # pyserial puts a second exception into its message
-            why = getattr(error, 'strerror', None) or str(error).splitlines()[0]
+            why = reason_of(error)
             raise DriverError(
                 f'{path}: the port cannot be opened ({why}); check cable, name and rights'
             ) from None
@@ -171,7 +171,7 @@ class SerialWire:
 
 def lost(address: str, reason: object) -> ConnectionLostError:
     """Return the error of a lost connection."""
-    why = getattr(reason, 'strerror', None) or reason
+    why = reason_of(reason)
     return ConnectionLostError(
         f'{address}: the connection is lost ({why}); a running wave ends at 0 V; '
         'check the cable, then try again'

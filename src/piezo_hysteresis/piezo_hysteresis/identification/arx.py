@@ -19,6 +19,7 @@ import yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
@@ -77,7 +78,7 @@ class TransferFunction:
                 temporary.write_text(yaml.safe_dump(content, sort_keys=False), 'utf-8')
         except OSError as error:
             raise IdentificationError(
-                f'{path}: it cannot be written ({error.strerror or error})'
+                f'{path}: it cannot be written ({reason_of(error)})'
             ) from None
 
     @classmethod
@@ -95,9 +96,7 @@ class TransferFunction:
             found = cls(top, bottom, float(content.get('rate', 0.0)),
                         float(content.get('nrmse_percent', 'nan')))  # fmt: skip
         except OSError as error:
-            raise IdentificationError(
-                f'{path}: it cannot be read ({error.strerror or error})'
-            ) from None
+            raise IdentificationError(f'{path}: it cannot be read ({reason_of(error)})') from None
         except (TypeError, KeyError, ValueError, OverflowError, AttributeError, yaml.YAMLError):
             raise IdentificationError(
                 f'{path} is no transfer function; it needs numerator and denominator, lists of '

@@ -428,9 +428,9 @@ def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     if ratio < 3:
         return remarks
     sentence = (
-        f'on record {worst.record}, its worst, the model misses {1e6 * worst.free_run_rms:.3g} '
-        f'µm, {ratio:.0f} times the noise: standard deviations do not cover that; `discover` '
-        'reports what is missing.'
+        f'on record {worst.record}, the worst one, the model misses '
+        f'{1e6 * worst.free_run_rms:.3g} µm, {ratio:.0f} times the noise; standard deviations '
+        'exclude this error. `discover` reports what is missing.'
     )
     return [*remarks, sentence]
 

@@ -57,7 +57,9 @@ _LOWER_HALF = 1.24  # bias of the lower half of windows of n samples, times sqrt
 _LEVELS = 8
 # Ratio of a step to the noise below which it adds less than 1e-7 of its mean square.
 _NEGLIGIBLE_STEP = 1e-3
-_MAD = 1.4826  # of a normal distribution: standard deviation over the median absolute deviation
+_MAD = 1.4826  # Share of a reading that is rounding.
+_ROUNDING = 1e-12
+# of a normal distribution: standard deviation over the median absolute deviation
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,9 @@ def noise_of(record: Record) -> Noise:
     It is at least the quantisation noise of the converter, which is invisible in a record that
     repeats exactly or moves by less than a step.
     """
+    span, largest = np.ptp(record.displacement), np.max(np.abs(record.displacement))
+    if float(span) <= _ROUNDING * float(largest):  # a constant reading shows no noise
+        return UNKNOWN_NOISE
     seen, repeats = _seen_noise(record)
     step = step_of(
         record.displacement, same=0.0, fewest=_LEVELS, negligible=_NEGLIGIBLE_STEP * seen.rms

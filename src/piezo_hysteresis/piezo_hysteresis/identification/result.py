@@ -146,7 +146,7 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
     late = values.pop(SAMPLING_OFFSET, 0.0)
     remarks = list(warnings_of(spread, names, solution.x))
     remarks += [
-        f'{name} ended on its bound {value:.4g}: the records want it beyond what is possible.'
+        f'{name} is at its bound {value:.4g}: the records require a value beyond it.'
         for name, value, on in zip(names, solution.x, solution.at_bound, strict=True)
         if on
     ]

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.investigation.belief import Belief
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
 from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, InvestigationError
@@ -163,7 +164,7 @@ class Journal:
             self._write()
         except OSError as error:
             raise InvestigationError(
-                f'{self.folder} cannot be written ({error.strerror})'
+                f'{self.folder} cannot be written ({reason_of(error)})'
             ) from error
 
     def _write(self) -> None:

@@ -10,7 +10,7 @@ import yaml
 
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.files import write_atomically
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import near, reason_of
 from piezo_hysteresis.errors import ModelError
 
 
@@ -69,8 +69,7 @@ def read_yaml(path: str | Path) -> object:
         guess = near(Path(path).name, near_by)
         raise ModelError(f'there is no model file {path}{guess}; give the path of one') from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = str(getattr(error, 'strerror', None) or error).replace('\n', ' ')
-        raise ModelError(f'cannot read the model file {path}: {reason}') from error
+        raise ModelError(f'cannot read the model file {path}: {reason_of(error)}') from error
 
 
 def write_yaml(content: Mapping[str, Any], path: str | Path) -> None:
@@ -87,7 +86,7 @@ def write_yaml(content: Mapping[str, Any], path: str | Path) -> None:
         with write_atomically(target) as temporary:
             temporary.write_text(text, encoding='utf-8')
     except OSError as error:
-        raise ModelError(f'cannot write {target}: {error.strerror or error}') from error
+        raise ModelError(f'cannot write {target}: {reason_of(error)}') from error
 
 
 def number(value: object, what: str) -> float:

@@ -47,7 +47,7 @@ class ParameterClient(Client):
             If it does not respond.
         """
         if not node:
-            return self._nodes()
+            return self._nodes() or ['no node is running in this domain']
         client, names = self._client(node), self._names(node)
         values = self._values(node, client, names)
         return [
@@ -138,15 +138,14 @@ class ParameterClient(Client):
             seen = sorted(f'{s.rstrip("/")}/{n}' for n, s in found if not n.startswith('_'))
             if seen != names:
                 names, changed = seen, time.monotonic()
-        return names or ['no node is running in this domain']
+        return names
 
     def _client(self, node: str) -> AsyncParameterClient:
         client = AsyncParameterClient(self.node, node)
         if not self.wait(client.services_are_ready, self._timeout):
             known = self._nodes()
-            raise PiezoError(
-                f'there is no node {node}{near(node, known)}; running: {", ".join(known)}'
-            )
+            running = f'running nodes: {", ".join(known)}' if known else 'no node is running'
+            raise PiezoError(f'there is no node {node}{near(node, known)}; {running}')
         return client
 
     def _answer(self, ask: Callable[[], Any], node: str) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
 from piezo_hysteresis.records.bags import MARKER_NAME, REFERENCE_NAME, STATE_NAME
@@ -76,7 +77,7 @@ def write_bag(
             temporary.mkdir()
             _fill(temporary, temporary / f'{folder.name}_0.mcap', records, namespace)
     except OSError as error:
-        raise RecordError(f'{folder}: it cannot be written ({error.strerror or error})') from None
+        raise RecordError(f'{folder}: it cannot be written ({reason_of(error)})') from None
 
 
 def _check_request(folder: Path, records: Sequence[Record], storage: str) -> None:

@@ -141,8 +141,11 @@ def assigned(
             chosen[places[0]] = (what, meanings[places[0]].unit)
     chosen = _one_input(chosen, meanings, where)
     _require(chosen, names, meanings, uncertain, where, of_file)
-    guesses = [f'{what} from column {names[k]!r} in {unit}' for k, (what, unit) in chosen.items()
-               if meanings[k].rank != CERTAIN]  # fmt: skip
+    guesses = [
+        f'{what} from column {names[k]!r} in {unit.replace("u", "µ")}'
+        for k, (what, unit) in chosen.items()
+        if meanings[k].rank != CERTAIN
+    ]
     return chosen, ', '.join(guesses)
 
 

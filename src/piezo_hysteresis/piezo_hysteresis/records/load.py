@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import DataNote, RecordError
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
 from piezo_hysteresis.records.bags import bag_records
@@ -184,8 +185,7 @@ def sentences(path: Path) -> Iterator[None]:
         yield
     except (OSError, ValueError, KeyError, IndexError, OverflowError, RecursionError, struct.error,
             MemoryError) as error:  # fmt: skip
-        # without the path once more
-        reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
+        reason = reason_of(error)
         raise RecordError(
             f'{path}: it cannot be read ({reason or type(error).__name__})'
         ) from error

@@ -21,6 +21,7 @@ import yaml
 
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import mcap_format as mcap
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, RECORDING, STATE_KEY
@@ -124,7 +125,7 @@ class Recorder:
                 self._writer = self._next_file(final.name)
                 self._write_metadata(RECORDING)
         except OSError as error:
-            reason = error.strerror or error
+            reason = reason_of(error)
             raise RecordError(f'{final}: the bag cannot be created ({reason})') from None
         self.path = final
 
@@ -261,7 +262,7 @@ class Recorder:
                 self._write_metadata(RECORDING)
             self._problem = ''
         except OSError as error:
-            self._problem = error.strerror or str(error)
+            self._problem = reason_of(error)
 
     def _batch(self) -> list[_Message]:
         batch, size = [], 0
@@ -329,7 +330,7 @@ class Recorder:
             writer.close(text)
         except OSError as error:
             # A file without its index is as readable as before.
-            self._problem = error.strerror or str(error)
+            self._problem = reason_of(error)
             writer.abandon()
 
     def _finish(self) -> None:
@@ -340,4 +341,4 @@ class Recorder:
         try:
             self._write_metadata('closed')
         except OSError as error:
-            self._problem = error.strerror or str(error)  # the older metadata serve
+            self._problem = reason_of(error)  # the older metadata serve

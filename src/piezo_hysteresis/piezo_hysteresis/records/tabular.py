@@ -13,6 +13,7 @@ import yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import LENGTHS, UNITS
 from piezo_hysteresis.records.damage import DamageLog
@@ -71,7 +72,7 @@ def new_file(path: Path) -> Iterator[Path]:
         with write_atomically(path) as temporary:
             yield temporary
     except OSError as error:
-        raise RecordError(f'{path}: it cannot be written ({error.strerror or error})') from None
+        raise RecordError(f'{path}: it cannot be written ({reason_of(error)})') from None
 
 
 def records_from(
@@ -117,9 +118,9 @@ def _about(path: Path) -> tuple[RecordInfo, str, float]:
         try:
             entry = (plain_yaml.load_file(notes) or {}).get(path.name)
         except (OSError, yaml.YAMLError, AttributeError) as error:
-            reason = getattr(error, 'strerror', None) or str(error).split('\n', 1)[0]
+            reason = reason_of(error)
             raise RecordError(
-                f'{notes}: it cannot be read ({reason}); mend or remove it'
+                f'{notes}: it cannot be read ({reason}); correct or remove it'
             ) from None
     if not isinstance(entry, dict):
         return RecordInfo(), path.stem, 0.0

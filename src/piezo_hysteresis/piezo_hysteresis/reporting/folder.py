@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis import __version__
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import PiezoError
 
 # File with the verb that wrote a folder, and the names of its files.
@@ -225,5 +226,4 @@ def _move(made: Path, folder: Path, old: Path) -> None:
 
 
 def _unwritable(folder: Path, error: OSError) -> PiezoError:
-    reason = error.strerror or error
-    return PiezoError(f'{folder} cannot be written ({reason}); name another folder')
+    return PiezoError(f'{folder} cannot be written ({reason_of(error)}); name another folder')

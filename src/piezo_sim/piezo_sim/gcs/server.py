@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from piezo_hysteresis.common.wording import reason_of
 from piezo_sim.gcs.controller import SimulatedController
 from piezo_sim.gcs.language import Language
 from piezo_sim.gcs.nv200 import Nv200Language
@@ -236,7 +237,7 @@ def _serve_pty(
                 link.unlink()
             link.symlink_to(server.path)
     except OSError as error:
-        raise SimulationError(f'--link {link}: it cannot be made ({error.strerror})') from None
+        raise SimulationError(f'--link {link}: it cannot be made ({reason_of(error)})') from None
     try:
         _announce(f'{language}://{server.path}', controller)
         server.serve_forever()
@@ -250,7 +251,7 @@ def _serve_tcp(controller: SimulatedController, port: int, fault: Fault) -> None
         server = GcsServer(controller, port, fault)
     except OSError as error:
         raise SimulationError(
-            f'port {port} cannot be served ({error.strerror or error}); choose another with --port'
+            f'port {port} cannot be served ({reason_of(error)}); choose another with --port'
         ) from None
     with server:
         _announce(f'gcs://127.0.0.1:{server.server_address[1]}', controller)

@@ -10,6 +10,7 @@ import yaml
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import LEVELS
 from piezo_hysteresis.errors import CompensationError
 
@@ -41,7 +42,7 @@ def read_tables(path: str | Path) -> Tables:
     try:
         content = plain_yaml.load_file(path)
     except (OSError, yaml.YAMLError) as error:
-        reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
+        reason = reason_of(error)
         raise CompensationError(f'the fuzzy tables {path} cannot be read: {reason}') from error
     if not isinstance(content, dict) or set(content) != set(_TABLES):
         raise CompensationError(f'{path}: fuzzy tables are a mapping of {" and ".join(_TABLES)}')
