@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from live_nodes import LiveNodes
 from rclpy.action import ActionClient
 
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.nodes.excitation.sweep_server import DISCOVERY
 from piezo_hysteresis.records import Record, read_bag, survey
 from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_hysteresis.runtime.sweep_plan import Sweep
@@ -97,6 +99,16 @@ def holds(bag: Path) -> None:
     """Assert that a bag holds the whole sweep as planned, sample by sample."""
     for record, wanted in zip(whole(bag), PLAN.records, strict=True):
         np.testing.assert_array_equal(record.voltage, wanted.voltages)
+
+
+def test_a_sweep_without_a_bag_leaves_recorders_the_time_to_be_discovered(bench: Bench) -> None:
+    bench.start()
+    before, sent = len(bench.states), time.monotonic()
+    handle = bench.send()
+    bench.listener.until(lambda: time.monotonic() > sent + 0.8 * DISCOVERY)
+    late = time.monotonic() > sent + DISCOVERY  # a busy machine shows nothing
+    assert late or len(bench.states) - before <= 1
+    assert bench.result(handle).result.success
 
 
 @pytest.mark.parametrize('clock', ['lock_step', 'real_time'])

@@ -16,6 +16,8 @@ from typing import Any
 import pytest
 import yaml
 from live_nodes import LiveNodes
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
 
 from piezo_hysteresis.cli.main import main
 
@@ -58,6 +60,25 @@ def test_parameters_are_listed_read_set_and_refused(
     file.write_text(yaml.safe_dump({'/**/excitation': {'ros__parameters': values}}))
     assert said(capsys, 'load', excitation, str(file))[0] == 0
     assert said(capsys, 'get', excitation, 'reference.amplitude') == (0, '1.0e-05\n')
+
+
+def test_a_request_whose_answer_is_lost_is_repeated(
+    excitation: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost: list[Future] = []
+
+    class Lossy(AsyncParameterClient):
+        def set_parameters(self, *given: Any, **named: Any) -> Future:
+            if not lost:
+                lost.append(Future())
+                return lost[0]
+            return super().set_parameters(*given, **named)
+
+    monkeypatch.setattr('piezo_hysteresis.nodes.parameter_client.AsyncParameterClient', Lossy)
+    assert main(['param', 'set', excitation, 'frequency', '15', '--timeout', '10']) == 0
+    capsys.readouterr()
+    assert len(lost) == 1
+    assert said(capsys, 'get', excitation, 'frequency') == (0, '15.0\n')
 
 
 @pytest.mark.parametrize(

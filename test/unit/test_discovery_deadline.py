@@ -86,3 +86,4 @@ def test_a_baseline_without_time_is_fitted_from_its_first_start_only() -> None:
     given = ModelFile(model, {**model.defaults(), 'offset': 0.0})
     fitted_baselines(split(annotated(records())), given, Choices(), deadline=end)
     assert 'a further start of the baseline' in end.untried
+    assert 'the baseline on the slowest records' in end.untried

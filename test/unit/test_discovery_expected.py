@@ -132,3 +132,14 @@ def test_variation_between_parts_is_no_deviation_in_one_part(grows: np.ndarray) 
     assert not new_deviation(found)
     assert new_deviation(found, 4.0)
     assert new_deviation(replace(found, scatter={}))
+
+
+def test_what_is_expected_does_not_depend_on_the_unit_of_the_voltage() -> None:
+    error = GROWING * third()
+    found = []
+    for factor in (1.0, 60.0):
+        voltage = factor * GROWING * drive()
+        known = replace(condition(GROWING * drive(), error), scatter={3: 1e-7}, amplitude=factor)
+        view = replace(whole(record(voltage, error)), noise=1e-9)
+        found.append(expectation(view, Discrepancy(False, (known,)), STROKE).expected)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9)

@@ -119,3 +119,10 @@ def test_a_book_without_voltages_stays_small() -> None:
         book.add_reference(point)
         book.add_measured(Measured(point.sample, 0.0, 0.0))
     assert book.waiting <= 2 * LONGEST
+    held: SampleSynchronizer[str] = SampleSynchronizer()
+    for point in points(3):
+        held.add_reference(point)
+    for k in range(5):
+        held.add_voltage(k, 0.1, 'tag')
+    held.add_measured(Measured(0, 0.0, 0.0))
+    assert held.waiting == 3 + 5 + 1

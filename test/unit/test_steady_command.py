@@ -78,6 +78,18 @@ def test_a_held_voltage_continues_where_commands_return_to_it() -> None:
     assert steady.next(201, -0.5, 700.0) == -0.5
 
 
+def test_of_two_commands_the_older_one_is_forgotten_once_it_must_have_come() -> None:
+    now = 0.0
+    steady = SteadyCommand(RATE, lambda: now)
+    steady.update(0, 0.0)
+    for k, planned in enumerate((0.5, 0.0)):
+        steady.next(k + 1, planned, 700.0)
+    steady.update(2, 0.0)
+    now = 0.2
+    steady.update(200, 0.0)
+    assert steady.next(201, -0.5, 700.0) == -0.5
+
+
 def test_a_jump_becomes_a_ramp_and_without_a_limit_stays_one() -> None:
     steady = SteadyCommand(RATE)
     steady.update(0, 0.0)
