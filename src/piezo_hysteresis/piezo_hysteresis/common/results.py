@@ -56,6 +56,8 @@ class Tabular(ABC):
             f'<tr>{"".join(f"<td>{_cell(value)}</td>" for value in row)}</tr>'
             for row in rows[:_ROWS]
         )
+        if not rows:
+            return f'<p><b>{first}{point}</b>{rest}</p>'
         more = f'<p>{len(rows) - _ROWS} more rows</p>' if len(rows) > _ROWS else ''
         return (
             f'<p><b>{first}{point}</b>{rest}</p><table><thead><tr>{head}</tr></thead>'
