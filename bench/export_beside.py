@@ -1,7 +1,7 @@
 """The same loop as nodes, as one node, offline in Python, and as an exported library.
 
-All four track the same sine on the same simulated actuator at 1 kHz, each as fast as it can, with
-the same inverse, attenuation and limits, so that their errors are the same where nothing differs.
+All four track the same sine on the same simulated actuator at 1 kHz, each at full speed, with
+the same inverse, attenuation and limits, so that their errors are equal if nothing differs.
 """
 
 from __future__ import annotations

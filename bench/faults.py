@@ -8,9 +8,9 @@ identification, gap monitor, recorder. At random moments each node is killed (SI
 `--trials` times each; the simulator's own faults are injected, and a rogue publisher sends what is
 not a number, doubled, reordered, stale or from another time. A twin of each link writes to the
 same topics for a while. Nodes are started in a random order. `--rate`, `--clock lock_step` and
-`--subscribers 20` make the loop another one. An observer says whether the applied
-voltage stayed within its limits and its slew, how long it took until the node was heard again and
-the loop tracked again, and whether the recorder lost a sample that was published while it lived.
+`--subscribers 20` make the loop another one. An observer measures whether the applied
+voltage stayed within its limits and slew, the time until the node was received and the loop
+tracked again, and whether a running recorder lost a published sample.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Trial:
         Largest change of the applied voltage in a tick, and largest distance of a command from
         the voltage applied before, in multiples of what the slew allows.
     received, back : float or None
-        Time from the restart until the node was heard, and until the loop tracked again [s].
+        Time from the restart until the node was received, and until the loop tracked again [s].
     code : int or None
         Exit code of a node that was asked to end.
     traceback : bool
@@ -168,7 +168,7 @@ class Campaign:
         if trial.target == 'recorder':
             killed = number == signal.SIGKILL
             trial.lost, trial.unflushed = self.watch.lost(self.loop.bags[-1], asked, killed)
-        # At once, or so late that the others have given up waiting.
+        # Immediately, or after the timeouts of the other nodes.
         time.sleep(float(self.random.choice([0.0, self.random.uniform(0.0, 1.0)])))
         self.loop.start(trial.target)
         return time.monotonic()
@@ -249,7 +249,7 @@ def show(trials: Sequence[Trial]) -> None:
 
 
 def main() -> int:
-    """Run the campaign; the exit code tells whether every trial went well."""
+    """Run the campaign; the exit code states whether every trial succeeded."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--trials', type=int, default=100, help='of each fault on each target')
     parser.add_argument('--seed', type=int, default=0)

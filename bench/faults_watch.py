@@ -1,4 +1,4 @@
-"""Judges the loop from what an observer heard: voltage, tracking, recorded samples.
+"""Evaluates the loop from the messages of an observer: voltage, tracking, recorded samples.
 
 Used by `bench/faults.py`.
 """
@@ -30,7 +30,7 @@ class Watch:
     Parameters
     ----------
     seen : Observed
-        What is heard; grows meanwhile.
+        Received messages; updated while the loop runs.
     setting : Setting
         Limits, slew and reference of the loop.
     """
@@ -55,7 +55,7 @@ class Watch:
         """Return excess over the limits [V] and jumps of voltage and command since `first`.
 
         Jumps are in multiples of what the slew allows from tick to tick. An actuator that is
-        started anew is at 0 V before its tick 0, whichever tick of it is heard first.
+        restarted is at 0 V before its tick 0, whichever of its ticks is received first.
         """
         s = self._setting
         states = self._seen.states[max(0, first - 1) :]
@@ -102,7 +102,7 @@ class Watch:
         )
 
     def settle(self, since: float, timeout: float) -> bool:
-        """Wait until all nodes are heard and the error is small, or no longer falls at first."""
+        """Wait until all nodes publish and the error is small, or at first no longer decreases."""
 
         def steady() -> bool:
             return all(self._seen.received.get(name, 0.0) > since for name in NODES)
@@ -129,7 +129,7 @@ class Watch:
         -------
         back, received : float or None
             Seconds after `since` at which the period began over which the error was as small as
-            before, and at which `target` was heard; None where it did not happen.
+            before, and at which `target` was received; None if it did not happen.
         """
         received: list[float] = []
         back: list[float] = []
@@ -168,17 +168,16 @@ _FIELDS = ('sample', 'voltage', 'displacement')
 
 
 def _key(sample: int, voltage: float, displacement: float) -> Key:
-    """Return what tells a sample apart; a failed sensor says NaN, which is equal to nothing."""
+    """Return the identity of a sample; NaN of a failed sensor becomes inf, which equals itself."""
     return sample, voltage, math.inf if math.isnan(displacement) else displacement
 
 
 def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[int, float]:
     """Return how many of the samples `seen` are not `held` though they should be.
 
-    Not counted is what came before the recorder was connected: before its first sample of the
-    run it began in, and of every later run of the actuator, which ticks from its first moment on.
-    Nor is the last tick of a run that ended: an actuator that is killed while it publishes has
-    told one listener of it and not the next.
+    Samples before the connection of the recorder are not counted: those before its first sample in
+    the run in which it started, and in every later run of the actuator. Nor is the last tick of a
+    run: an actuator that is killed while it publishes may have reached only some subscribers.
 
     Parameters
     ----------

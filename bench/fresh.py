@@ -30,7 +30,7 @@ from bench.quick import parsed
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# What somebody who has just logged in has in his environment; a sourced workspace adds the rest.
+# Environment after a login; a sourced workspace adds the rest.
 KEPT = ('LANG', 'LC_ALL', 'PATH', 'TMPDIR', 'USER', 'ROS_DOMAIN_ID')
 KEPT_GROUPS = ('PIP_', 'SSL_', 'HTTP', 'http', 'NO_PROXY', 'no_proxy', 'PYENV_')
 LIMIT = 1800.0  # [s]
@@ -82,7 +82,7 @@ class Outcome:
 
 @contextmanager
 def busy(count: int) -> Iterator[None]:
-    """Keep as many processes busy meanwhile."""
+    """Keep `count` processes busy during the context."""
     neighbours = [
         subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(count)
     ]

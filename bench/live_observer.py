@@ -63,7 +63,7 @@ class State(NamedTuple):
     sample : int
         Number of the tick.
     voltage, displacement : float
-        What it said [V], [m].
+        Published values [V], [m].
     """
 
     arrived: float
@@ -75,7 +75,7 @@ class State(NamedTuple):
 
 @dataclass
 class Observed:
-    """Everything that was heard.
+    """All received messages.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Observed:
     commands : dict
         Voltage commanded for a tick [V], of the newest run.
     received : dict
-        When each node was last heard [s].
+        Time of the last message of each node [s].
     counts : dict
         Messages of each node.
     """

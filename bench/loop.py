@@ -55,7 +55,7 @@ THREE: dict[str, dict[str, Any]] = {
 
 
 class Clocked:
-    """Notes when each round is over; tells the parent of the end of the warm-up and the result."""
+    """Records each round; reports the end of the warm-up and the result to the parent."""
 
     def __init__(self, rounds: int, stop: Future) -> None:
         self._rounds, self._stop = rounds, stop

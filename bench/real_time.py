@@ -255,7 +255,7 @@ def figures(
 
 
 def main() -> int:
-    """Run it and print the figures; the exit code tells whether the goals are reached."""
+    """Run it and print the figures; the exit code states whether the goals are reached."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--minutes', type=float, default=10.0)
     parser.add_argument('--yardstick', type=float, default=30.0, help='of what is bare [s]')

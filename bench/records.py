@@ -91,7 +91,7 @@ def states(samples: int) -> list[bytes]:
 
 
 def writing(folder: Path, samples: int) -> None:
-    """Compare what it costs to write MCAP, and what is left of a writer that is killed."""
+    """Compare the cost of writing MCAP, and the readable part after a writer was killed."""
     payloads = states(samples)
     slow, writer = timed(partial(plain_writer, folder / 'theirs', payloads))
     shutil.copytree(folder / 'theirs', folder / 'theirs_killed')

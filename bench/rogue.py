@@ -105,5 +105,5 @@ class Rogue:
         self._left[topic] = (fault, messages)
 
     def silent(self, topic: str) -> bool:
-        """Tell whether all has been said."""
+        """Return whether all messages have been published."""
         return self._left.get(topic, ('', 0))[1] <= 0

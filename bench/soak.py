@@ -3,10 +3,10 @@
     python bench/soak.py [--minutes 30] [--every 1] [--rate 100] [--out out/soak.json]
 
 Samples resident memory and open file handles of every process at even intervals, fits a line to
-what comes after the first quarter (caches fill, allocators settle) and says that a node is flat
-where growth at the upper end of the slope's 95 % interval stays below 5 % of its memory in a day,
-or below 1 MiB an hour, whichever is more, and where no file handle is gained. The interval takes
-into account that neighbouring values are alike. All samples go beside the verdicts, as .npz.
+the samples after the first quarter (caches fill, allocators settle) and reports a node as flat
+if growth at the upper end of the slope's 95 % interval stays below 5 % of its memory in a day,
+or below 1 MiB an hour, whichever is more, and if no file handle is gained. The interval takes
+into account that neighbouring values are alike. All samples are stored with the verdicts, as .npz.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def show(verdicts: dict[str, Verdict]) -> None:
 
 
 def main() -> int:
-    """Run the soak and print its table; the exit code tells whether all is flat."""
+    """Run the soak and print its table; the exit code states whether all is flat."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--minutes', type=float, default=30.0)
     parser.add_argument('--every', type=float, default=1.0, help='between two samples [s]')

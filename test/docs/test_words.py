@@ -120,7 +120,7 @@ def texts(path: Path) -> Iterator[str]:
 
 def test_docstrings_and_comments_use_the_terms_of_the_field() -> None:
     found = []
-    for folder in ('src', 'studies', 'tools'):
+    for folder in ('src', 'studies', 'tools', 'bench'):
         for path in (ROOT / folder).rglob('*.py'):
             for text in texts(path):
                 plain = re.sub(r'`+[^`]*`+', 'code', text)
