@@ -35,6 +35,12 @@ def test_limiter_clamps_range_and_slew_and_counts() -> None:
     }  # fmt: skip
 
 
+def test_the_limits_themselves_are_within_the_range() -> None:
+    limiter = Limiter(Limits(-1.0, 2.0, 1e4), DT)
+    assert [limiter.apply(each) for each in (2.0, -1.0)] == [2.0, -1.0]
+    assert not any(limiter.counters().values())
+
+
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
 def test_limiter_holds_the_last_safe_voltage_for_what_is_no_number(bad: float) -> None:
     limiter = Limiter(Limits(), DT)
@@ -48,6 +54,14 @@ def test_ramp_to_rest_arrives_and_stays_within_the_slew() -> None:
     path = [limiter.ramp_to_rest(0.0, duration=0.1) for _ in range(80)]
     assert np.max(np.abs(np.diff([0.95, *path]))) <= 0.02 + 1e-12
     assert path[-1] == 0.0
+
+
+def test_rest_is_0_v_and_a_second_away_unless_stated_otherwise() -> None:
+    limiter = Limiter(Limits(-1.0, 1.0, 1e4), DT)
+    limiter.apply(0.5)
+    way = [limiter.ramp_to_rest() for _ in range(300)]
+    assert way[-1] == 0.0
+    assert max(np.abs(np.diff([0.5, *way]))) == pytest.approx(2.0 * DT)
 
 
 def test_new_limits_bring_the_voltage_in_without_a_jump_and_keep_the_counts() -> None:

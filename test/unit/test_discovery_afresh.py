@@ -98,6 +98,28 @@ def test_the_better_of_both_counts(records: list[Record], astray: CandidateFit) 
     assert better_of_both(evaluator, right, [score], [fit]) == [fit]
 
 
+def test_what_is_compared_is_the_end_of_the_fit(
+    records: list[Record], astray: CandidateFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluator = FreeEvaluator(split(records), 0, 1)
+    score, _ = offered(evaluator, astray, 'sensor_nonlinearity')
+    policy = replace(evaluator.policy, first_evaluations=3)
+    monkeypatch.setattr(evaluator, 'policy', policy)
+    fits: list[CandidateFit | None] = []
+    briefly = evaluator.fit_briefly
+
+    def followed(*given: Any, **named: Any) -> CandidateFit | None:
+        fits.append(briefly(*given, **named))
+        return fits[-1]
+
+    monkeypatch.setattr(evaluator, 'fit_briefly', followed)
+    (better,) = better_of_both(evaluator, astray, [score], [])
+    near, end = fits
+    assert near is not None
+    assert end is not None
+    assert better.values == end.values != near.values
+
+
 def test_a_held_baseline_begins_nowhere_else(records: list[Record], astray: CandidateFit) -> None:
     evaluator = Counted(split(records), 0, 1)
     score, fit = offered(evaluator, astray, 'sensor_nonlinearity')

@@ -212,3 +212,16 @@ def test_finalists_estimate_their_starts_before_a_round_is_lost(
     ended = search(found.evaluator, found.start, lambda fraction, words: None)
     assert asked[0] is lost
     assert ended.steps == ()
+
+
+@pytest.mark.parametrize(('fitted', 'held_out'), [(True, True), (False, True), (False, False)])
+def test_what_remains_is_said_also_where_only_held_out_records_show_it(
+    monkeypatch: pytest.MonkeyPatch, fitted: bool, held_out: bool
+) -> None:
+    evaluator, base = held('nothing')
+    monkeypatch.setattr(evaluator, 'exceeds_discrepancy', lambda *_: fitted)
+    monkeypatch.setattr(evaluator, 'held_out_exceeds_discrepancy', lambda *_: held_out)
+    found = evaluator.remainder(base, base)
+    assert found.significant == (fitted or held_out)
+    shown = evaluator.data.held_out if held_out and not fitted else evaluator.views
+    assert [view.name for view in found.views] == [view.name for view in shown]

@@ -30,11 +30,24 @@ def test_a_change_of_waveform_is_smooth_and_its_derivatives_are_true() -> None:
     assert experiment.point(7 + 400 + 250).displacement == expected
 
 
+def test_a_second_change_begins_where_the_first_one_is() -> None:
+    experiment = Experiment(Sine(1e-4, 5.0, 10.0), first=0, rate=RATE)
+    experiment.change(Sine(1e-4, 5.0, 10.0, offset=1e-3), sample=300, length=0.2)
+    before = [experiment.point(k).displacement for k in range(300, 401)]
+    experiment.change(Sine(1e-4, 5.0, 10.0, offset=-1e-3), sample=400, length=0.2)
+    assert experiment.point(400).displacement == pytest.approx(before[-1], abs=1e-12)
+    assert 2e-4 < before[-1] < 8e-4  # under way
+
+
 def test_the_phase_of_a_sine_is_continuous_over_a_change_of_frequency() -> None:
     experiment = Experiment(Sine(1.0, 5.0, 10.0), first=0, rate=RATE)
-    experiment.change(Sine(1.0, 9.0, 10.0), sample=333, length=0.0)
-    phase = np.array([experiment.point(k).phase for k in range(700)])
-    assert np.abs(np.diff(phase)).max() <= 2 * np.pi * 9.0 / RATE * (1 + 1e-9)
+    points = [experiment.point(k) for k in range(317)]
+    experiment.change(Sine(1.0, 9.0, 10.0), sample=317, length=0.0)
+    points += [experiment.point(k) for k in range(317, 700)]
+    turned = np.diff([each.phase for each in points])
+    assert np.abs(turned).max() <= 2 * np.pi * 9.0 / RATE * (1 + 1e-9)
+    moved = np.diff([each.displacement for each in points])
+    assert np.abs(moved).max() <= 2 * np.pi * 9.0 / RATE * (1 + 1e-9)
 
 
 @pytest.mark.parametrize('kind', [name for name in KINDS if name != 'sequence'])
@@ -102,6 +115,13 @@ def test_a_sweep_leaves_no_voltage_faster_than_it_moves() -> None:
     assert back[-1] == 0.0
     over = next(k for k in range(begins + 250, begins + 800) if sweep.over(k))
     assert sweep.voltage(over) == 0.0
+
+
+def test_a_small_sweep_comes_down_as_slowly_as_it_moves() -> None:
+    sweep = Sweep([1.0], [0.25], 3.0, RATE)
+    sweep.start(100, 0.75)
+    first = [sweep.voltage(sample) for sample in range(100, 5000)]
+    assert np.max(np.abs(np.diff(first))) < 2.0 * np.pi * 0.25 / RATE * 1.001
 
 
 def test_a_sweep_begins_at_once_where_it_would_not_jump() -> None:
