@@ -85,13 +85,22 @@ def _effect_rows() -> Iterator[str]:
 def _new_page(name: str) -> str:
     """Return a page for an effect that has none, from its file."""
     effects = described(name)
-    lines = [f'# {name}', '', '**Physical cause.** ' + _together(e.physics for e in effects), '']
+    lines = [
+        f'# {name}',
+        '',
+        '**Physical cause.** ' + _by_variant((e.variant, e.physics) for e in effects),
+        '',
+    ]
     lines += ['**Signature.** See the picture: a model without and with the effect.', '']
     lines += [f'![A model without and with {name}](../pictures/effects/{name}.png)', '']
     others = dict.fromkeys(other for effect in effects for other in effect.mistaken_for)
     links = ', '.join(f'[{other}]({other}.md)' for other in others)
     lines += [f'**Similar effects.** {links or "None"}.', '']
-    lines += ['**Distinguishing experiment.** ' + _together(e.experiment for e in effects), '']
+    lines += [
+        '**Distinguishing experiment.** '
+        + _by_variant((e.variant, e.experiment) for e in effects),
+        '',
+    ]
     lines += ['**Model blocks.**', '', '| variant | block | neutral |', '|---|---|---|']
     lines += [_variant(effect) for effect in effects]
     lines += ['', '| parameter | unit | bounds | meaning |', '|---|---|---|---|']
@@ -104,8 +113,15 @@ def _new_page(name: str) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def _together(sentences: Iterable[str]) -> str:
-    return ' '.join(dict.fromkeys(sentences))
+def _by_variant(pairs: Iterable[tuple[str, str]]) -> str:
+    """Return one sentence, or a list with the variants of each sentence."""
+    variants: dict[str, list[str]] = {}
+    for variant, sentence in pairs:
+        variants.setdefault(sentence, []).append(f'`{variant}`')
+    if len(variants) == 1:
+        return next(iter(variants))
+    rows = (f'- {", ".join(names)}: {sentence}' for sentence, names in variants.items())
+    return 'By variant:\n\n' + '\n'.join(rows)
 
 
 def _variant(effect: Effect) -> str:

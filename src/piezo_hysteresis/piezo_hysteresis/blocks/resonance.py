@@ -237,9 +237,9 @@ EFFECTS = (
         start={'resonance_frequency': 100.0, 'resonance_damping': 0.02},
         guess=poles,
         physics=(
-            'The whole displacement passes a lightly damped mode. The autoregression of the '
-            'model has as many coefficients as a mode has numbers, but its first one is fixed, so '
-            'it approximates the frequency of the mode, but not its damping and delay.'
+            'The whole displacement passes a lightly damped mode. The first coefficient of the '
+            'autoregression of the model is fixed, so it approximates the frequency of the mode, '
+            'but not its damping and delay.'
         ),
         experiment=_EXPERIMENT,
         shown_by=(Coverage.FAST, Coverage.WIDE),

@@ -73,7 +73,7 @@ EFFECTS = (
         guess=guess,
         physics=(
             'The gain of the sensor changes in proportion to the distance from the middle '
-            'of its range; with a cubic curve it changes mostly near the ends.'
+            'of its range; with a cubic curve it changes mainly near the ends.'
         ),
         experiment=(
             'Calibrate against a second sensor; or shift the sensor relative to the '

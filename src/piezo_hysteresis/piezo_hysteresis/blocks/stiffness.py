@@ -59,7 +59,7 @@ EFFECTS = (
         alternatives=({'cubic_stiffness': -1e6},),
         physics=(
             'The guidance or the load is a spring whose stiffness changes with the displacement, '
-            'alike in both directions.'
+            'equally in both directions.'
         ),
         experiment='An amplitude ladder: its third harmonic grows with the cube of the amplitude.',
         shown_by=(Coverage.LADDER,),
