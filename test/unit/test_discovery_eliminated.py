@@ -121,6 +121,8 @@ def test_finalists_of_equal_values_and_other_residuals_are_told_apart(
         renewed.append(replace(fit, errors=tuple(0.1 * each for each in fit.errors)))
         return evaluator, renewed[-1]
 
+    monkeypatch.setattr(evaluator, 'with_own_starts', lambda fit: (evaluator, fit))
+    assert led_by_best_start(evaluator, first, start)[1] is first  # nothing starts better
     monkeypatch.setattr(evaluator, 'with_own_starts', with_own_starts)
     monkeypatch.setattr(evaluator, 'explains_enough', lambda *_: False)
     chosen, round_ = led_by_best_start(evaluator, first, start)

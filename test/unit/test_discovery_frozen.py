@@ -18,7 +18,8 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import HELD as HELD_POLICY
-from piezo_hysteresis.discovery.selection.rounds import SelectionRound, ranked, round_of
+from piezo_hysteresis.discovery.selection.rounds import SelectionRound, ranked, round_of, select
+from piezo_hysteresis.discovery.selection.screen import ScreeningScore
 from piezo_hysteresis.discovery.selection.search import search
 from piezo_hysteresis.identification.initial_conditions.record_start import SETTLED
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
@@ -225,3 +226,24 @@ def test_what_remains_is_said_also_where_only_held_out_records_show_it(
     assert found.significant == (fitted or held_out)
     shown = evaluator.data.held_out if held_out and not fitted else evaluator.views
     assert [view.name for view in found.views] == [view.name for view in shown]
+
+
+def test_of_two_starts_of_a_trial_the_better_score_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    evaluator, base = held('delay')
+    (delay,) = (e for e in evaluator.candidates(base) if e.effect.name == 'transport_delay')
+    values = [delay.values(base.values, {'delay': late}) for late in (1e-3, 2e-3)]
+    trial = ScreeningScore(delay, tuple(values), 0.5)
+    smaller, better = (base.with_candidate(delay, each) for each in values)
+    fits = [evaluator.evaluated(each) for each in (smaller, better)]
+    squares = {1e-3: 1.0, 2e-3: 2.0}
+    monkeypatch.setattr(CandidateFit, 'square', property(lambda fit: squares[fit.values['delay']]))
+    monkeypatch.setattr(evaluator, 'score', lambda fit: -squares[fit.values['delay']])
+    monkeypatch.setattr(evaluator, 'fit_briefly', lambda *_: fits.pop(0))
+    seen: list[CandidateFit] = []
+    rounds = 'piezo_hysteresis.discovery.selection.rounds'
+    monkeypatch.setattr(f'{rounds}.refined_candidates', lambda *_: [])
+    monkeypatch.setattr(f'{rounds}.choose_trials', lambda *_: [trial])
+    monkeypatch.setattr(f'{rounds}.choose_first_fits', lambda _, tried: seen.extend(tried) or [])
+    monkeypatch.setattr(f'{rounds}.better_of_both', lambda *_: [])
+    assert select(evaluator, base, base, lambda fraction, words: None) is None
+    assert [fit.values['delay'] for fit in seen] == [2e-3]

@@ -111,9 +111,10 @@ def test_a_driver_that_is_held_up_again_and_again_keeps_its_stated_rate(tmp_path
     found = survey([bag_of(tmp_path / 'bag', marks, jitter=list(late))])
     assert [(len(r), r.rate) for r in found.records] == [(200, 1000.0)]
     assert 'held up: 62' in str(found.notes[-1])
-    slow = np.arange(400) * 1.0  # every step takes twice as long: this is another rate
-    with pytest.raises(RecordError, match='marker says 1000 Hz but its samples come at 500 Hz'):
-        load([bag_of(tmp_path / 'slow', marks, jitter=list(slow))])
+    for share, rate in ((1.0, '500'), (0.1, '909.0')):  # every step is longer: another rate
+        slow = np.arange(400) * share
+        with pytest.raises(RecordError, match=f'says 1000 Hz but its samples come at {rate}'):
+            load([bag_of(tmp_path / f'slow {rate}', marks, jitter=list(slow))])
 
 
 def test_a_record_that_was_cancelled_before_it_began_swallows_nothing(tmp_path: Path) -> None:
