@@ -31,17 +31,17 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits
 from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.session import Investigation, Rules, investigate
-from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.waveforms import from_spec
 from studies.discovery_foreign import FITTED
-from studies.discovery_hidden import HIDDEN, Case
+from studies.discovery_hidden import HIDDEN, Case, chain
 from studies.foreign_worlds import DAHL, NOISE, RATE, STROKE, WORLDS, Array, World
 from studies.investigate_worlds import PAUSE, earlier_motion
 
 #: World and the model that a lab would take for it.
 ACTUATORS: dict[str, tuple[World, str]] = {
-    'Maxwell slip': (WORLDS['elastoslides'], 'bouc_wen_mode'),
+    'Maxwell slip': (WORLDS['elastoslides'], 'prandtl_ishlinskii+mode'),
     'Duhem': (WORLDS['Duhem'], 'bouc_wen_mode'),
     'Dahl': (DAHL, 'bouc_wen_mode'),
 }
@@ -122,7 +122,7 @@ def examine(task: tuple[str, str, int, float]) -> dict[str, Any]:
     random = np.random.default_rng([*place, 5])
     healthy = Stage(world, 'nothing', 0.0, random)
     records = [healthy.measured(f'{f:g} Hz {a:g} V', ramped(a, f)) for a, f in FITTED]
-    model = ModelFile.parse(identify(records, named(baseline)).model_file().text())
+    model = ModelFile.parse(identify(records, chain(baseline)).model_file().text())
     stage = Stage(world, effect, float(random.uniform(0.25, 1.0)), random)
     stage.move(earlier_motion(seed + place[2], RATE))
     investigation = Investigation(model, LIMITS, RATE, Rules(budget=budget))

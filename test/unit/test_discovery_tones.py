@@ -7,7 +7,7 @@ import pytest
 
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import find_tone, phasor, with_aligned_phases
-from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.numerics.harmonics import (
     harmonics,
     line_amplitudes,
@@ -111,3 +111,29 @@ def test_a_tone_on_a_high_harmonic_of_a_slow_drive_is_seen(hum: float) -> None:
         assert top == pytest.approx(expected, abs=0.13)
     else:
         assert np.max(lines) < 10.0 * np.median(lines[lines > 0.0])
+
+
+def test_find_tone_in_records_of_few_periods() -> None:
+    """Each line is near a harmonic, but the same line is most of every residual."""
+    rng, dt = np.random.default_rng(2), 1.1e-3
+    views, errors = [], []
+    for place, drive in enumerate((4.113, 7.049, 1.643, 13.31)):
+        times = dt * np.arange(1125)
+        voltage = np.sin(2 * np.pi * drive * times)
+        record = Record(f'{place}', dt, voltage, 1e-6 * voltage, info=RecordInfo(frequency=drive))
+        views.append(whole(record))
+        phase = rng.uniform(0.0, 2 * np.pi)
+        harmonic = 5e-8 * np.sin(2 * np.pi * 3 * drive * times)
+        tone = 3e-7 * np.sin(2 * np.pi * 14.57 * times + phase)
+        errors.append(tone + harmonic + 5e-9 * rng.standard_normal(times.size))
+    found = find_tone(views, errors)
+    assert found is not None
+    assert found.frequency == pytest.approx(14.57, abs=0.05)
+    assert found.amplitude == pytest.approx(3e-7, rel=0.1)
+    # a residual that follows its drive is no tone
+    driven = [
+        1e-7 * view.voltage[: e.size] + 5e-9 * rng.standard_normal(e.size)
+        for view, e in zip(views, errors, strict=True)
+    ]
+    assert find_tone(views, driven) is None
+    assert find_tone(views[:1], errors[:1]) is None

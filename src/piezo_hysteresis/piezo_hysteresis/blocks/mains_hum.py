@@ -11,10 +11,12 @@ from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
-from piezo_hysteresis.numerics.spectrum import non_harmonic_lines
+from piezo_hysteresis.numerics.spectrum import non_harmonic_lines, windowed
 
 # Number of neighbouring lines for the background of a line.
 _ABOUT = 51
+# Share of the power of a residual from which its largest line may be a tone near a harmonic.
+_DOMINANT = 0.5
 
 
 @jit
@@ -35,12 +37,18 @@ def guess(seen: Residual) -> list[dict[str, float]]:
     """Return the line with the largest ratio to its neighbours, and the largest line.
 
     Neither is a harmonic of the drive. The error for a drive with varying amplitude is large and
-    smooth at low frequencies, so that the largest line there need not be the tone.
+    smooth at low frequencies, so that the largest line there need not be the tone. In a record of
+    few periods every line is near a harmonic; the largest of all is returned too if it is most of
+    the residual.
     """
     _, lines = non_harmonic_lines(seen.residual, seen.dt, seen.frequency)
     above = lines / np.maximum(_background(lines), 1e-300)
     places = dict.fromkeys(int(np.argmax(each)) for each in (above, lines))
-    return [_tone(seen, lines, place) for place in places if lines[place] > 0.0]
+    found = [_tone(seen, lines, place) for place in places if lines[place] > 0.0]
+    every = windowed(seen.residual)
+    most = _tone(seen, every, int(np.argmax(every)))
+    power = 0.5 * hypot(most['hum_sine'], most['hum_cosine']) ** 2
+    return [*found, most] if power > _DOMINANT * float(np.var(seen.residual)) else found
 
 
 def _background(lines: FloatArray) -> FloatArray:

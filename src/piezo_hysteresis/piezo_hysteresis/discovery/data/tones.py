@@ -17,14 +17,18 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, tone_amplitude
-from piezo_hysteresis.numerics.spectrum import BINS, non_harmonic_lines
+from piezo_hysteresis.numerics.spectrum import BINS, non_harmonic_lines, windowed
 
 # Ratio to the local median of the spectrum from which a line is significant.
 PROMINENT = 30.0
 # Share of the usual amplitude of the tone from which its phase is reliable.
 TRUSTED = 0.5
+# Share of the power of every residual from which a common line is a tone, however near a harmonic.
+_DOMINANT = 0.5
 _FEWEST = 256
 _STEPS = np.linspace(-1.0, 1.0, 41)
+
+_Seen = tuple[Target, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -55,9 +59,18 @@ def phasor(view: Target, error: FloatArray, frequency: float) -> complex:
 
 
 def find_tone(views: Sequence[Target], errors: Sequence[FloatArray]) -> Tone | None:
-    """Return the tone that explains the most power over all views, None if there is none."""
+    """Return the tone that explains the most power over all views, None if there is none.
+
+    In records of few periods every line is near a harmonic of the drive. A tone is then found if
+    it is most of the residual of every record, because their drives have different frequencies.
+    """
     long = [(v, e) for v, e in zip(views, errors, strict=True) if e.size > _FEWEST]
     seen = [(v, e, *spectrum(v, e)) for v, e in long]
+    return _prominent(seen) or _dominant(seen)
+
+
+def _prominent(seen: Sequence[_Seen]) -> Tone | None:
+    """Return the tone that is far above its neighbours in some records, away from harmonics."""
     found = []
     for _, _, frequency, power in seen:
         top = int(np.argmax(power))
@@ -66,21 +79,38 @@ def find_tone(views: Sequence[Target], errors: Sequence[FloatArray]) -> Tone | N
             found.append(float(frequency[top]))
     if len(found) < max(2, len(seen) // 4):
         return None
-
-    def explained(tone: float) -> float:
-        return sum(abs(phasor(v, e, tone)) ** 2 * e.size for v, e, _, _ in _clear(seen, tone))
-
-    best = max(found, key=explained)
-    longest = max(e.size * v.dt for v, e, _, _ in seen)
-    for width in (1.0, 0.1):
-        best = max((best + width * step / longest for step in _STEPS), key=explained)
+    best = _refined(found, seen)
     clear = _clear(seen, best)
     if len(clear) < 2:
         return None
     return Tone(best, float(np.median([abs(phasor(v, e, best)) for v, e, _, _ in clear])))
 
 
-_Seen = tuple[Target, FloatArray, FloatArray, FloatArray]
+def _dominant(seen: Sequence[_Seen]) -> Tone | None:
+    """Return the tone that is most of the residual of records with different drives."""
+    if len({view.frequency for view, *_ in seen}) < 2:
+        return None
+    tops = [float(row[2][np.argmax(windowed(row[1], trend=True))]) for row in seen]
+    best = _refined(tops, seen)
+    sizes = np.array([abs(phasor(v, e, best)) for v, e, _, _ in seen])
+    powers = np.array([float(np.var(e)) for _, e, _, _ in seen])
+    if np.any(0.5 * sizes**2 < _DOMINANT * powers) or not np.all(powers > 0.0):
+        return None
+    return Tone(best, float(np.median(sizes)))
+
+
+def _refined(found: Sequence[float], seen: Sequence[_Seen]) -> float:
+    """Return the frequency near the found ones that explains the most power [Hz]."""
+
+    def explained(tone: float) -> float:
+        rows = _clear(seen, tone) or seen
+        return sum(abs(phasor(v, e, tone)) ** 2 * e.size for v, e, _, _ in rows)
+
+    best = max(found, key=explained)
+    longest = max(e.size * v.dt for v, e, _, _ in seen)
+    for width in (1.0, 0.1):
+        best = max((best + width * step / longest for step in _STEPS), key=explained)
+    return best
 
 
 def _clear(seen: Sequence[_Seen], tone: float) -> list[_Seen]:

@@ -77,7 +77,7 @@ def fitted_baselines(
     """
     end = deadline or Deadline()
     model = given.model if isinstance(given, ModelFile) else suited(given, list(data.records))
-    specs = [ModelSpec(model, values) for values in _from_data(data, model, choices, workers, end)]
+    specs = _from_data(data, model, choices, workers, end)
     nominal = None
     if isinstance(given, ModelFile):
         nominal = ModelSpec(model, dict(given.values))
@@ -187,7 +187,7 @@ def with_revised_starts(
 
 def _from_data(
     data: Dataset, model: Model, choices: Choices, workers: int, end: Deadline
-) -> list[dict[str, float]]:
+) -> list[ModelSpec]:
     """Return starting values from output-error fits to all training records and to the slowest."""
     known = {r.name: r for r in data.records}
     short = thinned(data.training, RECORDS_SAMPLES, data.periods)
@@ -195,19 +195,20 @@ def _from_data(
         known[view.name] if few is view else known[view.name].section(0, few.voltage.size)
         for view, few in zip(data.training, short, strict=True)
     ]
-    slow, starts = _slow_records(records), list[dict[str, float]]()
+    slow, starts = _slow_records(records), list[ModelSpec]()
     for chosen in (records, slow) if len(slow) < len(records) else (records,):
         if starts and end.skips('starts from the slowest records'):
             break
         try:
             result = output_error(
-                model, chosen, count=_COUNT, sampling_offset=False,
+                model, chosen, count=_COUNT,
                 begins=choices.start, zero=choices.zero, workers=workers,
                 stopped=lambda: end.passed,
             )  # fmt: skip
         except IdentificationError:
             continue
-        starts.append(dict(result.values))
+        offset = result.sampling_offset
+        starts.append(ModelSpec(model, dict(result.values), sampling_offset=offset))
     return starts
 
 
