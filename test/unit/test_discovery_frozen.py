@@ -240,10 +240,15 @@ def test_of_two_starts_of_a_trial_the_better_score_counts(monkeypatch: pytest.Mo
     monkeypatch.setattr(evaluator, 'score', lambda fit: -squares[fit.values['delay']])
     monkeypatch.setattr(evaluator, 'fit_briefly', lambda *_: fits.pop(0))
     seen: list[CandidateFit] = []
+
+    def first_fits(_: Evaluator, tried: list[CandidateFit]) -> list[CandidateFit]:
+        seen.extend(tried)
+        return []
+
     rounds = 'piezo_hysteresis.discovery.selection.rounds'
     monkeypatch.setattr(f'{rounds}.refined_candidates', lambda *_: [])
     monkeypatch.setattr(f'{rounds}.choose_trials', lambda *_: [trial])
-    monkeypatch.setattr(f'{rounds}.choose_first_fits', lambda _, tried: seen.extend(tried) or [])
+    monkeypatch.setattr(f'{rounds}.choose_first_fits', first_fits)
     monkeypatch.setattr(f'{rounds}.better_of_both', lambda *_: [])
     assert select(evaluator, base, base, lambda fraction, words: None) is None
     assert [fit.values['delay'] for fit in seen] == [2e-3]
