@@ -17,6 +17,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD as HELD_POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound, ranked, round_of, select
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
@@ -191,6 +192,24 @@ def test_initial_conditions_of_a_finalist_are_kept_if_they_score_better(
         monkeypatch.setattr(HeldEvaluator, 'fit', lambda self, spec, again=again: again)
         chosen, fit = evaluator.with_own_starts(base)
         assert (fit is again) == better
+        assert ({view.begins for view in chosen.views} == {SETTLED}) == better
+
+
+def test_a_finalist_that_explains_the_records_from_rest_begins_there(
+    first: dict[str, Round], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = first[next(world for world in HIDDEN if world.startswith('free'))]
+    evaluator, fit = known.evaluator, known.start
+    assert isinstance(evaluator, FreeEvaluator)
+    module = 'piezo_hysteresis.discovery.selection.free_evaluator'
+    other = evaluator.data.with_each(lambda view: replace(view, begins=SETTLED))
+    monkeypatch.setattr(f'{module}.with_renewed_starts', lambda *_: evaluator.data)
+    for found, factor, better in ((other, 0.5, True), (other, 2.0, False), (None, 0.5, False)):
+        again = replace(fit, errors=tuple(factor * each for each in fit.errors))
+        monkeypatch.setattr(f'{module}.with_step_starts', lambda *_, found=found: found)
+        monkeypatch.setattr(FreeEvaluator, 'fit', lambda self, spec, again=again: again)
+        chosen, kept = evaluator.with_own_starts(fit)
+        assert (kept is again) == better
         assert ({view.begins for view in chosen.views} == {SETTLED}) == better
 
 

@@ -19,6 +19,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
+from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
 from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.starts import representative, starts
 from piezo_hysteresis.identification.targets import Target
@@ -242,6 +243,20 @@ def with_renewed_starts(
 
     The weights stay, so that sums of squares remain comparable.
     """
+    return _as_weighted(data, with_revised_starts(fit, data, choices, workers))
+
+
+def with_step_starts(fit: CandidateFit, data: Dataset, choices: Choices) -> Dataset | None:
+    """Return the data with starts from rest at 0 V where an estimated one could be such a start.
+
+    An initial condition estimated without an effect imitates it, and the effect is then fitted to
+    what is left; from rest, the effect alone may explain the record.
+    """
+    search = StartSearch(fit.model, fit.values, fit.sampling_offset, data.records, choices.start)
+    found = search.with_steps(data.training)
+    return None if found is None else _as_weighted(data, beginning_like(data, found[0]))
+
+
+def _as_weighted(data: Dataset, renewed: Dataset) -> Dataset:
     weights = {view.name: view.precision for view in (*data.training, *data.held_out)}
-    renewed = with_revised_starts(fit, data, choices, workers)
     return renewed.with_each(lambda view: replace(view, precision=weights[view.name]))

@@ -16,6 +16,7 @@ from piezo_hysteresis.discovery.selection.baseline import (
     first_values,
     same_initial_conditions,
     with_renewed_starts,
+    with_step_starts,
 )
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
@@ -82,12 +83,16 @@ class FreeEvaluator(Evaluator):
 
     def with_own_starts(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
         """Return the fit with initial conditions that the model estimates, if it is better."""
-        seen = with_renewed_starts(fit, self.data, self.choices, self.workers)
-        if same_initial_conditions(self.data, seen):
-            return self, fit
-        renewed = self.with_data(seen)
-        again = renewed.fit(fit)
-        return (self, fit) if again is None or again.square > fit.square else (renewed, again)
+        renewed = with_renewed_starts(fit, self.data, self.choices, self.workers)
+        best: tuple[FreeEvaluator, CandidateFit] = self, fit
+        for seen in (renewed, with_step_starts(fit, self.data, self.choices)):
+            if seen is None or same_initial_conditions(self.data, seen):
+                continue
+            other = self.with_data(seen)
+            again = other.fit(fit)
+            if again is not None and again.square < best[1].square:
+                best = other, again
+        return best
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return the model extended by each effect that can be fitted jointly with it."""
