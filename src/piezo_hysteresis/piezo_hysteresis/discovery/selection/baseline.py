@@ -250,7 +250,7 @@ def with_step_starts(fit: CandidateFit, data: Dataset, choices: Choices) -> Data
     """Return the data with starts from rest at 0 V where an estimated one could be such a start.
 
     An initial condition estimated without an effect imitates it, and the effect is then fitted to
-    what is left; from rest, the effect alone may explain the record.
+    the remaining residual; from rest, the effect alone may explain the record.
     """
     search = StartSearch(fit.model, fit.values, fit.sampling_offset, data.records, choices.start)
     found = search.with_steps(data.training)
