@@ -8,7 +8,8 @@ from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.discovery.verdict.naming import named_effects
+from piezo_hysteresis.discovery.verdict.naming import _with_chance, named_effects
+from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect
 from piezo_hysteresis.models import add_effect, described, named
 
 
@@ -54,3 +55,11 @@ def test_two_elements_of_one_effect_keep_their_own_numbers() -> None:
     assert effect.variant == 'resonance'
     assert {'resonance_share', 'resonance_share_2'} < set(effect.parameters)
     assert len(effect.parameters) == 6
+
+
+def test_an_alternative_that_is_reported_itself_is_not_repeated() -> None:
+    creep = NamedEffect(
+        'creep', 'creep', 0.6, 1e-9, 2e-7, 1e-7, {}, (Alternative('drift', 0.3),), ()
+    )
+    assert _with_chance(creep, {'creep'}) == 'creep or drift (these records do not show which)'
+    assert _with_chance(creep, {'creep', 'drift'}) == 'creep'

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -276,7 +276,8 @@ def _summary(verdict: Verdict) -> str:
         return f'The model {verdict.baseline} misses an effect that is none of the {known}: {left}'
     more = ' A significant residual remains.' if verdict.unexplained.significant else ''
     shifts = [each for each in verdict.effects if each.name == PARAMETER_SHIFT.name]
-    missed = [_with_chance(each) for each in verdict.effects if each not in shifts]
+    found = {each.name for each in verdict.effects}
+    missed = [_with_chance(each, found) for each in verdict.effects if each not in shifts]
     them = 'it' if len(missed) == 1 else 'them'
     findings = [f'misses {" and ".join(missed)}'] if missed else []
     done = [f'adding {them}'] if missed else []
@@ -294,9 +295,11 @@ def _or(others: Sequence[str]) -> str:
     return f', or misses {" or ".join(others)} (they do not show which)' if others else ''
 
 
-def _with_chance(effect: NamedEffect) -> str:
-    if len(effect.effect_class) > 1:
-        return f'{" or ".join(effect.effect_class)} (these records do not show which)'
+def _with_chance(effect: NamedEffect, found: Collection[str]) -> str:
+    """Return the name of an effect, with the alternatives that are not `found` themselves."""
+    others = [name for name in effect.effect_class if name not in found]
+    if others:
+        return f'{" or ".join([effect.name, *others])} (these records do not show which)'
     modes = ' and '.join(f'{frequency:.4g} Hz' for frequency in _modes(effect))
     where = f'at {modes}' if modes else _where(effect)
     return f'{effect.name} {where}'.rstrip()
