@@ -107,7 +107,7 @@ def identify_own(data: Sequence[str], out: Path) -> None:
     _print_fit(found)
     for each in choice.held_out:
         print(
-            f'  {each.record}: last 30 %, fitted without them: {1e6 * each.free_run_rms:.4g} µm '
+            f'  {each.record}: last 30 %, not fitted: {1e6 * each.free_run_rms:.4g} µm '
             f'({each.nrmse_percent:.3g} % of the standard deviation there)'
         )
 

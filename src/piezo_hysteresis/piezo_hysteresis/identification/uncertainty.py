@@ -191,7 +191,8 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
             if len(small) == 1
             else ('are smaller than their uncertainties')
         )
-        remarks.append(f'{_listed(small)} {which}: these records do not show it.')
+        them = 'it' if len(small) == 1 else 'them'
+        remarks.append(f'{_listed(small)} {which}: these records do not determine {them}.')
     return tuple(remarks)
 
 
