@@ -20,9 +20,9 @@ from piezo_benchmark.tasks import CONVENTIONS, EQUATIONS, outcomes
 
 Summary = dict[str, dict[str, Any]]
 TEMPLATE = Path(__file__).with_name('page.md')
+LEAST = 5  # tasks of a point in the picture of the calibration
 LAZY = ('coin', 'most_frequent', 'always_none')
 DETAIL = Path(__file__).with_name('detail.md')
-NO_NAMES = ('false_alarms', 'joint_fit')  # it names nothing
 RIVALS = tuple(name for name in CALIBRATED if name != 'suite')
 
 
@@ -98,15 +98,18 @@ def losses(entries: dict[str, Summary]) -> list[str]:
         ('bits', 'log score', '.2f'), ('false_alarms', 'false alarms', '.2f'),
         ('ratio', 'held-out error', '.2f'),
     ):  # fmt: skip
+        lost = []
         for group in entries['suite']:
             own = entries['suite'][group][key][0]
             better = [
                 f'`{name}` {s[group][key][0]:{form}}'
                 for name, s in entries.items()
-                if name in RIVALS and (key, name) != NO_NAMES and s[group][key][0] < own - 0.005
+                if name in RIVALS and s[group][key][0] < own - 0.005
             ]
             if better:
-                found.append(f'- {what}, {group}: {own:{form}} against {", ".join(better)}')
+                lost.append(f'{group} {own:{form}} ({", ".join(better)})')
+        if lost:
+            found.append(f'- {what}: {"; ".join(lost)}')
     return found
 
 
@@ -224,7 +227,6 @@ def page(
         'conventions': CONVENTIONS,
         'uniform': f'{np.log2(len(outcomes())):.1f}',
         'bits': _lines(table(found, 'bits', '.1f')),
-        'right': _lines(table(methods, 'right', '.0f', True, short=True)),
         'false_alarms': _lines(table(methods, 'false_alarms', '.0f', True, short=True)),
         'ratio': _lines(table(methods, 'ratio', '.2f', short=True)),
         'losses': _lines(losses(found) or ['- in no group']),
@@ -295,7 +297,7 @@ def pictures(results: dict[str, Any], folder: Path) -> bool:
     axes.plot([0, 1], [0, 1], color='0.7', lw=1)
     for name in ('ideal_observer', *CALIBRATED):
         if name in entries:
-            parts: Sequence[dict[str, float]] = calibration(entries[name])
+            parts = [part for part in calibration(entries[name]) if part['tasks'] >= LEAST]
             axes.plot(
                 [p['said'] for p in parts], [p['right'] for p in parts], 'o-', label=name, ms=4
             )

@@ -95,17 +95,7 @@ def length(text: str) -> int:
     return len(re.sub('<!--.*?-->', '', text, flags=re.DOTALL).split())
 
 
-# Being divided: remove the mark when it is.
-LONG = pytest.mark.xfail(reason='docs/benchmark.md has more than 2500 words', strict=False)
-
-
-@pytest.mark.parametrize(
-    'page',
-    [
-        pytest.param(page, marks=LONG if page == 'docs/benchmark.md' else ())
-        for page in sorted({*pages()} - {*REFERENCE})
-    ],
-)
+@pytest.mark.parametrize('page', sorted({*pages()} - {*REFERENCE}))
 def test_a_page_is_read_in_one_go(page: str) -> None:
     words = length((ROOT / page).read_text(encoding='utf-8'))
     assert words <= LONGEST_PAGE, f'{words} words: divide the page'

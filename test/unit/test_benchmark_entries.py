@@ -127,7 +127,7 @@ def test_the_page_states_every_entry_and_better_ones(
     }
     text = report.page(results, [{**results, 'examiner': 'somebody'}])
     assert '| `always_none` |' in text
-    assert '- log score, nothing: 6.09 against `pysindy`' in text
+    assert 'nothing 6.09 (`pysindy`' in text
     assert '| 5 |' in text
     assert 'No threshold of the suite' in text
     more = report.detail(results, 'page.md')
