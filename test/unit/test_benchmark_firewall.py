@@ -22,7 +22,9 @@ def imported(file: Path) -> set[str]:
 
 
 def test_nothing_of_the_suite_imports_the_benchmark() -> None:
-    files = [p for folder in ('src', 'studies', 'bench', 'tools') for p in (ROOT / folder).rglob('*.py')]
+    files = [
+        p for folder in ('src', 'studies', 'bench', 'tools') for p in (ROOT / folder).rglob('*.py')
+    ]
     assert files
     texts = {p: p.read_text(encoding='utf-8') for p in files}
     assert not [
