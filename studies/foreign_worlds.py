@@ -24,7 +24,7 @@ Slope = Callable[[float, float, Array, Array], None]
 RATE = 1000.0
 NOISE = 2e-3  # of the stroke, rms
 STROKE = 1e-4  # [m] that one volt gives, about
-RISE = 0.1  # part of a tick in which a converter moves to its next level
+PARTS = 10  # of a tick; a converter moves to its next level in the first
 
 
 @njit(cache=True)
@@ -86,14 +86,15 @@ def leaking(u: float, rate: float, s: Array, slope: Array) -> None:
 
 @njit
 def _held(slope: Slope, voltage: Array, last: float, state: Array) -> Array:
-    """Return the states at the ends of all ticks, by the classical Runge-Kutta method."""
-    states = np.empty((state.size, voltage.size))
+    """Return the states at the ends of all parts of ticks (classical Runge-Kutta method)."""
+    states = np.empty((state.size, PARTS * voltage.size))
     s, now = state.copy(), last
     a, b, c, d = np.empty_like(s), np.empty_like(s), np.empty_like(s), np.empty_like(s)
     for k in range(voltage.size):
-        for steps, part, moved in ((16, RISE, 1.0), (32, 1.0 - RISE, 0.0)):
-            h = part / RATE / steps
-            rate = moved * (voltage[k] - last) / (RISE / RATE)
+        for part in range(PARTS):
+            steps = 16 if part == 0 else 4
+            h = 1.0 / (RATE * PARTS * steps)
+            rate = (voltage[k] - now) * RATE * PARTS if part == 0 else 0.0
             for _ in range(steps):
                 slope(now, rate, s, a)
                 slope(now + 0.5 * h * rate, rate, s + 0.5 * h * a, b)
@@ -101,9 +102,8 @@ def _held(slope: Slope, voltage: Array, last: float, state: Array) -> Array:
                 now += h * rate
                 slope(now, rate, s + h * c, d)
                 s += h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-        last = voltage[k]
-        now = last
-        states[:, k] = s
+            states[:, PARTS * k + part] = s
+        now = voltage[k]
     return states
 
 
@@ -142,7 +142,7 @@ class World:
         return np.asarray(STROKE * self.output(found.y))
 
     def held(self, voltage: Array, last: float, state: Array) -> tuple[Array, Array]:
-        """Return the displacement [m] at the ends of ticks, and the states there.
+        """Return the displacement [m] at the ends of the parts of ticks, and the states there.
 
         Parameters
         ----------

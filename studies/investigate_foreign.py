@@ -5,8 +5,8 @@
 Maxwell slip with a mode, Duhem and Dahl (`studies/foreign_worlds.py`) are identified on six sines.
 Then one effect of random size begins, or none, the actuator moves in a way that no record shows,
 and `investigate` runs its own experiments. The voltage is that of a converter: it moves to the
-next level in a tenth of a tick and holds it. The state of the actuator, the clock and the effect
-continue from one experiment to the next.
+next level in a tenth of a tick and holds it, and the effect acts between the ticks, too. The state
+of the actuator, the clock and the effect continue from one experiment to the next.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from piezo_hysteresis.records import Record
 from piezo_hysteresis.waveforms import from_spec
 from studies.discovery_foreign import FITTED
 from studies.discovery_hidden import HIDDEN, Case, chain
-from studies.foreign_worlds import DAHL, NOISE, RATE, STROKE, WORLDS, Array, World
+from studies.foreign_worlds import DAHL, NOISE, PARTS, RATE, STROKE, WORLDS, Array, World
 from studies.investigate_worlds import PAUSE, earlier_motion
 
 #: World and the model that a lab would take for it.
@@ -87,7 +87,7 @@ class Stage:
         """Return the record of a voltage [V] after a pause at 0 V."""
         if self._shown is not None:
             self.move(np.zeros(round(PAUSE * RATE)))
-        first = sum(part.size for part in self._moved)
+        first = sum(part.size for part in self._moved) // PARTS
         self._shown = first if self._shown is None else self._shown
         displacement = self.move(voltage)
         noise = NOISE * STROKE * self.random.standard_normal(voltage.size)
@@ -101,10 +101,9 @@ class Stage:
         self._moved.append(displacement)
         y = np.concatenate(self._moved)
         case = Case('', '', np.inf, (), (), SLOW, DELAY)
-        changed = HIDDEN[self.effect][0](
-            y, np.arange(y.size) / RATE, 0.0, 2.0 * STROKE, self.size, case
-        )
-        return np.asarray(changed[-voltage.size :])
+        times = np.arange(y.size) / (PARTS * RATE)
+        changed = HIDDEN[self.effect][0](y, times, 0.0, 2.0 * STROKE, self.size, case)
+        return np.asarray(changed[-PARTS * voltage.size :][PARTS - 1 :: PARTS])
 
 
 def ramped(amplitude: float, frequency: float) -> Array:

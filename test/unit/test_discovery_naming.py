@@ -8,7 +8,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.discovery.verdict.naming import _with_chance, named_effects
+from piezo_hysteresis.discovery.verdict.naming import named_effects, with_chance
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect
 from piezo_hysteresis.models import add_effect, described, named
 
@@ -61,5 +61,5 @@ def test_an_alternative_that_is_reported_itself_is_not_repeated() -> None:
     creep = NamedEffect(
         'creep', 'creep', 0.6, 1e-9, 2e-7, 1e-7, {}, (Alternative('drift', 0.3),), ()
     )
-    assert _with_chance(creep, {'creep'}) == 'creep or drift (these records do not show which)'
-    assert _with_chance(creep, {'creep', 'drift'}) == 'creep'
+    assert with_chance(creep, {'creep'}) == 'creep or drift (these records do not show which)'
+    assert with_chance(creep, {'creep', 'drift'}) == 'creep'

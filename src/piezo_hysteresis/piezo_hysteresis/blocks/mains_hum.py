@@ -46,7 +46,10 @@ def guess(seen: Residual) -> list[dict[str, float]]:
     places = dict.fromkeys(int(np.argmax(each)) for each in (above, lines))
     found = [_tone(seen, lines, place) for place in places if lines[place] > 0.0]
     every = windowed(seen.residual)
-    most = _tone(seen, every, int(np.argmax(every)))
+    largest = int(np.argmax(every))
+    if largest in places and lines[largest] > 0.0:
+        return found
+    most = _tone(seen, every, largest)
     power = 0.5 * hypot(most['hum_sine'], most['hum_cosine']) ** 2
     return [*found, most] if power > _DOMINANT * float(np.var(seen.residual)) else found
 

@@ -277,7 +277,7 @@ def _summary(verdict: Verdict) -> str:
     more = ' A significant residual remains.' if verdict.unexplained.significant else ''
     shifts = [each for each in verdict.effects if each.name == PARAMETER_SHIFT.name]
     found = {each.name for each in verdict.effects}
-    missed = [_with_chance(each, found) for each in verdict.effects if each not in shifts]
+    missed = [with_chance(each, found) for each in verdict.effects if each not in shifts]
     them = 'it' if len(missed) == 1 else 'them'
     findings = [f'misses {" and ".join(missed)}'] if missed else []
     done = [f'adding {them}'] if missed else []
@@ -295,7 +295,7 @@ def _or(others: Sequence[str]) -> str:
     return f', or misses {" or ".join(others)} (they do not show which)' if others else ''
 
 
-def _with_chance(effect: NamedEffect, found: Collection[str]) -> str:
+def with_chance(effect: NamedEffect, found: Collection[str]) -> str:
     """Return the name of an effect, with the alternatives that are not `found` themselves."""
     others = [name for name in effect.effect_class if name not in found]
     if others:
