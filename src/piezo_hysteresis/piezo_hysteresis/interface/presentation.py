@@ -83,7 +83,7 @@ def _(result: ModelFile, axes: Axes, record: str) -> None:
     rate = rate_of(result, None)
     for frequency, amplitude in _drives(result):
         dt = 1.0 / rate
-        if not any(name.startswith('autoregressive') for name in result.model.block_names):
+        if not result.model.has_fixed_rate:
             dt /= max(1, round(_SAMPLES * frequency / rate))
         period = round(1.0 / (frequency * dt))
         periods = ceil(max(_SETTLING_PERIODS, _SETTLING_SECONDS * frequency))

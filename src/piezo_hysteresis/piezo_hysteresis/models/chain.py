@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import ModelError
@@ -92,6 +92,11 @@ class Model:
     def free_names(self) -> tuple[str, ...]:
         """Names of the parameters that a fit may change."""
         return tuple(parameter.name for parameter in self.parameters if not parameter.held)
+
+    @property
+    def has_fixed_rate(self) -> bool:
+        """Whether a block is a recursion from tick to tick, valid at its sampling rate only."""
+        return any(block.between is Between.TICK for block in self.blocks)
 
     @property
     def answers_at_once(self) -> bool:
