@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+import numpy as np
+import pytest
+
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, is_another_change
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.selection.significance import Improvement
@@ -63,3 +66,25 @@ def test_an_alternative_that_is_reported_itself_is_not_repeated() -> None:
     )
     assert with_chance(creep, {'creep'}) == 'creep or drift (these records do not show which)'
     assert with_chance(creep, {'creep', 'drift'}) == 'creep'
+
+
+@pytest.mark.parametrize(
+    ('variant', 'baseline', 'values', 'absent'),
+    [
+        ('resonance', 'classical', {'resonance_damping': 0.02}, False),
+        ('resonance', 'classical', {'resonance_damping': 0.3}, True),  # does not ring
+        ('mode_pair', 'bouc_wen_mode', {'resonance_frequency': 140.0}, False),
+        ('mode_pair', 'bouc_wen_mode', {'resonance_frequency': 101.0}, True),  # the first mode
+    ],
+)
+def test_a_mode_that_does_not_ring_for_itself_is_another_change(
+    variant: str, baseline: str, values: dict[str, float], absent: bool
+) -> None:
+    model = named(baseline)
+    mode = {'natural_frequency': 100.0, 'damping_ratio': 0.05}
+    known = {**model.defaults(), **{k: v for k, v in mode.items() if k in model.free_names}}
+    base = CandidateFit(model, known, errors=(np.full(8, 1e-7),), parameters=4)
+    assert not is_another_change(base)
+    after = with_effect(base, 'resonance', variant)
+    after = replace(after, values={**after.values, 'resonance_damping': 0.05, **values})
+    assert is_another_change(after) == absent

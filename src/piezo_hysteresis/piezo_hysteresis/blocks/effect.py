@@ -124,6 +124,9 @@ class Effect:
     convert : callable or None
         ``convert(values)`` converts the values of the replaced blocks for `block`, and dependent
         values of other blocks; the result with `neutral` reproduces the model.
+    absent : callable or None
+        ``absent(values)`` returns whether fitted values, of `block` and by name of the rest of the
+        chain, describe another change than this effect, such as a mode that does not ring.
     """
 
     name: str
@@ -151,3 +154,4 @@ class Effect:
     alternatives: tuple[Mapping[str, float], ...] = ()
     guess: Guess | None = None
     convert: Convert | None = None
+    absent: Callable[[Mapping[str, float]], bool] | None = None

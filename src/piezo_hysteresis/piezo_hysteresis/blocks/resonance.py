@@ -207,6 +207,20 @@ _EXPERIMENT = (
 )
 _MISTAKEN = ('odd_harmonic', 'transport_delay', 'amplifier_lag', 'rate_dependence')
 
+
+def _is_no_mode(values: Mapping[str, float]) -> bool:
+    """Return whether the mode does not ring, or lies within half the bandwidth of the first one.
+
+    Damping on its bound is a lag or a delay; a mode at the first one changes its phase and gain.
+    """
+    if values['resonance_damping'] >= 0.99 * _DAMPING.high:
+        return True
+    first = values.get('natural_frequency')
+    if first is None:
+        return False
+    return abs(values['resonance_frequency'] - first) <= values['damping_ratio'] * first
+
+
 EFFECTS = (
     Effect(
         name='resonance',
@@ -219,6 +233,7 @@ EFFECTS = (
             {'resonance_frequency': each} for each in (30.0, 100.0, 200.0, 400.0, 800.0)
         ),
         guess=guess,
+        absent=_is_no_mode,
         physics=(
             'A lightly damped mode of the structure rings where the drive, or one of the odd '
             'harmonics that the hysteresis generates, is near its frequency.'
@@ -236,6 +251,7 @@ EFFECTS = (
         neutral={'resonance_frequency': 1e4, 'resonance_damping': 0.3},
         start={'resonance_frequency': 100.0, 'resonance_damping': 0.02},
         guess=poles,
+        absent=_is_no_mode,
         physics=(
             'The whole displacement passes a lightly damped mode. The first coefficient of the '
             'autoregression of the model is fixed, so it approximates the frequency of the mode, '
@@ -253,6 +269,7 @@ EFFECTS = (
         neutral={'resonance_share': 0.0},
         start={'resonance_share': 0.1, 'resonance_damping': 0.04},
         guess=guess,
+        absent=_is_no_mode,
         physics=(
             'The same force drives a second mode of the structure in parallel; each '
             'carries a share of the displacement.'

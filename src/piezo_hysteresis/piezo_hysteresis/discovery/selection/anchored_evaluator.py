@@ -31,6 +31,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     ModelSpec,
     evaluated_on,
     has_zero_time_constant,
+    is_another_change,
 )
 from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
@@ -283,7 +284,7 @@ class HeldEvaluator(Evaluator):
 
         The effect must also reduce the gap and must not increase the error on held-out records.
         """
-        if has_zero_time_constant(after, self.views[0].dt):
+        if is_another_change(after) or has_zero_time_constant(after, self.views[0].dt):
             return False
         if not rules.explains_enough(self.excess(before), self.excess(after), 0.0, self.policy):
             return False

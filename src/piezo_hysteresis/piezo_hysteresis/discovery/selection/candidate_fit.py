@@ -16,7 +16,7 @@ from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model
+from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model, described
 
 _Numbers = tuple[float, ...]
 Values = Mapping[str, float]
@@ -330,3 +330,13 @@ def has_zero_time_constant(fit: CandidateFit, dt: float) -> bool:
         for q in fit.model.parameters
         if q.name in own
     )
+
+
+def is_another_change(fit: CandidateFit) -> bool:
+    """Return whether the fitted values of the last added effect describe another change."""
+    if not fit.added:
+        return False
+    added = fit.added[-1]
+    effect = next(e for e in described(added.effect) if e.variant == added.variant)
+    own = {name: fit.values[known] for name, known in added.names.items()}
+    return effect.absent is not None and effect.absent({**fit.values, **own})

@@ -22,6 +22,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
     evaluated_on,
+    is_another_change,
 )
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
@@ -188,6 +189,8 @@ class FreeEvaluator(Evaluator):
         self, before: CandidateFit, after: CandidateFit, start: CandidateFit
     ) -> bool:
         """Return whether the last effect of `after` explains enough, also on held-out records."""
+        if is_another_change(after):
+            return False
         old, new = self.excess(before), self.excess(after)
         known = self.discrepancy(before, start)
         if not rules.explains_enough(old, new, known, self.policy):

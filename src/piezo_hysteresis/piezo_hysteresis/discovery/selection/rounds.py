@@ -8,7 +8,7 @@ from math import inf
 
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_filter import refined_candidates
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, is_another_change
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.restart import better_of_both
@@ -94,19 +94,28 @@ def select(
     chosen = choose_trials(scores, least, evaluator.policy)
     tried = evaluator.map(lambda each: _trial(evaluator, before, each), chosen)
     progress(0.4, f'{len(chosen)} candidates tried')
-    promising = choose_first_fits(evaluator, [fit for fit in tried if fit is not None])
+    promising = choose_first_fits(evaluator, _themselves([f for f in tried if f is not None]))
     first = evaluator.with_early_stopping(
         lambda each, enough: _first_fit(evaluator, each, enough),
         promising,
         evaluator.policy.final_within,
     )
-    fitted = ranked(evaluator, better_of_both(evaluator, before, chosen, ranked(evaluator, first)))
+    again = better_of_both(evaluator, before, chosen, ranked(evaluator, first))
+    fitted = ranked(evaluator, _themselves(again))
     progress(0.6, f'{len(fitted)} first fits')
     finalists = _finalists(evaluator, before, fitted, start, len(every))
     if not finalists:
         return None
     progress(1.0, f'{len(finalists)} finalists')
     return round_of(evaluator, before, finalists, len(every), start)
+
+
+def _themselves(fits: Sequence[CandidateFit]) -> Sequence[CandidateFit]:
+    """Return the fits without those that describe another change, or all if no other is left.
+
+    Such a fit cannot win, and as the best one it would end the fits of those that can.
+    """
+    return [fit for fit in fits if not is_another_change(fit)] or fits
 
 
 def _screened(evaluator: Evaluator, screen: Screen, candidate: Candidate) -> ScreeningScore | None:
