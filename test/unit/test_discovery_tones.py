@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from piezo_hysteresis.blocks.effect import Residual
+from piezo_hysteresis.blocks.mains_hum import guess
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import find_tone, phasor, with_aligned_phases
 from piezo_hysteresis.identification.targets import Target, whole
@@ -14,7 +16,7 @@ from piezo_hysteresis.numerics.harmonics import (
     phase_of,
     tone_amplitude,
 )
-from piezo_hysteresis.numerics.spectrum import non_harmonic_lines
+from piezo_hysteresis.numerics.spectrum import non_harmonic_lines, resolved_lines
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT, TONE, SIZE = 1e-3, 41.7, 3e-7
@@ -137,3 +139,13 @@ def test_find_tone_in_records_of_few_periods() -> None:
     ]
     assert find_tone(views, driven) is None
     assert find_tone(views[:1], errors[:1]) is None
+
+
+def test_a_slow_change_is_no_tone() -> None:
+    lines = resolved_lines(1e-7 * np.exp(-np.linspace(0.0, 2.0, 1125)))
+    assert np.all(lines[:3] == 0.0)
+    voltage = np.sin(2 * np.pi * 4.1 * 1e-3 * np.arange(1125))
+    slow = 1e-7 * np.linspace(0.0, 1.0, 1125)
+    found = guess(Residual(voltage, 1e-6 * voltage, slow, 1e-3, 4.1))
+    sizes = [np.hypot(each['hum_sine'], each['hum_cosine']) for each in found]
+    assert all(size < 0.3 * np.ptp(slow) for size in sizes)

@@ -11,7 +11,7 @@ from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
-from piezo_hysteresis.numerics.spectrum import non_harmonic_lines, windowed
+from piezo_hysteresis.numerics.spectrum import non_harmonic_lines, resolved_lines
 
 # Number of neighbouring lines for the background of a line.
 _ABOUT = 51
@@ -45,7 +45,7 @@ def guess(seen: Residual) -> list[dict[str, float]]:
     above = lines / np.maximum(_background(lines), 1e-300)
     places = dict.fromkeys(int(np.argmax(each)) for each in (above, lines))
     found = [_tone(seen, lines, place) for place in places if lines[place] > 0.0]
-    every = windowed(seen.residual)
+    every = resolved_lines(seen.residual)
     largest = int(np.argmax(every))
     if largest in places and lines[largest] > 0.0:
         return found

@@ -43,6 +43,13 @@ def windowed(signal: FloatArray, *, trend: bool = False) -> FloatArray:
     return np.asarray(np.abs(np.fft.rfft(np.hanning(signal.size) * flat)))
 
 
+def resolved_lines(signal: FloatArray, *, trend: bool = False) -> FloatArray:
+    """Return the lines of `windowed`, 0 at the slowest: the mean, a drift and their leakage."""
+    lines = windowed(signal, trend=trend)
+    lines[:_SLOW] = 0.0
+    return lines
+
+
 def non_harmonic_lines(
     signal: FloatArray, dt: float, drive: float, *, trend: bool = False
 ) -> tuple[FloatArray, FloatArray]:
@@ -61,9 +68,8 @@ def non_harmonic_lines(
     trend : bool
         See `windowed`.
     """
-    lines = windowed(signal, trend=trend)
+    lines = resolved_lines(signal, trend=trend)
     frequency = np.asarray(np.fft.rfftfreq(signal.size, dt))
-    lines[:_SLOW] = 0.0
     if drive > 0.0:
         order = frequency / drive
         near = np.abs(order - np.round(order)) * drive < BINS / (signal.size * dt)

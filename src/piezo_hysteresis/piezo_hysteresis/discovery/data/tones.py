@@ -17,7 +17,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, tone_amplitude
-from piezo_hysteresis.numerics.spectrum import BINS, non_harmonic_lines, windowed
+from piezo_hysteresis.numerics.spectrum import BINS, non_harmonic_lines, resolved_lines
 
 # Ratio to the local median of the spectrum from which a line is significant.
 PROMINENT = 30.0
@@ -90,7 +90,7 @@ def _dominant(seen: Sequence[_Seen]) -> Tone | None:
     """Return the tone that is most of the residual of records with different drives."""
     if len({view.frequency for view, *_ in seen}) < 2:
         return None
-    tops = [float(row[2][np.argmax(windowed(row[1], trend=True))]) for row in seen]
+    tops = [float(row[2][np.argmax(resolved_lines(row[1], trend=True))]) for row in seen]
     best = _refined(tops, seen)
     sizes = np.array([abs(phasor(v, e, best)) for v, e, _, _ in seen])
     powers = np.array([float(np.var(e)) for _, e, _, _ in seen])
