@@ -11,12 +11,10 @@ from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
-from piezo_hysteresis.numerics.spectrum import non_harmonic_lines, resolved_lines
+from piezo_hysteresis.numerics.spectrum import DOMINANT, non_harmonic_lines, resolved_lines
 
 # Number of neighbouring lines for the background of a line.
 _ABOUT = 51
-# Share of the power of a residual from which its largest line may be a tone near a harmonic.
-_DOMINANT = 0.5
 
 
 @jit
@@ -51,7 +49,7 @@ def guess(seen: Residual) -> list[dict[str, float]]:
         return found
     most = _tone(seen, every, largest)
     power = 0.5 * hypot(most['hum_sine'], most['hum_cosine']) ** 2
-    return [*found, most] if power > _DOMINANT * float(np.var(seen.residual)) else found
+    return [*found, most] if power > DOMINANT * float(np.var(seen.residual)) else found
 
 
 def _background(lines: FloatArray) -> FloatArray:

@@ -17,6 +17,8 @@ from piezo_hysteresis.numerics.linalg import straight_line
 # Lines nearer to a harmonic of the drive than so many bins belong to it: two are half the main
 # lobe of the window, one more is for a harmonic between two bins.
 BINS = 3.0
+# Share of the power of a residual from which one line may be a tone, however near a harmonic.
+DOMINANT = 0.5
 # Lines of the mean and its leakage.
 _SLOW = 3
 # A line on a harmonic above the highest reported one is separate if it is this factor larger than

@@ -17,14 +17,12 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, tone_amplitude
-from piezo_hysteresis.numerics.spectrum import BINS, non_harmonic_lines, resolved_lines
+from piezo_hysteresis.numerics.spectrum import BINS, DOMINANT, non_harmonic_lines, resolved_lines
 
 # Ratio to the local median of the spectrum from which a line is significant.
 PROMINENT = 30.0
 # Share of the usual amplitude of the tone from which its phase is reliable.
 TRUSTED = 0.5
-# Share of the power of every residual from which a common line is a tone, however near a harmonic.
-_DOMINANT = 0.5
 _FEWEST = 256
 _STEPS = np.linspace(-1.0, 1.0, 41)
 
@@ -94,7 +92,7 @@ def _dominant(seen: Sequence[_Seen]) -> Tone | None:
     best = _refined(tops, seen)
     sizes = np.array([abs(phasor(v, e, best)) for v, e, _, _ in seen])
     powers = np.array([float(np.var(e)) for _, e, _, _ in seen])
-    if np.any(0.5 * sizes**2 < _DOMINANT * powers) or not np.all(powers > 0.0):
+    if np.any(0.5 * sizes**2 < DOMINANT * powers) or not np.all(powers > 0.0):
         return None
     return Tone(best, float(np.median(sizes)))
 

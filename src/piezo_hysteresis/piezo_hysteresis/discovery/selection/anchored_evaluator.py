@@ -29,6 +29,7 @@ from piezo_hysteresis.discovery.selection.baseline import (
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
+    effect_of,
     evaluated_on,
     has_zero_time_constant,
     is_another_change,
@@ -50,7 +51,6 @@ from piezo_hysteresis.models import (
     Discrepancy,
     Model,
     ModelFile,
-    described,
     shifted,
 )
 from piezo_hysteresis.models.simulation.plan import free_states
@@ -212,12 +212,7 @@ class HeldEvaluator(Evaluator):
 
         The zero positions of an effect are nuisance parameters and do not count.
         """
-        zeros = sum(
-            len(effect.zeros)
-            for added in fit.added
-            for effect in described(added.effect)
-            if effect.variant == added.variant
-        )
+        zeros = sum(len(effect_of(added).zeros) for added in fit.added)
         return len(self.free_of(fit)) - zeros + self._states(fit)
 
     def _states(self, fit: CandidateFit) -> int:

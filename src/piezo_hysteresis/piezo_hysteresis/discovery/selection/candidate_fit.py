@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.free_run import StageCache
@@ -40,6 +41,11 @@ class Added:
     variant: str
     names: Mapping[str, str]
     inexactness: float = 0.0
+
+
+def effect_of(added: Added) -> Effect:
+    """Return the description of an added effect."""
+    return next(e for e in described(added.effect) if e.variant == added.variant)
 
 
 def added_of(candidate: Candidate) -> Added:
@@ -337,6 +343,6 @@ def is_another_change(fit: CandidateFit) -> bool:
     if not fit.added:
         return False
     added = fit.added[-1]
-    effect = next(e for e in described(added.effect) if e.variant == added.variant)
+    absent = effect_of(added).absent
     own = {name: fit.values[known] for name, known in added.names.items()}
-    return effect.absent is not None and effect.absent({**fit.values, **own})
+    return absent is not None and absent({**fit.values, **own})

@@ -86,9 +86,11 @@ class FreeEvaluator(Evaluator):
         """Return the fit with initial conditions that the model estimates, if it is better."""
         renewed = with_renewed_starts(fit, self.data, self.choices, self.workers)
         best: tuple[FreeEvaluator, CandidateFit] = self, fit
+        tried = [self.data]
         for seen in (renewed, with_step_starts(fit, self.data, self.choices)):
-            if seen is None or same_initial_conditions(self.data, seen):
+            if seen is None or any(same_initial_conditions(each, seen) for each in tried):
                 continue
+            tried.append(seen)
             other = self.with_data(seen)
             again = other.fit(fit)
             if again is not None and again.square < best[1].square:

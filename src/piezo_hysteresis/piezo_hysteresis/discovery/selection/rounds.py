@@ -8,13 +8,17 @@ from math import inf
 
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_filter import refined_candidates
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, is_another_change
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    effect_of,
+    is_another_change,
+)
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.restart import better_of_both
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.models import Candidate, described
+from piezo_hysteresis.models import Candidate
 
 Progress = Callable[[float, str], None]
 
@@ -312,8 +316,7 @@ def of_different_places(
 
 def _place(fit: CandidateFit) -> tuple[str, tuple[str, ...]]:
     """Return the last added effect and the blocks that it replaces."""
-    effect = next(e for e in described(fit.effect) if e.variant == fit.variant)
-    return fit.effect, effect.replaces
+    return fit.effect, effect_of(fit.added[-1]).replaces
 
 
 def _other_variants(
