@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from listening import Listener
 from live_nodes import LiveNodes
 from rcl_interfaces.srv import ListParameters
 from rclpy.action import ActionClient
+from rosbags.highlevel import AnyReader
 
 from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.records import Record, read_bag, write_bag
@@ -76,6 +78,41 @@ def left_by(process: subprocess.Popen[str]) -> set[str]:
     assert 'Traceback' not in text, text
     assert 'FATAL' not in text, text
     return set(text.rpartition('left:')[2].split()) - OF_THE_PROCESS
+
+
+# Publishes one sample, and 200 more once the file `go` exists; then it ends.
+SOURCE = """
+import pathlib, sys
+from rclpy.node import Node
+from rclpy.task import Future
+from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.timers import wall_timer
+from piezo_interfaces.msg import ActuatorState
+
+folder = pathlib.Path(sys.argv.pop())
+
+class Source(Node):
+    def __init__(self):
+        super().__init__('source')
+        self.stop = Future()
+        self.publisher = self.create_publisher(ActuatorState, 'actuator/state', LOOP)
+        wall_timer(self, 0.05, self.look)
+
+    def look(self):
+        if self.stop.done():
+            return
+        if (folder / 'go').exists():
+            for k in range(1, 201):
+                self.publisher.publish(ActuatorState(sample=k))
+            self.stop.set_result(True)
+        elif not (folder / 'matched').exists() and self.publisher.get_subscription_count():
+            self.publisher.publish(ActuatorState(sample=0))
+            if self.publisher.wait_for_all_acked():
+                (folder / 'matched').touch()
+
+sys.exit(run_node(Source))
+"""
 
 
 # What a node cannot do without; the page takes any port that is free.
@@ -177,6 +214,33 @@ def test_a_player_that_waits_for_a_listener_ends_at_once(
     finally:
         player.kill()
         player.wait()
+
+
+def test_what_a_node_published_last_reaches_a_recorder_that_was_not_scheduled(
+    processes: LiveNodes, listener: Listener, tmp_path: Path
+) -> None:
+    options = {'out': str(tmp_path / 'bag'), 'topics': ['actuator/state']}
+    recorder = processes.start('piezo_hysteresis', 'recorder', options)
+    command = [sys.executable, '-c', SOURCE, str(tmp_path)]
+    source = subprocess.Popen(command, env=processes.environment)
+    try:
+        listener.until(lambda: (tmp_path / 'matched').exists())
+        recorder.signal(signal.SIGSTOP)
+        (tmp_path / 'go').touch()
+        with pytest.raises(subprocess.TimeoutExpired):
+            source.wait(1.0)
+        recorder.signal(signal.SIGCONT)
+        assert source.wait(20.0) == 0
+    finally:
+        source.kill()
+        source.wait()
+    assert recorder.stop() == 0
+    with AnyReader([tmp_path / 'bag']) as reader:
+        states: list[Any] = [
+            reader.deserialize(payload, connection.msgtype)
+            for connection, _, payload in reader.messages()
+        ]
+    assert [state.sample for state in states] == list(range(201))
 
 
 def test_a_discovery_under_way_ends_with_its_node(

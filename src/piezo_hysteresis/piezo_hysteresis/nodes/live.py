@@ -267,7 +267,7 @@ def track(
     Raises
     ------
     PiezoError
-        If a process dies or does not respond.
+        If a process dies or does not respond, or a sample of the reference was not recorded.
     """
     with NodeProcesses() as processes, Observer(processes) as observer:
         settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 3, **(simulator or {})}
@@ -296,4 +296,7 @@ def track(
         observer.until(lambda: excitation.returncode is not None, ended, written)
         time.sleep(0.3)
         recorder.stop()
-    return read_bag(bag)[0]
+    record = read_bag(bag)[0]
+    if record.reference is None:
+        raise PiezoError(f'{bag} does not hold the reference of every sample')
+    return record

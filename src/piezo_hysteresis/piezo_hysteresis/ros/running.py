@@ -6,11 +6,13 @@ import gc
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import rclpy
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -33,6 +35,10 @@ LONGEST_WAIT = 60.0
 # Fast DDS 2.14 can block indefinitely if another node ends during its own shutdown: about one in a
 # thousand if many nodes end together. By then all data are written and published [s].
 LONGEST_END = 5.0
+
+# How long an ending process waits for subscribers that have not yet received its messages [s]:
+# a recorder that was not scheduled for a while would lose the last ones.
+LONGEST_DELIVERY = 5.0
 
 RCLError = rclpy_implementation.RCLError
 
@@ -220,10 +226,18 @@ def finish(nodes: Sequence[Node]) -> None:
 def _close(nodes: Sequence[Node]) -> None:
     finish(nodes)
     sys.stdout.flush()
+    _deliver(nodes)
     with EndsWithin(LONGEST_END, exit_code(nodes)):
         for node in nodes:
             destroy(node)
         rclpy.try_shutdown()
+
+
+def _deliver(nodes: Sequence[Node]) -> None:
+    """Wait until the subscribers have received all published messages."""
+    end = time.monotonic() + LONGEST_DELIVERY
+    for publisher in [each for node in nodes for each in node.publishers]:
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
 def exit_code(nodes: Sequence[Node]) -> int:
