@@ -53,6 +53,8 @@ LIMITS = Limits(-3.0, 3.0, 1e4)
 VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6,
           'natural_frequency': 68.0, 'damping_ratio': 0.015}  # fmt: skip
 GAIN = ModeGain(115e-6, 68.0, 0.015, DT)
+# Two windows, of which the error must be the same before afc begins [s].
+STARTED = 0.4
 
 
 class Proportional:
@@ -126,20 +128,22 @@ def run(
 
 
 @pytest.mark.parametrize('frequency', [14.0, 18.0, 22.0, 23.0, 24.0, 28.0])
-def test_afc_reaches_a_tenth_within_a_second_from_a_right_model(frequency: float) -> None:
+def test_afc_reaches_a_tenth_a_second_after_the_start_has_settled(frequency: float) -> None:
     order = 5 if frequency == 14.0 else 3
     _, ratio, settled, _ = run(frequency, AttenuationSettings(orders=(order,)))
-    assert settled <= 1.0
+    assert settled <= STARTED + 1.0
     assert ratio < 10 ** (-40 / 20)
 
 
 @pytest.mark.component
 @pytest.mark.parametrize('frequency', [14.0, 22.0, 23.0, 28.0])
-def test_afc_finds_out_that_the_sign_is_wrong_within_two_seconds(frequency: float) -> None:
+def test_afc_finds_a_wrong_sign_two_seconds_after_the_start_has_settled(
+    frequency: float,
+) -> None:
     order = 5 if frequency == 14.0 else 3
     wrong = ModeGain(-115e-6, 68.0, 0.015, DT)
     _, ratio, settled, _ = run(frequency, AttenuationSettings(orders=(order,)), wrong)
-    assert settled <= 2.0
+    assert settled <= STARTED + 2.0
     assert ratio < 10 ** (-40 / 20)
 
 

@@ -260,6 +260,17 @@ def test_the_identified_model_compensates(tmp_path: Path) -> None:
     assert bare.best.metrics.rms > 1e-7
 
 
+@pytest.mark.component
+@pytest.mark.parametrize('seconds', [1.0, 4.0])
+def test_attenuation_does_not_learn_from_the_start(seconds: float) -> None:
+    values = {**TRUE, 'natural_frequency': 68.0, 'damping_ratio': 0.03}
+    model = ph.Model.from_name('bouc_wen_mode', **values)
+    reference = f'sine:frequency=23,amplitude=40e-6,duration={seconds}'
+    study = ph.compensate(model, reference)
+    _, feedforward, attenuated = (run.metrics.rms for run in study.runs)
+    assert attenuated < 1.05 * feedforward
+
+
 @pytest.mark.slow
 def test_a_discovery_by_name_shows_what_is_missing(tmp_path: Path) -> None:
     import matplotlib.pyplot as plt

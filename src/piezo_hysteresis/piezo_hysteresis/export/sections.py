@@ -249,7 +249,8 @@ _GAIN = {
 def attenuation_section(link: HarmonicAttenuation) -> Section:
     """Return the attenuation; its fields are its settings, and the plant gain as a mode."""
     method = link.settings.method
-    kernel, clear, regain = STEPS[method], LAWS[method].clear, LAWS[method].regain
+    law, kernel = LAWS[method], STEPS[method]
+    clear, regain, fading = law.clear, law.regain, law.fading
     first_of = np.cumsum([link.numbers.size, link.packed.size, link.packed_gain.size])
     numbers, packed, gain = (int(place) for place in first_of)
     own = gain + attenuation.OWN
@@ -268,7 +269,7 @@ def attenuation_section(link: HarmonicAttenuation) -> Section:
     def reset(s: FloatArray) -> None:
         reset_watch(s[gain:])
         reset_ramp(s[gain:])
-        reset_guard(s[gain + attenuation.GUARD : gain + attenuation.GUARD + GUARD_SIZE])
+        reset_guard(s[gain + attenuation.GUARD : gain + attenuation.GUARD + GUARD_SIZE], fading)
         clear(s[own:], s[numbers:packed], s[packed:gain], dt)
 
     @leaf

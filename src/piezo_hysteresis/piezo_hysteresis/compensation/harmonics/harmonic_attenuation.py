@@ -249,5 +249,5 @@ class HarmonicAttenuation:
         """Reset everything but the settings."""
         self._watch.reset()
         reset_ramp(self.memory)
-        reset_guard(self.memory[GUARD:OWN])
+        reset_guard(self.memory[GUARD:OWN], self._law.fading)
         self._law.clear(self.memory[OWN:], self.packed, self.packed_gain, self.dt)

@@ -6,6 +6,9 @@ without it. If the error is then smaller, the correction was harmful: it restart
 wait that doubles with each failure, and fades in more slowly each time if it learns during the
 fade. Otherwise the error has another cause and the correction fades in again. The comparison is an
 experiment, so it needs no model of the plant and applies to every law.
+
+A law that learns from windows begins once the error has settled: the transient of the start is no
+harmonic, and a correction of it would be the error of the following windows.
 """
 
 from __future__ import annotations
@@ -33,7 +36,11 @@ _SUCCESS = 0.25
 # Relative change of the frequency after which the measurement without a correction is stale.
 _CHANGE = 0.05
 
-RUNNING, MEASURING, WAITING = range(3)
+# The error has settled if its mean squares in two successive windows differ by less than this
+# factor. These windows are shorter [s]; after so many of them the law begins regardless.
+_SETTLED, _STARTING_SPAN, _MOST_STARTING = 1.25, 0.125, 16.0
+
+RUNNING, MEASURING, WAITING, STARTING = range(4)
 # Requests of `supervise` to the law.
 NOTHING, RETREAT, RESUME = range(3)
 
@@ -41,20 +48,22 @@ NOTHING, RETREAT, RESUME = range(3)
 # amplitude of the reference then [m], its frequency [Hz] and whether both still hold; the window:
 # sum of squares, sum, ticks, turn it began with; suspicious windows in a row; mean square error
 # before the experiment; failures and harmless experiments in a row; time that is left [s]; how
-# often a correction was faded out for good, and how many experiments there were.
+# often a correction was faded out for good, how many experiments there were, and windows since the
+# start.
 (
     STATE, WEIGHT, BASE, SIZE, FREQUENCY, VALID, SQUARES, SUM, TICKS, TURN, RISES, BEFORE,
-    FAILURES, CHECKS, LEFT, BACKED_OFF, CHECKED,
-) = range(17)  # fmt: skip
-GUARD_SIZE = 17
+    FAILURES, CHECKS, LEFT, BACKED_OFF, CHECKED, STARTED,
+) = range(18)  # fmt: skip
+GUARD_SIZE = 18
 
 
 @jit
-def reset_guard(memory: FloatArray) -> None:
-    """Reset: the correction has its full weight."""
+def reset_guard(memory: FloatArray, fading: bool) -> None:
+    """Reset: the correction has its full weight, and learns at once if it may while `fading`."""
     for k in range(GUARD_SIZE):
         memory[k] = 0.0
     memory[WEIGHT] = 1.0
+    memory[STATE] = RUNNING if fading else STARTING
 
 
 @leaf
@@ -69,6 +78,8 @@ def fade(memory: FloatArray, fading: bool, dt: float) -> float:
 
     A law that learns while `fading` in does so more slowly after each failure.
     """
+    if memory[STATE] == STARTING:
+        return 1.0
     if memory[STATE] == RUNNING:
         time = _FADE + (_SLOWER * memory[FAILURES] if fading else 0.0)
         memory[WEIGHT] = min(memory[WEIGHT] + dt / time, 1.0)
@@ -118,6 +129,8 @@ def supervise(
         if memory[WEIGHT] < 1.0:
             empty_window(memory)
             return RESUME
+    elif memory[STATE] == STARTING:
+        pass
     elif memory[WEIGHT] > 0.0:
         memory[LEFT] = max(memory[LEFT], settle)
         return NOTHING
@@ -132,7 +145,8 @@ def supervise(
     if memory[TICKS] == 0.0:
         memory[TURN] = turn
     answer = NOTHING
-    if turn != memory[TURN] and memory[TICKS] * dt >= _SPAN:
+    span = _STARTING_SPAN if memory[STATE] == STARTING else _SPAN
+    if turn != memory[TURN] and memory[TICKS] * dt >= span:
         mean = memory[SUM] / memory[TICKS]
         power = memory[SQUARES] / memory[TICKS] - (0.0 if with_mean else mean * mean)
         empty_window(memory)
@@ -155,6 +169,7 @@ def doubled(time: float, times: float) -> float:
 @leaf
 def judge(power: float, frequency: float, size: float, memory: FloatArray) -> int:
     """Evaluate the mean square error [m^2] of a window."""
+    before = memory[BASE]
     if memory[STATE] != RUNNING or memory[BASE] == 0.0:
         memory[BASE], memory[SIZE], memory[FREQUENCY] = power, size, frequency
         memory[VALID], memory[RISES] = 1.0, 0.0
@@ -162,6 +177,11 @@ def judge(power: float, frequency: float, size: float, memory: FloatArray) -> in
         memory[STATE], memory[BEFORE] = MEASURING, power
         memory[CHECKED] += 1.0
         return NOTHING
+    if memory[STATE] == STARTING:
+        memory[STARTED] += 1.0
+        settled = max(power, before) <= _SETTLED * min(power, before)
+        if not settled and memory[STARTED] < _MOST_STARTING:
+            return NOTHING
     if memory[STATE] == MEASURING:
         if memory[BEFORE] > _HARM * power:
             memory[LEFT] = doubled(_WAIT, memory[FAILURES])
