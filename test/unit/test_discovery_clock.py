@@ -150,8 +150,34 @@ def test_a_fit_gives_a_delay_to_the_delay_and_not_to_the_clock(late: float) -> N
     evaluator, _ = held_by(kept(late), measured(spec.model, truth, late, noise=MISSED))
     found = evaluator.fit(replace(spec, sampling_offset=late - 0.5 * DT))
     assert found is not None
-    assert found.sampling_offset == pytest.approx(late, abs=1.1 * STILL)
+    assert found.sampling_offset == pytest.approx(late, abs=0.05 * DT)
     assert 1.0 <= found.values['delay'] / DT < 2.0
+
+
+@pytest.mark.parametrize('delay', [2.36, 2.5, 2.8])
+def test_the_fraction_of_a_delay_by_ticks_is_a_sampling_offset_without_price(
+    delay: float,
+) -> None:
+    """Samples that are read earlier show a response that comes later."""
+    spec, truth = with_effect('transport_delay', {'delay': 2.0 * DT})
+    records = measured(spec.model, truth, (2.0 - delay) * DT, noise=NOISE)
+    evaluator, _ = held_by(kept(0.0, 0.0), records)
+    found = evaluator.fit(replace(spec, values={**spec.values, 'delay': 3.0 * DT}))
+    assert found is not None
+    total = found.values['delay'] - found.sampling_offset
+    assert total / DT == pytest.approx(delay, abs=0.03)
+    whole_ticks = evaluator.evaluated(replace(spec, values=truth, sampling_offset=0.0))
+    assert evaluator.score(found) < evaluator.score(whole_ticks) + 0.1
+
+
+def test_a_sharpened_fit_is_at_the_optimum_of_the_score() -> None:
+    spec, truth = with_effect('amplifier_lag', {'lag_time': 2.0 * DT})
+    evaluator, _ = held_by(kept(0.0), measured(spec.model, truth, 0.0, noise=NOISE))
+    at = evaluator.evaluated(replace(spec, values={**truth, 'lag_time': 1.5 * DT}))
+    found = evaluator.sharpened(at)
+    assert evaluator.score(found) < evaluator.score(at) - 1.0
+    assert found.values['lag_time'] == pytest.approx(2.0 * DT, rel=0.05)
+    assert evaluator.sharpened(found).values == found.values
 
 
 @pytest.mark.parametrize('late', [0.4 * DT, -0.4 * DT])

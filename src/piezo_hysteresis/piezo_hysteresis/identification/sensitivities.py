@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Parameter
+from piezo_hysteresis.blocks.base import Between, Block, Parameter
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.block_sensitivities import At, side_by_side, through
 from piezo_hysteresis.models.simulation.plan import (
@@ -373,9 +373,29 @@ def moves_by_ticks(stage: Stage) -> TypeGuard[TickStage]:
 
 
 def delays_by_ticks(model: Model) -> set[str]:
-    """Return the names of the delays that move a held signal by whole ticks."""
-    stages = (stage for stage in model.stages if moves_by_ticks(stage))
-    return {each.name for stage in stages for each in model.parameters[stage.columns]}
+    """Return the names of the delays that move a held signal by whole ticks.
+
+    Creep passes a held signal on at once and adds to it, so a delay before it also moves most of
+    the response by whole ticks; a mode or a lag does not.
+    """
+    names: set[str] = set()
+    for stage in model.stages:
+        if moves_by_ticks(stage) or (isinstance(stage, LinearStage) and _passes_directly(stage)):
+            delays = (block for block in stage.blocks if block.between is Between.DELAY)
+            names.update(each.name for block in delays for each in block.parameters)
+    return names
+
+
+def _passes_directly(stage: LinearStage) -> bool:
+    """Return whether the output of a stage contains its input at the same instant."""
+    linear = stage.parts[stage.delays :]
+    return all(_feedthrough(part.block) != 0.0 for part in linear)
+
+
+def _feedthrough(block: Block) -> float:
+    """Return the feedthrough of a linear block at the defaults of its parameters."""
+    assert block.system is not None
+    return block.system(np.array([each.default for each in block.parameters])).d
 
 
 def _a_tick_apart(

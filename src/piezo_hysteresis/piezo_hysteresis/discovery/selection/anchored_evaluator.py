@@ -38,6 +38,7 @@ from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evalua
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change, widened
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, costs, expectation
+from piezo_hysteresis.discovery.selection.score_ascent import ScoreAscent
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
@@ -45,6 +46,7 @@ from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
+from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import (
     Candidate,
@@ -103,6 +105,7 @@ class HeldEvaluator(Evaluator):
             return widened(found, base, views, *self._uncertain)
 
         self.expected, self.expected_held_out = expected(data.training), expected(data.held_out)
+        self._ascent = ScoreAscent(self.views, self.expected, self.score, self.late)
 
     @property
     def measured(self) -> Dataset:
@@ -117,6 +120,14 @@ class HeldEvaluator(Evaluator):
         """Return an evaluator with the same settings on other data."""
         given = self.base, self.given, self.policy, self.deadline, self.choices
         return HeldEvaluator(data, self.seed, self.workers, *given)
+
+    @property
+    def has_free_starts(self) -> bool:
+        """Whether initial conditions are estimated.
+
+        The model without an effect may have found a record at rest that began in motion.
+        """
+        return self.choices is not None
 
     def with_own_starts(self, fit: CandidateFit) -> tuple[HeldEvaluator, CandidateFit]:
         """Return the fit with initial conditions that the model estimates, if it scores better."""
@@ -167,11 +178,18 @@ class HeldEvaluator(Evaluator):
         offset of the file is tried as well.
         """
         found = super().fit(spec, views, evaluations, enough)
-        if found is None or views is not None or not self._clock_moved(found):
+        if found is None or views is not None:
             return found
-        here = replace(found, sampling_offset=self.late)
-        there = self._fitted(here, self.views, self.policy.first_evaluations, self._still)
-        return found if there is None else min(found, there, key=self.score)
+        fits = [self.sharpened(found)]
+        if self._clock_moved(found):
+            here = replace(found, sampling_offset=self.late)
+            there = self._fitted(here, self.views, self.policy.first_evaluations, self._still)
+            fits += [] if there is None else [self.sharpened(there)]
+        return min(fits, key=self.score)
+
+    def sharpened(self, fit: CandidateFit) -> CandidateFit:
+        """Return a fit on all training views with a better score, near its values."""
+        return self._ascent(fit, self.free_of(fit))
 
     def fit_briefly(
         self, spec: ModelSpec, evaluations: int, enough: float = inf, workers: int = 1
@@ -200,8 +218,12 @@ class HeldEvaluator(Evaluator):
         return abs(spec.sampling_offset - self.late) > 2.0 * still
 
     def _moved(self, fit: CandidateFit) -> float:
-        """Return the penalty of changed baseline parameters and sampling offset [nats]."""
-        total = self.policy.price if self._clock_moved(fit) else 0.0
+        """Return the penalty of changed baseline parameters and sampling offset [nats].
+
+        With a delay by whole ticks, the sampling offset is the rest of the delay.
+        """
+        rest = delays_by_ticks(fit.model).intersection(self.free_of(fit))
+        total = self.policy.price if self._clock_moved(fit) and not rest else 0.0
         changes = {name: fit.values[name] - self.base.values[name] for name in fit.shifted}
         if any(changes.values()):
             total += cost_of_change(changes, *self._uncertain, self.policy.price)

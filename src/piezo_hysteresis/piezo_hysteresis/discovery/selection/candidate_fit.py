@@ -242,11 +242,7 @@ def fitted_to(
         Number of threads over the views; the result does not depend on it.
     """
     low, high = clock or (0.0, views[0].dt)
-    bounds = {
-        **_below_half_the_rate(spec.model, views[0].dt),
-        **_not_below_the_noise(spec.model, min(view.noise for view in views)),
-        SAMPLING_OFFSET: (low, high),
-    }
+    bounds = {**bounds_of(spec.model, views), SAMPLING_OFFSET: (low, high)}
     start = {**spec.values, SAMPLING_OFFSET: float(np.clip(spec.sampling_offset, low, high))}
     try:
         result = fit(
@@ -267,6 +263,15 @@ def fitted_to(
     except PiezoError:
         return None
     return _of_result(result, spec.added)
+
+
+def bounds_of(model: Model, views: Sequence[Target]) -> dict[str, tuple[float, float]]:
+    """Return the bounds of the parameters in a fit to the views."""
+    return {
+        **{q.name: (q.low, q.high) for q in model.parameters},
+        **_below_half_the_rate(model, views[0].dt),
+        **_not_below_the_noise(model, min(view.noise for view in views)),
+    }
 
 
 # Upper bound of fitted frequencies, relative to the sampling rate; it excludes aliases above half.

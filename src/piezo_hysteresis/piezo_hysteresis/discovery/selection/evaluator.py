@@ -205,12 +205,21 @@ class Evaluator(ABC):
         """Return the parameter values of a baseline before any fit; None if it is fixed."""
         return None
 
+    @property
+    def has_free_starts(self) -> bool:
+        """Whether another model may estimate other initial conditions of the records."""
+        return any(v.begins.kind == 'estimate' or v.begins.levels for v in self.views)
+
     def with_own_starts(self, fit: CandidateFit) -> tuple[Evaluator, CandidateFit]:
         """Return an evaluator and a fit whose initial conditions the model itself estimates."""
         return self, fit
 
     def evaluated_for_ranking(self, fit: CandidateFit) -> CandidateFit:
         """Return a first fit evaluated on the samples on which first fits are ranked."""
+        return fit
+
+    def sharpened(self, fit: CandidateFit) -> CandidateFit:
+        """Return a first fit at the optimum of its score, near its values."""
         return fit
 
     def promising(
@@ -292,7 +301,7 @@ class Evaluator(ABC):
     def refit(self, fit: CandidateFit, evaluations: int = 0) -> CandidateFit:
         """Return the model after another fit, or the same fit if that is not better."""
         again = self.fit(fit, evaluations=evaluations)
-        return fit if again is None or again.square > fit.square else again
+        return fit if again is None or self.score(again) > self.score(fit) else again
 
     def evaluated(self, spec: ModelSpec) -> CandidateFit:
         """Return the model evaluated on all training views."""

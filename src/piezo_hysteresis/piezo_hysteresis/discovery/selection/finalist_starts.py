@@ -21,7 +21,7 @@ def led_by_best_start(
 ) -> tuple[Evaluator, SelectionRound]:
     """Return the round with the finalist first that is best with its own initial conditions.
 
-    This is needed only if records have free initial conditions; otherwise they can hide no effect.
+    This is needed only if the initial conditions can change; otherwise they can hide no effect.
 
     Parameters
     ----------
@@ -39,8 +39,9 @@ def led_by_best_start(
     round_ : SelectionRound
         The round; unchanged if no other initial conditions are better.
     """
-    free = any(v.begins.kind == 'estimate' or v.begins.levels for v in evaluator.views)
-    if not free or evaluator.deadline.skips('initial conditions of the alternatives'):
+    if not evaluator.has_free_starts or evaluator.deadline.skips(
+        'initial conditions of the alternatives'
+    ):
         return evaluator, round_
     chosen, first, fits = evaluator, round_.best, list(round_.finalists)
     best_of_each = {fit.effect: fit for fit in reversed(round_.finalists)}

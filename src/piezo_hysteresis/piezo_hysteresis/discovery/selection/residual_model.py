@@ -9,7 +9,7 @@ the ``model.yaml``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, sqrt
 
@@ -96,11 +96,27 @@ class Expectation:
         Half the sum of their squares is the loss of log likelihood by a small change: each part
         counts as its number of independent values, with the expected power as variance.
         """
-        shares, spectrum = self._components(change)
         known = self.expected > 0.0
-        weights = np.sqrt(self.independent / np.where(known, self.expected, 1.0)) * known
-        broadband = spectrum * weights[self.octave_of]
-        return np.concatenate([shares * weights[self.line_of], broadband.real, broadband.imag])
+        return self._weighed(
+            change, self.independent * known / np.where(known, self.expected, 1.0)
+        )
+
+    def whitening(self, error: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """Return a function that whitens changes of a residual of shape (n,).
+
+        The weight of each part is the slope of `cost` at its power, so the squared norm of the
+        whitened residual decreases as `cost` does, to first order.
+        """
+        power = self.expected + np.maximum(self.powers(error), self.expected)
+        weights = self.independent / np.where(power > 0.0, power, 1.0)
+        return lambda change: self._weighed(change, weights)
+
+    def _weighed(self, change: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return the components of a change, whose squares are weighed by part."""
+        shares, spectrum = self._components(change)
+        roots = np.sqrt(weights)
+        broadband = spectrum * roots[self.octave_of]
+        return np.concatenate([shares * roots[self.line_of], broadband.real, broadband.imag])
 
     def _components(self, error: FloatArray) -> tuple[FloatArray, ComplexArray]:
         """Return the share of each row of `lines` and the spectrum of the rest [m].

@@ -56,7 +56,7 @@ def better_of_both(
         if near is None:
             return None
         fit = evaluator.fit_briefly(near, evaluator.policy.restart_evaluations, enough)
-        return evaluator.evaluated_for_ranking(fit or near)
+        return evaluator.sharpened(evaluator.evaluated_for_ranking(fit or near))
 
     best = {(fit.effect, fit.variant): fit for fit in fitted}
     for fit in evaluator.map(again, chosen):

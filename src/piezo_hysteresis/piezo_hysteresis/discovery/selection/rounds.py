@@ -244,7 +244,7 @@ def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> Cand
         return None
     evaluations, workers = evaluator.policy.first_evaluations, evaluator.workers
     fit = evaluator.fit_briefly(trial, evaluations, enough, workers)
-    return None if fit is None else evaluator.evaluated_for_ranking(fit)
+    return None if fit is None else evaluator.sharpened(evaluator.evaluated_for_ranking(fit))
 
 
 def _final_fits(

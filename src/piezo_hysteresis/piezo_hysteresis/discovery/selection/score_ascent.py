@@ -1,0 +1,155 @@
+"""Gauss-Newton steps on the score of a fixed baseline.
+
+A fit minimises the plain sum of squares. The score weighs each harmonic and octave by its expected
+power, so a large known discrepancy, or the remainder of an initial condition, moves the optimum of
+the plain sum away from that of the score.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.transport_delay import in_ticks
+from piezo_hysteresis.discovery.selection.candidate_fit import (
+    CandidateFit,
+    ModelSpec,
+    bounds_of,
+    errors_of,
+    evaluated_on,
+    nudged,
+)
+from piezo_hysteresis.discovery.selection.residual_model import Expectation
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.sensitivities import delays_by_ticks
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.numerics.linalg import solve_least_squares
+
+# Steps, and the shares of a step that are tried until one improves the score.
+_STEPS = 3
+_SHARES = (1.0, 0.5, 0.2, 0.05)
+# Increase of the score that is worth another step [nats].
+_WORTH = 0.05
+# A model with more parameters is not moved: each needs a simulation per step.
+_MOST = 12
+# Relative singular value below which a direction is not determined.
+_SINGULAR = 1e-6
+# Change of a delay for a difference, in ticks.
+_PART = 0.1
+
+
+class ScoreAscent:
+    """Moves a fit towards the optimum of its score.
+
+    Parameters
+    ----------
+    views : sequence of Target
+        Training views.
+    expected : sequence of Expectation
+        Expected residual power of each of them.
+    score : callable
+        Score of a fit, smaller is better.
+    late : float
+        Sampling offset of the baseline [s].
+    """
+
+    def __init__(
+        self,
+        views: Sequence[Target],
+        expected: Sequence[Expectation],
+        score: Callable[[CandidateFit], float],
+        late: float,
+    ) -> None:
+        self._views, self._expected = views, expected
+        self._score, self._late, self._dt = score, late, views[0].dt
+
+    def __call__(self, fit: CandidateFit, free: Sequence[str]) -> CandidateFit:
+        """Return the fit with the best score that some steps reach, or `fit` itself.
+
+        Parameters
+        ----------
+        fit : CandidateFit
+            Fit on the training views.
+        free : sequence of str
+            Parameters that may move.
+        """
+        if not free or len(free) > _MOST:
+            return fit
+        best = self._score(fit)
+        for _ in range(_STEPS):
+            step = self._step(fit, free)
+            tried = (self._moved(fit, free, share * step) for share in _SHARES)
+            better = next((each for each in tried if self._score(each) < best - _WORTH), None)
+            if better is None:
+                break
+            fit, best = better, self._score(better)
+        return fit
+
+    def _moved(self, fit: CandidateFit, free: Sequence[str], step: FloatArray) -> CandidateFit:
+        """Return the fit after a step, within the bounds; the same fit if it is invalid there."""
+        spec = self._spec_at(fit, free, self._point(fit, free) + step)
+        try:
+            return replace(evaluated_on(spec, self._views), fitted=fit.fitted)
+        except PiezoError:
+            return fit
+
+    def _step(self, fit: CandidateFit, free: Sequence[str]) -> FloatArray:
+        """Return the Gauss-Newton step, with the weights of the present residual."""
+        whiten = [x.whitening(e) for x, e in zip(self._expected, fit.errors, strict=True)]
+        columns, sizes = [], []
+        for k in range(len(free)):
+            moved, size = self._difference(fit, free, k)
+            changes = zip(whiten, fit.errors, moved, strict=True)
+            column = np.concatenate([w(before - after) for w, before, after in changes])
+            known = bool(np.all(np.isfinite(column))) and size != 0.0
+            columns.append(column if known else np.zeros_like(column))
+            sizes.append(size if known else 0.0)
+        residual = np.concatenate([w(e) for w, e in zip(whiten, fit.errors, strict=True)])
+        norms = np.linalg.norm(columns, axis=1)
+        norms = np.where(norms > 0.0, norms, 1.0)
+        rows = np.array(columns) / norms[:, None]
+        return solve_least_squares(rows.T, residual, _SINGULAR).values / norms * sizes
+
+    def _difference(
+        self, fit: CandidateFit, free: Sequence[str], k: int
+    ) -> tuple[Sequence[FloatArray], float]:
+        """Return the residuals after a small change of one parameter, and the change."""
+        name = free[k]
+        if name in delays_by_ticks(fit.model):
+            change = _PART * self._dt
+        else:
+            change = nudged(fit, name)[name] - fit.values[name]
+        point = self._point(fit, free)
+        point[k] += change
+        try:
+            return errors_of(self._spec_at(fit, free, point), self._views), change
+        except PiezoError:
+            return fit.errors, 0.0
+
+    # A chain without inertia shows a delay of a held voltage at whole ticks only. The rest of it
+    # is a sampling offset: samples that are read earlier show a response that comes later.
+
+    def _point(self, fit: CandidateFit, free: Sequence[str]) -> FloatArray:
+        point = np.array([fit.values[name] for name in free])
+        for k in self._delays(fit, free):
+            whole, _ = in_ticks(float(point[k]), self._dt)
+            point[k] = whole * self._dt - (fit.sampling_offset - self._late)
+        return point
+
+    def _spec_at(self, fit: CandidateFit, free: Sequence[str], point: FloatArray) -> ModelSpec:
+        bounds = bounds_of(fit.model, self._views)
+        low, high = np.array([bounds[name] for name in free]).T
+        values = dict(zip(free, np.clip(point, low, high).tolist(), strict=True))
+        offset = fit.sampling_offset
+        for k in self._delays(fit, free):
+            total = values[free[k]]
+            values[free[k]] = self._dt * round(total / self._dt)
+            offset = self._late + values[free[k]] - total
+        return replace(fit, values={**fit.values, **values}, sampling_offset=offset)
+
+    def _delays(self, fit: CandidateFit, free: Sequence[str]) -> list[int]:
+        held = delays_by_ticks(fit.model)
+        return [k for k, name in enumerate(free) if name in held]
