@@ -25,6 +25,7 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from bench.quick import parsed
@@ -89,16 +90,25 @@ Hide = Callable[[FloatArray, FloatArray, float, float, float, Case], FloatArray]
 def delayed(
     y: FloatArray, t: FloatArray, middle: float, stroke: float, size: float, case: Case
 ) -> FloatArray:
-    """Return the displacement a constant time later."""
-    return np.asarray(np.interp(t - size * case.delay, t, y))
+    """Return the displacement a constant time later.
+
+    Linear interpolation would be a low-pass, too: 7 % at 119 Hz in records of 1 kHz.
+    """
+    return np.asarray(CubicSpline(t, y)(np.maximum(t - size * case.delay, t[0])))
 
 
 def lagging(
     y: FloatArray, t: FloatArray, middle: float, stroke: float, size: float, case: Case
 ) -> FloatArray:
-    """Return the displacement behind a low-pass of first order."""
-    a = float(np.exp(-(t[1] - t[0]) / (size * case.delay)))
-    return np.asarray(lfilter([1.0 - a], [1.0, -a], y, zi=[a * y[0]])[0])
+    """Return the displacement behind a low-pass of first order.
+
+    Exact for a displacement that is linear between samples. A recursion without the previous
+    sample would be half a sample early.
+    """
+    share = size * case.delay / (t[1] - t[0])
+    a = float(np.exp(-1.0 / share))
+    new = 1.0 - share * (1.0 - a)
+    return np.asarray(lfilter([new, 1.0 - a - new], [1.0, -a], y, zi=[(1.0 - new) * y[0]])[0])
 
 
 def curved(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +18,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     ModelSpec,
     evaluated_on,
 )
+from piezo_hysteresis.discovery.selection.delayed_discrepancy import with_delayed_discrepancy
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.screen import Screen
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
@@ -168,6 +172,30 @@ def test_the_fraction_of_a_delay_by_ticks_is_a_sampling_offset_without_price(
     assert total / DT == pytest.approx(delay, abs=0.03)
     whole_ticks = evaluator.evaluated(replace(spec, values=truth, sampling_offset=0.0))
     assert evaluator.score(found) < evaluator.score(whole_ticks) + 0.1
+
+
+@pytest.mark.parametrize(
+    ('name', 'values', 'response'),
+    [
+        ('transport_delay', {'delay': 3.0 * DT}, lambda w: np.exp(-3j * w * DT)),
+        ('amplifier_lag', {'lag_time': 3.0 * DT}, lambda w: 1.0 / (1.0 + 3j * w * DT)),
+        ('drift', {'drift_rate': 1e-7}, lambda w: 1.0),
+    ],
+)
+def test_the_known_discrepancy_comes_as_late_as_the_response(
+    name: str, values: dict[str, float], response: Callable[[float], complex]
+) -> None:
+    spec, truth = with_effect(name, values)
+    views = [whole(record) for record in on_time()]
+    angle = 10.0 * np.pi * DT * np.arange(views[0].measured.size)
+    known: Any = [SimpleNamespace(repeated=np.sin(angle))] * len(views)
+    nothing = [np.zeros(angle.size)] * len(views)
+    late = replace(spec, values=truth)
+    found = with_delayed_discrepancy(late, nothing, views, known, 0.0)
+    passed = np.imag(response(10.0 * np.pi) * np.exp(1j * angle))
+    settled = slice(50, None)
+    wanted = np.sin(angle) - passed
+    np.testing.assert_allclose(found[0][settled], wanted[settled], atol=5e-3)
 
 
 def test_a_sharpened_fit_is_at_the_optimum_of_the_score() -> None:

@@ -34,6 +34,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     has_zero_time_constant,
     is_another_change,
 )
+from piezo_hysteresis.discovery.selection.delayed_discrepancy import with_delayed_discrepancy
 from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change, widened
@@ -105,7 +106,9 @@ class HeldEvaluator(Evaluator):
             return widened(found, base, views, *self._uncertain)
 
         self.expected, self.expected_held_out = expected(data.training), expected(data.held_out)
-        self._ascent = ScoreAscent(self.views, self.expected, self.score, self.late)
+        self._ascent = ScoreAscent(
+            self.views, self.expected, self.score, self._beyond_known, self.late
+        )
 
     @property
     def measured(self) -> Dataset:
@@ -163,7 +166,7 @@ class HeldEvaluator(Evaluator):
         """Return the penalized negative log likelihood on the training views [nats]."""
         fitted = self.counted(fit) - len(fit.shifted) + fit.levels
         penalty = self.policy.price * fitted + self._moved(fit) + self.further_names(fit)
-        return costs(fit.errors, self.expected)[0] + penalty
+        return costs(self._beyond_known(fit), self.expected)[0] + penalty
 
     def fit(
         self,
@@ -247,21 +250,32 @@ class HeldEvaluator(Evaluator):
         more = max(count(fit.model) - count(self.base.model), 0)
         return more * sum(view.begins.kind == 'estimate' for view in self.views)
 
+    def _beyond_known(self, fit: CandidateFit) -> tuple[FloatArray, ...]:
+        """Return the training residuals with the known discrepancy behind delays and lags [m]."""
+        views, expected = self.views, self.expected
+        return with_delayed_discrepancy(fit, fit.errors, views, expected, self.late)
+
+    def _held_out_beyond_known(self, spec: ModelSpec) -> tuple[FloatArray, ...]:
+        """Return the same for the held-out residuals [m]."""
+        views, expected = self.data.held_out, self.expected_held_out
+        errors = evaluated_on(spec, views).errors
+        return with_delayed_discrepancy(spec, errors, views, expected, self.late)
+
     def excess(self, fit: CandidateFit) -> float:
         """Return the mean square beyond the expectation over all records, relative to it."""
-        return costs(fit.errors, self.expected)[1]
+        return costs(self._beyond_known(fit), self.expected)[1]
 
     def exceeds_discrepancy(self, fit: CandidateFit) -> bool:
         """Return whether the training residuals exceed the known discrepancy."""
-        return costs(fit.errors, _with_added(fit, self.expected))[2]
+        return costs(self._beyond_known(fit), _with_added(fit, self.expected))[2]
 
     def held_out_exceeds_discrepancy(self, spec: ModelSpec) -> bool:
         """Return whether the held-out residuals exceed the known discrepancy.
 
         Held-out views can start the search but select no effect.
         """
-        errors = evaluated_on(spec, self.data.held_out).errors
-        return costs(errors, _with_added(spec, self.expected_held_out))[2]
+        expected = _with_added(spec, self.expected_held_out)
+        return costs(self._held_out_beyond_known(spec), expected)[2]
 
     def has_significant_residual(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether a training or held-out residual exceeds the known discrepancy."""
@@ -270,7 +284,8 @@ class HeldEvaluator(Evaluator):
     def detection_test(self, fit: CandidateFit, start: CandidateFit) -> DetectionTest:
         """Return a function that decides whether response changes exceed the known discrepancy."""
         expected = _with_added(fit, self.expected)
-        own = [each.powers(error) for each, error in zip(expected, fit.errors, strict=True)]
+        errors = self._beyond_known(fit)
+        own = [each.powers(error) for each, error in zip(expected, errors, strict=True)]
 
         def of(changes: Sequence[FloatArray]) -> Callable[[float], bool]:
             more = [each.powers(change) for each, change in zip(expected, changes, strict=True)]
@@ -321,11 +336,11 @@ class HeldEvaluator(Evaluator):
 
     def held_out_excess(self, spec: ModelSpec) -> float:
         """Return the mean square beyond the expected one on held-out views, in units of it."""
-        return costs(evaluated_on(spec, self.data.held_out).errors, self.expected_held_out)[1]
+        return costs(self._held_out_beyond_known(spec), self.expected_held_out)[1]
 
     def _held_out(self, spec: ModelSpec) -> float:
         """Return the mean square error on held-out views, relative to the expected one."""
-        errors = evaluated_on(spec, self.data.held_out).errors
+        errors = self._held_out_beyond_known(spec)
         pairs = list(zip(errors, self.expected_held_out, strict=True))
         if not all(np.all(np.isfinite(error)) for error, _ in pairs):
             return float('inf')

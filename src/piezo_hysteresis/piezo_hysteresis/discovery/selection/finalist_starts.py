@@ -49,7 +49,8 @@ def led_by_best_start(
         other, again = evaluator.with_own_starts(fit)
         if other.score(again) >= evaluator.score(fit) - evaluator.policy.better:
             continue
-        before = other.evaluated(round_.before)
+        # the model without the effect may have its own initial conditions, too
+        before = min(round_.before, other.evaluated(round_.before), key=other.score)
         wins = (
             other.score(again) < chosen.score(first) - evaluator.policy.better
             and other.explains_enough(before, again, start)

@@ -18,7 +18,6 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
     bounds_of,
-    errors_of,
     evaluated_on,
     nudged,
 )
@@ -52,6 +51,8 @@ class ScoreAscent:
         Expected residual power of each of them.
     score : callable
         Score of a fit, smaller is better.
+    residuals : callable
+        Residuals of a fit that the score weighs [m].
     late : float
         Sampling offset of the baseline [s].
     """
@@ -61,10 +62,12 @@ class ScoreAscent:
         views: Sequence[Target],
         expected: Sequence[Expectation],
         score: Callable[[CandidateFit], float],
+        residuals: Callable[[CandidateFit], Sequence[FloatArray]],
         late: float,
     ) -> None:
         self._views, self._expected = views, expected
-        self._score, self._late, self._dt = score, late, views[0].dt
+        self._score, self._residuals = score, residuals
+        self._late, self._dt = late, views[0].dt
 
     def __call__(self, fit: CandidateFit, free: Sequence[str]) -> CandidateFit:
         """Return the fit with the best score that some steps reach, or `fit` itself.
@@ -98,16 +101,17 @@ class ScoreAscent:
 
     def _step(self, fit: CandidateFit, free: Sequence[str]) -> FloatArray:
         """Return the Gauss-Newton step, with the weights of the present residual."""
-        whiten = [x.whitening(e) for x, e in zip(self._expected, fit.errors, strict=True)]
+        errors = self._residuals(fit)
+        whiten = [x.whitening(e) for x, e in zip(self._expected, errors, strict=True)]
         columns, sizes = [], []
         for k in range(len(free)):
             moved, size = self._difference(fit, free, k)
-            changes = zip(whiten, fit.errors, moved, strict=True)
+            changes = zip(whiten, errors, moved, strict=True)
             column = np.concatenate([w(before - after) for w, before, after in changes])
             known = bool(np.all(np.isfinite(column))) and size != 0.0
             columns.append(column if known else np.zeros_like(column))
             sizes.append(size if known else 0.0)
-        residual = np.concatenate([w(e) for w, e in zip(whiten, fit.errors, strict=True)])
+        residual = np.concatenate([w(e) for w, e in zip(whiten, errors, strict=True)])
         norms = np.linalg.norm(columns, axis=1)
         norms = np.where(norms > 0.0, norms, 1.0)
         rows = np.array(columns) / norms[:, None]
@@ -125,9 +129,10 @@ class ScoreAscent:
         point = self._point(fit, free)
         point[k] += change
         try:
-            return errors_of(self._spec_at(fit, free, point), self._views), change
+            moved = evaluated_on(self._spec_at(fit, free, point), self._views)
         except PiezoError:
             return fit.errors, 0.0
+        return self._residuals(moved), change
 
     # A chain without inertia shows a delay of a held voltage at whole ticks only. The rest of it
     # is a sampling offset: samples that are read earlier show a response that comes later.
