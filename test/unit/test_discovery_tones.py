@@ -141,6 +141,22 @@ def test_find_tone_in_records_of_few_periods() -> None:
     assert find_tone(views[:1], errors[:1]) is None
 
 
+def test_the_frequency_of_a_tone_does_not_depend_on_how_many_records_show_it_clearly() -> None:
+    """24.308 Hz is near a harmonic of 2 and 5 Hz; 24.2 Hz is less near one of 5 Hz."""
+    rng, views, errors = np.random.default_rng(4), [], []
+    times = DT * np.arange(3750)
+    for place, drive in enumerate((2.0, 2.0, 5.0, 5.0, 17.0, 17.0)):
+        voltage = np.sin(2 * np.pi * drive * times)
+        record = Record(f'{place}', DT, voltage, 1e-6 * voltage, info=RecordInfo(frequency=drive))
+        views.append(whole(record))
+        line = 5e-7 * np.sin(2 * np.pi * 24.308 * times + place)
+        errors.append(line + 5e-8 * rng.standard_normal(times.size))
+    found = find_tone(views, errors)
+    assert found is not None
+    assert found.frequency == pytest.approx(24.308, abs=5e-3)
+    assert found.amplitude == pytest.approx(5e-7, rel=0.02)
+
+
 def test_a_slow_change_is_no_tone() -> None:
     lines = resolved_lines(1e-7 * np.exp(-np.linspace(0.0, 2.0, 1125)))
     assert np.all(lines[:3] == 0.0)

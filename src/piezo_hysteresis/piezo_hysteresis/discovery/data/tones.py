@@ -98,16 +98,23 @@ def _dominant(seen: Sequence[_Seen]) -> Tone | None:
 
 
 def _refined(found: Sequence[float], seen: Sequence[_Seen]) -> float:
-    """Return the frequency near the found ones that explains the most power [Hz]."""
+    """Return the frequency near the found ones that explains the most power per sample [Hz].
 
-    def explained(tone: float) -> float:
-        rows = _clear(seen, tone) or seen
-        return sum(abs(phasor(v, e, tone)) ** 2 * e.size for v, e, _, _ in rows)
+    A sum over the records would favour a frequency that is no harmonic in more of them.
+    """
 
-    best = max(found, key=explained)
+    def explained(tone: float, rows: Sequence[_Seen]) -> float:
+        powers = [abs(phasor(v, e, tone)) ** 2 for v, e, _, _ in rows]
+        return float(np.average(powers, weights=[e.size for _, e, _, _ in rows]))
+
+    clear = {tone: _clear(seen, tone) for tone in found}
+    several = [tone for tone in found if len(clear[tone]) > 1] or found
+    best = max(several, key=lambda tone: explained(tone, clear[tone] or seen))
+    rows = clear[best] or seen
     longest = max(e.size * v.dt for v, e, _, _ in seen)
     for width in (1.0, 0.1):
-        best = max((best + width * step / longest for step in _STEPS), key=explained)
+        near = [best + width * step / longest for step in _STEPS]
+        best = max(near, key=lambda tone: explained(tone, rows))
     return best
 
 
