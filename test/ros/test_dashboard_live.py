@@ -122,7 +122,9 @@ def test_the_page_over_live_processes(
     browser.until(lambda: loop_height(browser) > 1.3 * before, what='a larger loop')
     assert words(browser, 'excitation.voltage.amplitude.reason') == ''
 
-    # A refusal says why, and the control goes back.
+    # A refusal says why, and the control goes back. What is typed before the number follows the
+    # slider is lost.
+    browser.until(f"model('excitation.voltage.amplitude.number').value == {wanted}")
     browser.type('excitation.voltage.amplitude.number', '9000')
     reason = browser.until("model('excitation.voltage.amplitude.reason').text")
     assert 'voltage.amplitude' in reason
