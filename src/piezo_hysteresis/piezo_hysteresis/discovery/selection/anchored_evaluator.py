@@ -124,13 +124,15 @@ class HeldEvaluator(Evaluator):
         given = self.base, self.given, self.policy, self.deadline, self.choices
         return HeldEvaluator(data, self.seed, self.workers, *given)
 
-    @property
-    def has_free_starts(self) -> bool:
-        """Whether initial conditions are estimated.
+    def starts_may_differ(self, fit: CandidateFit) -> bool:
+        """Return whether a model may estimate other initial conditions of the records.
 
-        The model without an effect may have found a record at rest that began in motion.
+        The model without an effect may have found a record at rest that began in motion. The
+        effect then leaves a new deviation.
         """
-        return self.choices is not None
+        if self.choices is None:
+            return False
+        return super().starts_may_differ(fit) or self.exceeds_discrepancy(fit)
 
     def with_own_starts(self, fit: CandidateFit) -> tuple[HeldEvaluator, CandidateFit]:
         """Return the fit with initial conditions that the model estimates, if it scores better."""

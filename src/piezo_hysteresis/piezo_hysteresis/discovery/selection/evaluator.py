@@ -205,9 +205,8 @@ class Evaluator(ABC):
         """Return the parameter values of a baseline before any fit; None if it is fixed."""
         return None
 
-    @property
-    def has_free_starts(self) -> bool:
-        """Whether another model may estimate other initial conditions of the records."""
+    def starts_may_differ(self, fit: CandidateFit) -> bool:
+        """Return whether a model may estimate other initial conditions of the records."""
         return any(v.begins.kind == 'estimate' or v.begins.levels for v in self.views)
 
     def with_own_starts(self, fit: CandidateFit) -> tuple[Evaluator, CandidateFit]:

@@ -39,9 +39,9 @@ def led_by_best_start(
     round_ : SelectionRound
         The round; unchanged if no other initial conditions are better.
     """
-    if not evaluator.has_free_starts or evaluator.deadline.skips(
-        'initial conditions of the alternatives'
-    ):
+    if not evaluator.starts_may_differ(round_.best):
+        return evaluator, round_
+    if evaluator.deadline.skips('initial conditions of the alternatives'):
         return evaluator, round_
     chosen, first, fits = evaluator, round_.best, list(round_.finalists)
     best_of_each = {fit.effect: fit for fit in reversed(round_.finalists)}

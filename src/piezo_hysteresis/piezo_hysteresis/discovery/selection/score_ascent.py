@@ -26,6 +26,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.qr import inner
 
 # Steps, and the shares of a step that are tried until one improves the score.
 _STEPS = 3
@@ -83,7 +84,9 @@ class ScoreAscent:
             return fit
         best = self._score(fit)
         for _ in range(_STEPS):
-            step = self._step(fit, free)
+            step, predicted = self._step(fit, free)
+            if predicted < _WORTH:
+                break
             tried = (self._moved(fit, free, share * step) for share in _SHARES)
             better = next((each for each in tried if self._score(each) < best - _WORTH), None)
             if better is None:
@@ -99,8 +102,11 @@ class ScoreAscent:
         except PiezoError:
             return fit
 
-    def _step(self, fit: CandidateFit, free: Sequence[str]) -> FloatArray:
-        """Return the Gauss-Newton step, with the weights of the present residual."""
+    def _step(self, fit: CandidateFit, free: Sequence[str]) -> tuple[FloatArray, float]:
+        """Return the Gauss-Newton step, with the weights of the present residual, and its gain.
+
+        The gain is that of the score to first order [nats].
+        """
         errors = self._residuals(fit)
         whiten = [x.whitening(e) for x, e in zip(self._expected, errors, strict=True)]
         columns, sizes = [], []
@@ -115,7 +121,9 @@ class ScoreAscent:
         norms = np.linalg.norm(columns, axis=1)
         norms = np.where(norms > 0.0, norms, 1.0)
         rows = np.array(columns) / norms[:, None]
-        return solve_least_squares(rows.T, residual, _SINGULAR).values / norms * sizes
+        found = solve_least_squares(rows.T, residual, _SINGULAR).values
+        left = residual - found @ rows
+        return found / norms * sizes, inner(residual, residual) - inner(left, left)
 
     def _difference(
         self, fit: CandidateFit, free: Sequence[str], k: int
