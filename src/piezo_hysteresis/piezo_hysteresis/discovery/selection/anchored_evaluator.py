@@ -194,7 +194,7 @@ class HeldEvaluator(Evaluator):
 
     def sharpened(self, fit: CandidateFit) -> CandidateFit:
         """Return a fit on all training views with a better score, near its values."""
-        return self._ascent(fit, self.free_of(fit))
+        return fit if self.deadline.passed else self._ascent(fit, self.free_of(fit))
 
     def fit_briefly(
         self, spec: ModelSpec, evaluations: int, enough: float = inf, workers: int = 1
