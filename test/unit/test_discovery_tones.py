@@ -157,6 +157,15 @@ def test_the_frequency_of_a_tone_does_not_depend_on_how_many_records_show_it_cle
     assert found.amplitude == pytest.approx(5e-7, rel=0.02)
 
 
+def test_a_tone_is_not_guessed_at_a_harmonic_of_many_periods() -> None:
+    """The third harmonic of 17 Hz is most of the residual, the tone at 22.8 Hz is a sixth of it."""
+    times = DT * np.arange(3750)
+    voltage = np.sin(2 * np.pi * 17.0 * times)
+    residual = 3e-6 * np.sin(2 * np.pi * 51.0 * times) + 5e-7 * np.sin(2 * np.pi * 22.8 * times)
+    found = guess(Residual(voltage, 1e-6 * voltage, residual, DT, 17.0))
+    assert [each['hum_frequency'] for each in found] == pytest.approx([22.8], abs=0.05)
+
+
 def test_a_slow_change_is_no_tone() -> None:
     lines = resolved_lines(1e-7 * np.exp(-np.linspace(0.0, 2.0, 1125)))
     assert np.all(lines[:3] == 0.0)

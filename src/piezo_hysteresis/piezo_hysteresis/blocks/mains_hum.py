@@ -15,6 +15,8 @@ from piezo_hysteresis.numerics.spectrum import DOMINANT, non_harmonic_lines, res
 
 # Number of neighbouring lines for the background of a line.
 _ABOUT = 51
+# Share of lines away from harmonics from which a record has many periods.
+_MOST = 0.5
 
 
 @jit
@@ -36,13 +38,15 @@ def guess(seen: Residual) -> list[dict[str, float]]:
 
     Neither is a harmonic of the drive. The error for a drive with varying amplitude is large and
     smooth at low frequencies, so that the largest line there need not be the tone. In a record of
-    few periods every line is near a harmonic; the largest of all is returned too if it is most of
+    few periods most lines are near a harmonic; the largest of all is returned too if it is most of
     the residual.
     """
     _, lines = non_harmonic_lines(seen.residual, seen.dt, seen.frequency)
     above = lines / np.maximum(_background(lines), 1e-300)
     places = dict.fromkeys(int(np.argmax(each)) for each in (above, lines))
     found = [_tone(seen, lines, place) for place in places if lines[place] > 0.0]
+    if np.mean(lines > 0.0) > _MOST:
+        return found
     every = resolved_lines(seen.residual)
     largest = int(np.argmax(every))
     if largest in places and lines[largest] > 0.0:
