@@ -158,7 +158,7 @@ def test_the_frequency_of_a_tone_does_not_depend_on_how_many_records_show_it_cle
 
 
 def test_a_tone_is_not_guessed_at_a_harmonic_of_many_periods() -> None:
-    """The third harmonic of 17 Hz is most of the residual, the tone at 22.8 Hz is a sixth of it."""
+    """The third harmonic of 17 Hz is most of the residual, the tone is a sixth of it."""
     times = DT * np.arange(3750)
     voltage = np.sin(2 * np.pi * 17.0 * times)
     residual = 3e-6 * np.sin(2 * np.pi * 51.0 * times) + 5e-7 * np.sin(2 * np.pi * 22.8 * times)
