@@ -46,7 +46,7 @@ def with_delayed_discrepancy(
     late : float
         Sampling offset of the baseline [s].
     """
-    responses = [each for view in views[:1] for each in _responses(spec, view.dt, late)]
+    responses = _responses(spec, views[0].dt, late) if views else []
     if not responses:
         return tuple(errors)
     return tuple(
