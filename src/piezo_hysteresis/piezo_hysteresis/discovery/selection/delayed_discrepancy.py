@@ -77,14 +77,21 @@ def _responses(spec: ModelSpec, dt: float, late: float) -> list[_Response]:
             continue
         own = np.array([spec.values[added.names[each.name]] for each in block.parameters])
         if block.between is Between.DELAY:
-            time = float(own[0])
-            if added.names[block.parameters[0].name] in delays_by_ticks(spec.model):
-                # the rest of a delay by whole ticks is a sampling offset
-                time = in_ticks(time, dt)[0] * dt - (spec.sampling_offset - late)
-            found.append(_delay(time))
+            name = added.names[block.parameters[0].name]
+            by_ticks = name in delays_by_ticks(spec.model)
+            found.append(_delay(whole_delay(spec, name, dt, late) if by_ticks else float(own[0])))
         elif block.between is Between.LINEAR and _is_low_pass(block, own):
             found.append(_low_pass(block, own))
     return found
+
+
+def whole_delay(spec: ModelSpec, name: str, dt: float, late: float) -> float:
+    """Return a delay that moves a held voltage by ticks of `dt` [s], with its fraction [s].
+
+    The fraction is a sampling offset from that of the baseline, `late` [s]: samples that are read
+    earlier show a response that comes later.
+    """
+    return in_ticks(spec.values[name], dt)[0] * dt - (spec.sampling_offset - late)
 
 
 def _delay(time: float) -> _Response:

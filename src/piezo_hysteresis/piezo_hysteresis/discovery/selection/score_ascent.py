@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.transport_delay import in_ticks
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
@@ -21,6 +20,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     nudged,
 )
+from piezo_hysteresis.discovery.selection.delayed_discrepancy import whole_delay
 from piezo_hysteresis.discovery.selection.residual_model import Expectation
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
@@ -87,11 +87,12 @@ class ScoreAscent:
             step, predicted = self._step(fit, free)
             if predicted < _WORTH:
                 break
-            tried = (self._moved(fit, free, share * step) for share in _SHARES)
-            better = next((each for each in tried if self._score(each) < best - _WORTH), None)
+            moved = (self._moved(fit, free, share * step) for share in _SHARES)
+            scored = ((each, self._score(each)) for each in moved)
+            better = next((pair for pair in scored if pair[1] < best - _WORTH), None)
             if better is None:
                 break
-            fit, best = better, self._score(better)
+            fit, best = better
         return fit
 
     def _moved(self, fit: CandidateFit, free: Sequence[str], step: FloatArray) -> CandidateFit:
@@ -130,7 +131,7 @@ class ScoreAscent:
     ) -> tuple[Sequence[FloatArray], float]:
         """Return the residuals after a small change of one parameter, and the change."""
         name = free[k]
-        if name in delays_by_ticks(fit.model):
+        if k in self._delays(fit, free):
             change = _PART * self._dt
         else:
             change = nudged(fit, name)[name] - fit.values[name]
@@ -143,13 +144,12 @@ class ScoreAscent:
         return self._residuals(moved), change
 
     # A chain without inertia shows a delay of a held voltage at whole ticks only. The rest of it
-    # is a sampling offset: samples that are read earlier show a response that comes later.
+    # is a sampling offset, see `whole_delay`.
 
     def _point(self, fit: CandidateFit, free: Sequence[str]) -> FloatArray:
         point = np.array([fit.values[name] for name in free])
         for k in self._delays(fit, free):
-            whole, _ = in_ticks(float(point[k]), self._dt)
-            point[k] = whole * self._dt - (fit.sampling_offset - self._late)
+            point[k] = whole_delay(fit, free[k], self._dt, self._late)
         return point
 
     def _spec_at(self, fit: CandidateFit, free: Sequence[str], point: FloatArray) -> ModelSpec:
