@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import ceil, hypot, nan, sqrt
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.identification.initial_conditions.record_start import (
     NEAR_ZERO,
     SETTLED,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors_of
 from piezo_hysteresis.discovery.selection.policy import HELD

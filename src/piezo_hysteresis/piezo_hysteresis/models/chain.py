@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.simulation.plan import Stage, stages_of

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
 
 from numpy.typing import ArrayLike
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.modelfile import ModelFile

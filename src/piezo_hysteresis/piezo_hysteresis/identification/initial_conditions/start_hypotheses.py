@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from math import isfinite, log, sqrt
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.identification.free_run import read, samples_late
 from piezo_hysteresis.identification.initial_conditions.initial_state import (
     InitialStateRun,

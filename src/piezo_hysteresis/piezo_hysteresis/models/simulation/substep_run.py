@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import ceil, log2
 from typing import NamedTuple
 
@@ -13,6 +12,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import shift
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.models.simulation.intersample import (
     JOINED_STEPS,
     PAST,
