@@ -11,7 +11,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, is_
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.discovery.verdict.naming import named_effects, with_chance
+from piezo_hysteresis.discovery.verdict.naming import named_effects, with_chance, with_fractions
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect
 from piezo_hysteresis.models import add_effect, described, named
 
@@ -58,6 +58,22 @@ def test_two_elements_of_one_effect_keep_their_own_numbers() -> None:
     assert effect.variant == 'resonance'
     assert {'resonance_share', 'resonance_share_2'} < set(effect.parameters)
     assert len(effect.parameters) == 6
+
+
+def test_a_delay_includes_its_fraction_of_a_sampling_interval() -> None:
+    base = replace(start(), sampling_offset=1e-3)
+    variant = described('transport_delay')[0].variant
+    final = with_effect(base, 'transport_delay', variant)
+    final = replace(
+        final, values={**final.values, 'delay': 15.2e-3}, sampling_offset=1e-3 - 1.8e-3
+    )
+    found = named_effects([step(base, final)], base, final, (), 1e-8)
+    (effect,) = with_fractions(found, final, 5e-3, 1e-3)
+    assert effect.parameters['delay'].value == pytest.approx(16.8e-3)
+    assert effect.evidence[-1] == (
+        'Of the delay of 16.8 ms the model file holds 15 ms, whole sampling intervals, and '
+        '1.8 ms as sampling offset.'
+    )
 
 
 def test_an_alternative_that_is_reported_itself_is_not_repeated() -> None:

@@ -18,7 +18,12 @@ from piezo_hysteresis.discovery.selection.final_evaluation import Outcome
 from piezo_hysteresis.discovery.verdict.advise import advise, instead
 from piezo_hysteresis.discovery.verdict.describe import describe
 from piezo_hysteresis.discovery.verdict.locate import places
-from piezo_hysteresis.discovery.verdict.naming import named_effects, summary_of, suspects
+from piezo_hysteresis.discovery.verdict.naming import (
+    named_effects,
+    summary_of,
+    suspects,
+    with_fractions,
+)
 from piezo_hysteresis.discovery.verdict.prove import Proof, ProofRow, over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import HeldOut, Unexplained, Verdict
 from piezo_hysteresis.identification.targets import Target
@@ -73,20 +78,23 @@ def build_verdict(
         short = f'{1e3 * found.evaluator.unseen_delay:.2g} ms'
         clock = f'A delay of up to {short} cannot be distinguished from a clock offset.'
         description = f'{description} {clock} {sentence(statements(limits))}'.strip()
+    effects = named_effects(
+        found.steps,
+        base.joint,
+        final,
+        data.records,
+        floor,
+        outcome.certainty,
+        alike,
+    )
+    if isinstance(found.evaluator, HeldEvaluator):
+        effects = with_fractions(effects, final, data.training[0].dt, found.evaluator.late)
     verdict = Verdict(
         baseline=name,
         seed=seed,
         noise_floor_rms_m=floor,
         held_out=HeldOut(proof.before, proof.after, proof.before_in_floors, proof.after_in_floors),
-        effects=named_effects(
-            found.steps,
-            base.joint,
-            final,
-            data.records,
-            floor,
-            outcome.certainty,
-            alike,
-        ),
+        effects=effects,
         verdict=kind,
         unexplained=Unexplained(left.significant, description),
         where=tuple(

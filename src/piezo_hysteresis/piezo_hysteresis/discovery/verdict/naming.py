@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING
 
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
+from piezo_hysteresis.discovery.detection.statements import in_prefixes
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
+from piezo_hysteresis.discovery.selection.delayed_discrepancy import whole_delay
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect, Number, Verdict
+from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.models import PARAMETER_SHIFT, described
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, harmonics
 from piezo_hysteresis.records import Record
@@ -67,6 +70,44 @@ def named_effects(
         one = replace(one, look_alikes=alike.get(one.name, ()))
         found[one.name] = one if before is None else _joined(before, one)
     return tuple(_with_drives(each, records) for each in found.values())
+
+
+def with_fractions(
+    effects: Sequence[NamedEffect], final: CandidateFit, dt: float, late: float
+) -> tuple[NamedEffect, ...]:
+    """Return the effects with delays that include their fraction of a sampling interval.
+
+    A chain without inertia delays a held voltage by whole sampling intervals; the fraction is
+    fitted as a sampling offset.
+
+    Parameters
+    ----------
+    effects : sequence of NamedEffect
+        Effects of `final`.
+    final : CandidateFit
+        The model with all of them.
+    dt, late : float
+        Sampling interval, and sampling offset of the baseline [s].
+    """
+    return tuple(_with_fraction(each, final, dt, late) for each in effects)
+
+
+def _with_fraction(named: NamedEffect, final: CandidateFit, dt: float, late: float) -> NamedEffect:
+    for name in delays_by_ticks(final.model).intersection(named.parameters):
+        number = named.parameters[name]
+        whole = replace(number, value=whole_delay(final, name, dt, late))
+        rest = late - final.sampling_offset
+        sentence = (
+            f'Of the {name} of {in_prefixes(whole.value, "s")} the model file holds '
+            f'{in_prefixes(whole.value - rest, "s")}, whole sampling intervals, and '
+            f'{in_prefixes(rest, "s")} as sampling offset.'
+        )
+        named = replace(
+            named,
+            parameters={**named.parameters, name: whole},
+            evidence=(*named.evidence, sentence),
+        )
+    return named
 
 
 def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
