@@ -8,6 +8,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from piezo_hysteresis.arrays import FloatArray
@@ -59,6 +60,7 @@ _EQUAL = 0.05  # relative difference up to which errors are equal
 GOOD = 5.0
 """Relative rms error [%] up to which a model matches a measurement "well"."""
 
+_LEGEND_COLUMNS = 6  # names of a legend side by side
 _TICKS = 9  # that fit below a picture of one panel
 
 Draw = Callable[[Figure], None]
@@ -134,8 +136,38 @@ def save(entry: Exhibit, folder: Path, dpi: int = 100) -> None:
     figure = Figure(figsize=(7.5, 3.5), layout='constrained')
     entry.draw(figure)
     _spare_ticks(figure)
+    _add_legend(figure)
     figure.suptitle(f'{entry.paper}, {entry.name}: {entry.shows}', fontsize=10)
     figure.savefig(folder / entry.picture, dpi=dpi)
+
+
+def _add_legend(figure: Figure) -> None:
+    """Place one legend below all panels, or one in each if the same line has several names."""
+    shown = [axes for axes in figure.axes if axes.get_legend_handles_labels()[1]]
+    lines = {
+        label: handle
+        for axes in shown
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    looks = {
+        (line.get_color(), line.get_linestyle(), line.get_marker())
+        for line in lines.values()
+        if isinstance(line, Line2D)
+    }
+    if len(lines) < 2:
+        return
+    if len(looks) == len(lines):
+        figure.legend(
+            lines.values(),
+            lines.keys(),
+            loc='outside lower center',
+            ncols=min(len(lines), _LEGEND_COLUMNS),
+            fontsize=8,
+            frameon=False,
+        )
+        return
+    for axes in shown:
+        axes.legend(fontsize=7)
 
 
 def _spare_ticks(figure: Figure) -> None:
@@ -275,8 +307,6 @@ def loop(
 
 
 def finish(axis: Axes, x: str, y: str, title: str = '') -> None:
-    """Label an axis and show its legend."""
+    """Label an axis and draw its grid."""
     axis.set(xlabel=x, ylabel=y, title=title)
     axis.grid(alpha=0.3)
-    if axis.get_legend_handles_labels()[1]:
-        axis.legend(fontsize=7)
