@@ -30,8 +30,8 @@ if not __package__:
 
 from bench.quick import parsed
 from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
-from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits
 from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.records import Record, RecordInfo

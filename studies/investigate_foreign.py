@@ -27,9 +27,9 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.quick import parsed
+from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
+from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits
-from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.session import Investigation, Rules, investigate
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record

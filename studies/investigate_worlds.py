@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.waveforms import Waveform

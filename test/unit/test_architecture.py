@@ -24,20 +24,22 @@ ARROWS = {
     'models': 'blocks common kernels numerics records',
     'identification': 'blocks common kernels models numerics records',
     'compensation': 'blocks common models numerics waveforms',
-    'discovery': 'blocks common identification models numerics records',
-    'investigation': 'common discovery identification models numerics records reporting waveforms',
+    'experiments': 'common models records waveforms',
+    'discovery': 'blocks common experiments identification models numerics records',
+    'investigation': 'common discovery experiments identification models numerics records '
+    'reporting',
     'reporting': 'blocks common compensation discovery identification models numerics records',
     'dashboard': 'common models reporting',
     'batch': 'discovery identification models records reporting',
     'parameters': 'common compensation waveforms',
     'runtime': 'common compensation identification models numerics records waveforms',
-    'nodes': 'blocks common compensation dashboard discovery drivers identification '
+    'nodes': 'blocks common compensation dashboard discovery drivers experiments identification '
     'investigation models parameters records reporting ros runtime waveforms',
     'drivers': 'common compensation models numerics records runtime waveforms',
     'export': 'blocks common compensation models parameters waveforms',
     'interface': 'common compensation discovery identification models records reporting waveforms',
     'papers': 'blocks compensation identification models numerics records waveforms',
-    'cli': 'batch common compensation discovery drivers export identification '
+    'cli': 'batch common compensation discovery drivers experiments export identification '
     'investigation models nodes papers parameters records reporting ros waveforms',
 }
 # Rooms within `compensation`: what they share imports none of them.

@@ -15,9 +15,16 @@ from hypothesis import strategies as st
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.discovery import Discovery, discover
-from piezo_hysteresis.discovery.detection.limits import DetectionLimit, scaled
-from piezo_hysteresis.discovery.detection.statements import in_prefixes, sentence, statements
+from piezo_hysteresis.discovery.detection.limits import BetterExperiment, DetectionLimit, scaled
+from piezo_hysteresis.discovery.detection.statements import (
+    in_prefixes,
+    recommendations,
+    sentence,
+    statements,
+)
 from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections, Whitening
+from piezo_hysteresis.experiments.catalogue import catalogue
+from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.targets import whole
@@ -26,6 +33,7 @@ from piezo_hysteresis.records import Record, RecordInfo, write_csv
 from piezo_hysteresis.reporting.detection_table import detection_section, limits_line
 
 DT = 1e-3
+SLOW = {'creep_time': 30.0}
 
 
 def records(model: Model, values: dict[str, float], seed: int = 0) -> list[Record]:
@@ -87,6 +95,30 @@ def test_a_delay_below_a_sample_passes_for_the_clock(nothing: Discovery) -> None
     assert limit_of(nothing, 'transport_delay').size['delay'] > 0.9 * DT
 
 
+@pytest.mark.component
+def test_the_recommended_experiment_has_the_predicted_limit(nothing: Discovery) -> None:
+    slow = next(each for each in nothing.verdict.detection_limits if each.shape == SLOW)
+    assert slow.better is not None
+    assert slow.better.name.startswith('step to')
+    predicted = slow.better.size['creep_share']
+    assert predicted < 0.1 * slow.size['creep_share']
+    data = nothing.data
+    low, high = (float(function(data.records[0].voltage)) for function in (np.min, np.max))
+    limits = ExperimentLimits(low, high, slew=2.0 * np.pi * 15.0)
+    step = next(
+        each for each in catalogue(limits, 1.0 / DT) if each.name.endswith('held for 30 s')
+    )
+    voltage = step.voltage(1.0 / DT)
+    final = nothing.final
+    answer = final.model.respond(voltage, final.model.pack(final.values), DT)
+    measured = answer + np.random.default_rng(5).normal(0, 2e-8, answer.size)
+    record = Record('step', DT, voltage, measured, info=step.info)
+    again = discover([*data.records, record], 'classical').verdict
+    assert again.verdict == 'none'
+    reached = next(each for each in again.detection_limits if each.shape == SLOW)
+    assert 0.5 * predicted < reached.size['creep_share'] < 2.0 * predicted
+
+
 def limit(**changes: Any) -> DetectionLimit:
     whole = DetectionLimit(
         effect='creep',
@@ -115,6 +147,16 @@ def test_a_statement_gives_the_range_of_sizes_once_for_both_signs() -> None:
     assert [each.brief for each in found] == ['0.4 % to 5 %']
     assert found[0].sizes.count('creep_time') == 2
     assert found[0].displacement_m == (2e-8, 3e-8)
+
+
+def test_a_better_experiment_is_stated_with_its_limit() -> None:
+    better = BetterExperiment('step to 1 V held for 30 s', 31.0, {'creep_share': 5e-4})
+    (found,) = statements([limit(better=better)])
+    assert found.better == 'step to 1 V held for 30 s: creep_share 0.05 % (creep_time 3 s)'
+    assert recommendations([limit(), limit(better=better)]) == (
+        'To show smaller effects: step to 1 V held for 30 s (creep from 0.4 % to 0.05 %).',
+    )
+    assert recommendations([limit()]) == ()
 
 
 def test_what_shows_at_no_size_is_stated() -> None:
@@ -152,7 +194,7 @@ def test_numbers_have_a_prefix_of_their_unit(value: float, unit: str, text: str)
 def test_whitened_noise_has_unit_variance_and_comes_back(seed: int, size: int) -> None:
     generator = np.random.default_rng(seed)
     error = 3e-8 * generator.standard_normal(size)
-    whitening = Whitening([error], [1e-9])
+    whitening = Whitening([error], [1e-9], [1.0])
     assert np.std(whitening([error])) == pytest.approx(1.0, rel=0.15)
     change = generator.standard_normal(size)
     np.testing.assert_allclose(whitening.inverse(whitening([change]))[0], change, atol=1e-9)

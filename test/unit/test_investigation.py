@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.common.ranges import range_refusal
-from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.experiment_limits import (
+from piezo_hysteresis.experiments.experiment_limits import (
     ExperimentLimits,
     InvestigationError,
     granted_range,
     known_range,
 )
+from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record

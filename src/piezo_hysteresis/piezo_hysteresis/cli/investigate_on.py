@@ -14,7 +14,7 @@ from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.process_setup import number_of_workers
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.investigation.experiments import PlannedExperiment
+    from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
     from piezo_hysteresis.investigation.runner import InvestigationProgress
 
 #: Default sampling rate of an experiment [Hz].
@@ -69,7 +69,7 @@ def run_on(
     PiezoError
         If the limits allow no investigation, or the controller fails.
     """
-    from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, granted_range
+    from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, granted_range
     from piezo_hysteresis.investigation.journal import Setup
     from piezo_hysteresis.investigation.runner import FOUND, conduct
     from piezo_hysteresis.investigation.session import Rules

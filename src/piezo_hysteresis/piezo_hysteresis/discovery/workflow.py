@@ -13,6 +13,7 @@ from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.check import Check, check
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
+from piezo_hysteresis.discovery.detection.better_experiments import with_better_experiments
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
 from piezo_hysteresis.discovery.detection.look_alikes import look_alikes
 from piezo_hysteresis.discovery.selection.baseline import Baselines
@@ -188,6 +189,8 @@ def discover(
     if len(own) < len(given) and not end.skips('detection limits'):
         progress(0.97, 'calculating detection limits')
         limits = detection_limits(found.evaluator, found.final, found.start)
+        if not found.steps and not outcome.remainder.significant:
+            limits = with_better_experiments(found.evaluator, found.final, found.start, limits)
     alike = {
         step.fit.effect: look_alikes(found.evaluator, step, found.start)
         for step in found.steps
@@ -233,7 +236,8 @@ def limits_of(
     how = Searching(Choices('auto', 'auto'), 0, workers, {}, Deadline(inf))
     data = split(annotated(listed(records)), how.choices.start)
     found = unsearched(data, model, how)
-    return detection_limits(found.evaluator, found.final, found.start)
+    limits = detection_limits(found.evaluator, found.final, found.start)
+    return with_better_experiments(found.evaluator, found.final, found.start, limits)
 
 
 def _own_records(records: Sequence[Record], baseline: Model | ModelFile) -> tuple[str, ...]:

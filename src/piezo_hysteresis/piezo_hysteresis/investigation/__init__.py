@@ -1,1 +1,1 @@
-"""Active discovery: experiment catalogue, response prediction, design criterion and journal."""
+"""Active discovery: response prediction, choice of the next experiment, and journal."""

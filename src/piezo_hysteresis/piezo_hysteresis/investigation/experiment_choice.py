@@ -11,9 +11,9 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.detection.limits import APART
+from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.investigation.belief import Belief, CandidateModel
 from piezo_hysteresis.investigation.criterion import binary_entropy, discrimination
-from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.predict import Outlook, answer_of, sensitivities_of
 from piezo_hysteresis.investigation.undetected import Hidden
 

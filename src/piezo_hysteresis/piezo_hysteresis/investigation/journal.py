@@ -17,9 +17,9 @@ from typing import Any
 
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.common.wording import reason_of
+from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.belief import Belief
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
-from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.session import ExperimentAnswer, Investigation, Rules
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load

@@ -9,42 +9,18 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
+from piezo_hysteresis.discovery.detection.planned_view import view_of
 from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors_of
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.free_run import simulated
-from piezo_hysteresis.identification.initial_conditions.record_start import STEP
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.models import Discrepancy, ModelFile
 from piezo_hysteresis.numerics.qr import inner
-
-# Ticks of rest at 0 V before a record.
-_EDGE = 4
-
-
-def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
-    """Return an experiment as a view for the fit functions, with zero measured displacement."""
-    voltage = np.concatenate([np.zeros(_EDGE), experiment.voltage(rate)])
-    first = _EDGE + round(experiment.prelude * rate)
-    return Target(
-        name=experiment.name,
-        voltage=voltage,
-        measured=np.zeros(voltage.size - first),
-        first=first,
-        stride=1,
-        dt=1.0 / rate,
-        frequency=experiment.frequency,
-        repeats=1,
-        noise=noise,
-        period=0,
-        start=-_EDGE / rate,
-        origin=_EDGE,
-        begins=STEP,
-    )
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ import numpy as np
 
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.prediction import predictions
-from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.journal import (
     Journal,
     Setup,

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 from piezo_hysteresis.discovery import Discovery, discover
+from piezo_hysteresis.experiments.catalogue import catalogue
+from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, InvestigationError
+from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.investigation.belief import Belief, belief_of, prior_belief
-from piezo_hysteresis.investigation.catalogue import catalogue
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice, choices, unseen
-from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, InvestigationError
-from piezo_hysteresis.investigation.experiments import PlannedExperiment
 from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.predict import in_use, outlook, within
 from piezo_hysteresis.investigation.undetected import hidden_effects

@@ -13,8 +13,9 @@ _TEXT = (
     'The smallest size of each known effect that these records would have shown with a '
     'probability of 95 %, in addition to the model. A smaller effect can be present and '
     'hide in the noise, in the known discrepancy, or in fitted parameters. The last '
-    'column is the experiment that shows a smaller one. Limits hold for the shapes in brackets; '
-    'all variants are in {file}.'
+    'column is the experiment that lowers the limit most, with the predicted limit; without a '
+    'number, no experiment of the catalogue within voltage range and slew rate of these records '
+    'halves it. Limits hold for the shapes in brackets; all variants are in {file}.'
 )
 _APART = (
     f'Where another effect is named, its change of the response lies less than {APART:g} standard '
@@ -50,7 +51,7 @@ def detection_section(
             each.sizes + (f'; not {each.hidden}' if each.hidden not in ('', 'any') else ''),
             _range(each.displacement_m),
             each.apart,
-            described(each.effect)[0].experiment,
+            each.better or described(each.effect)[0].experiment,
         )
         for each in statements(limits)
     ]

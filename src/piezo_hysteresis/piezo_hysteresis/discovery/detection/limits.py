@@ -33,6 +33,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.free_run import StageCache
+from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate
 from piezo_hysteresis.models.effects import is_never_reached
 from piezo_hysteresis.numerics.qr import inner
@@ -52,6 +53,25 @@ _APART_FROM_ENDS = 1.02
 _SMALLEST, _LARGEST = 1e-7, 1e4
 # Finite-difference step of the sampling offset, relative to a tick.
 _TICK = 0.05
+
+
+@dataclass(frozen=True)
+class BetterExperiment:
+    """Experiment that lowers a detection limit, if it is recorded in addition.
+
+    Attributes
+    ----------
+    name : str
+        Name of the experiment in the catalogue.
+    seconds : float
+        Its duration [s].
+    size : dict of str to float
+        Values at the limit with it of the parameters that define the size, SI units.
+    """
+
+    name: str
+    seconds: float
+    size: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -81,6 +101,8 @@ class DetectionLimit:
         Most similar effect; empty if there is no other.
     experiment : str
         Experiment that shows a smaller size.
+    better : BetterExperiment, optional
+        Of the experiments that were calculated, the one with the smallest limit.
     """
 
     effect: str
@@ -94,6 +116,7 @@ class DetectionLimit:
     apart_factor: float
     nearest: str
     experiment: str
+    better: BetterExperiment | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +124,7 @@ class Signature:
     """Change of the response by an effect of a given size."""
 
     candidate: Candidate
+    start: Mapping[str, float]
     values: Mapping[str, float]
     scale: float
     rms: float
@@ -132,6 +156,10 @@ class Records:
         As in `detection_limits`.
     residual : CandidateFit, optional
         Model whose residual is random; `final` by default.
+    samples : int, optional
+        Number of samples to which the records are shortened; that of the screening by default.
+    planned : sequence of Target
+        Records that do not exist yet, with the predicted displacement and noise as measured.
     """
 
     def __init__(
@@ -141,19 +169,23 @@ class Records:
         start: CandidateFit,
         *,
         residual: CandidateFit | None = None,
+        samples: int | None = None,
+        planned: Sequence[Target] = (),
     ) -> None:
-        data, samples = evaluator.data, evaluator.policy.screening_samples
-        views = thinned(data.training, samples, data.periods)
-        self._longer = sum(v.measured.size for v in data.training) / sum(
-            v.measured.size for v in views
-        )
-        if self._longer > 1.0:
-            evaluator = evaluator.with_data(replace(data, training=views))
+        data = evaluator.data
+        samples = samples or evaluator.policy.screening_samples
+        short = thinned(data.training, samples, data.periods)
+        longer = sum(v.measured.size for v in data.training) / sum(v.measured.size for v in short)
+        views = (*short, *planned)
+        if longer > 1.0 or planned:
+            periods = {**{view.name: view.period for view in planned}, **data.periods}
+            evaluator = evaluator.with_data(replace(data, training=views, periods=periods))
         self._evaluator, self._views = evaluator, views
         # a fixed baseline was evaluated on views that still contain its known discrepancy
         self._final = evaluated_on(final, views)
         chance = self._final if residual is None else evaluated_on(residual, views)
-        self._whitening = Whitening(chance.errors, chance.noises)
+        weights = [longer] * len(short) + [1.0] * len(planned)
+        self._whitening = Whitening(chance.errors, chance.noises, weights)
         self._cache = StageCache(final.model, final.model.pack(final.values), views)
         self._nuisances = self._directions()
         self._detection_test = evaluator.detection_test(self._final, start)
@@ -161,15 +193,23 @@ class Records:
     def limits(self) -> tuple[DetectionLimit, ...]:
         """Return the limit of every effect, see `detection_limits`."""
         pairs = [(each, start) for each in self.candidates() for start in each.starts]
-        found = self._evaluator.map(lambda pair: self._at_limit(*pair), pairs)
+        found = self.at_limits([(*pair, 1.0) for pair in pairs])
         signatures = [each for each in found if each is not None]
         shown = [each for each in signatures if each.shown]
         return tuple(self._limit(each, shown) for each in signatures)
 
-    @property
-    def all_samples(self) -> float:
-        """Ratio of a distance over all training samples to the distance over these samples [1]."""
-        return float(np.sqrt(self._longer))
+    def at_limits(
+        self, sizes: Sequence[tuple[Candidate, Mapping[str, float], float]]
+    ) -> list[Signature | None]:
+        """Return effects at their detection limits, computed in threads.
+
+        Parameters
+        ----------
+        sizes : sequence of (Candidate, dict, float)
+            Each effect with a start, and the size from which its limit is searched, in units of
+            the start.
+        """
+        return self._evaluator.map(lambda each: self._at_limit(*each), sizes)
 
     def candidates(self) -> list[Candidate]:
         """Return the model extended by each effect that has a defined size."""
@@ -233,9 +273,11 @@ class Records:
 
     # --- detection limit of an effect --------------------------------------------------------
 
-    def _at_limit(self, candidate: Candidate, start: Mapping[str, float]) -> Signature | None:
+    def _at_limit(
+        self, candidate: Candidate, start: Mapping[str, float], scale: float
+    ) -> Signature | None:
         """Return an effect at its detection limit, or at its largest possible size."""
-        scale, hidden, best = 1.0, 0.0, None
+        hidden, best = 0.0, None
         last: Mapping[str, float] = {}
         for _ in range(_SIMULATIONS):
             found = self._signature(candidate, start, scale)
@@ -294,11 +336,11 @@ class Records:
             return None
         rms = float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
         left = self._nuisances.remove(self._whitening(changes))
-        return Signature(candidate, values, scale, rms, left, False)
+        return Signature(candidate, start, values, scale, rms, left, False)
 
     def _factor(self, found: Signature) -> float:
         """Return the factor to the detection limit for an effect that is linear in its size."""
-        away = self.all_samples * np.sqrt(inner(found.whitened, found.whitened))
+        away = np.sqrt(inner(found.whitened, found.whitened))
         low, high = DETECTED / away if away > 0.0 else np.inf, _LARGEST
         if low > high:
             return np.inf
@@ -326,11 +368,9 @@ class Records:
             _, away = nearest_multiple(found.whitened, other.whitened, one_sided(other.candidate))
             if away < least:
                 nearest, least = other.candidate.effect.name, away
-        least *= self.all_samples
         own = set(candidate.added)
         units = {q.name: q.unit for q in candidate.model.parameters if q.name in own}
-        size = {k: found.values[k] for k in candidate.neutral if k in own}
-        shape = {k: found.values[k] for k in candidate.added if k not in size}
+        size, shape = size_of(found), shape_of(found)
         return DetectionLimit(
             effect.name,
             effect.variant,
@@ -344,6 +384,18 @@ class Records:
             nearest,
             effect.experiment,
         )
+
+
+def size_of(found: Signature) -> dict[str, float]:
+    """Return the values of the parameters that define the size of an effect."""
+    added = set(found.candidate.added)
+    return {name: found.values[name] for name in found.candidate.neutral if name in added}
+
+
+def shape_of(found: Signature) -> dict[str, float]:
+    """Return the values of the other parameters of an effect."""
+    size = size_of(found)
+    return {name: found.values[name] for name in found.candidate.added if name not in size}
 
 
 def nearest_multiple(x: FloatArray, other: FloatArray, positive: bool) -> tuple[float, float]:

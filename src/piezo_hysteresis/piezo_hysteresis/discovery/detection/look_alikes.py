@@ -76,14 +76,13 @@ def look_alikes(
         if candidate.effect.name != step.fit.effect
         for values in candidate.starts
     ]
-    size = records.all_samples * float(np.sqrt(inner(found, found)))
+    size = float(np.sqrt(inner(found, found)))
     nearest: dict[str, tuple[LookAlike, ModelSpec]] = {}
     for (candidate, _), other in zip(pairs, records.signatures(pairs), strict=True):
         if other is None:
             continue
         name = candidate.effect.name
         share, away = nearest_multiple(found, other.whitened, one_sided(candidate))
-        away *= records.all_samples
         closest = nearest[name][0].distance if name in nearest else np.inf
         if away < min(APART, SIMILAR * size, closest):
             values = scaled(candidate, other.values, share)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
@@ -15,6 +15,8 @@ _PREFIXES = (('n', -9), ('µ', -6), ('m', -3), ('', 0), ('k', 3), ('M', 6))
 _BARE = ('1', '1/s', '1/V')
 # Value from which a threshold counts as infinite.
 _INFINITE = 1e5
+# Number of experiments that are recommended; the table of the report has all.
+_RECOMMENDED = 2
 # Relative difference below which two sizes count as equal.
 _ALIKE = 0.15
 
@@ -38,6 +40,9 @@ class Statement:
         is unique from the limit on.
     hidden : str
         Shapes that the records do not show at any size; empty if there are none.
+    better : str
+        Experiment that lowers the largest limit most, with the size that it shows; empty if none
+        was found.
     """
 
     effect: str
@@ -46,6 +51,7 @@ class Statement:
     displacement_m: tuple[float, float]
     apart: str
     hidden: str
+    better: str
 
 
 def statements(limits: Sequence[DetectionLimit]) -> tuple[Statement, ...]:
@@ -70,6 +76,31 @@ def _statement(name: str, group: Sequence[DetectionLimit]) -> Statement:
         (min(rms), max(rms)),
         '' if worst is None else f'{worst.nearest} below {worst.apart_factor:.2g} times that',
         ', '.join(filter(None, hidden)) or ('any' if hidden and not shown else ''),
+        next((f'{better.name}: {_with(each)}' for each in first if (better := each.better)), ''),
+    )
+
+
+def _with(limit: DetectionLimit) -> str:
+    """Return the size that an effect needs if the better experiment is recorded as well."""
+    assert limit.better is not None
+    return _size(replace(limit, size=limit.better.size))
+
+
+def recommendations(limits: Sequence[DetectionLimit]) -> tuple[str, ...]:
+    """Return a sentence for each of the experiments that lower most limits."""
+    lowered: dict[str, dict[str, str]] = {}
+    for each in limits:
+        if each.better is None:
+            continue
+        before = _brief([each]) if each.shown else 'no size'
+        after = _brief([replace(each, size=each.better.size)])
+        lowered.setdefault(each.better.name, {})[each.effect] = (
+            f'{each.effect} from {before} to {after}'
+        )
+    ordered = sorted(lowered.items(), key=lambda each: -len(each[1]))
+    return tuple(
+        f'To show smaller effects: {name} ({", ".join(texts.values())}).'
+        for name, texts in ordered[:_RECOMMENDED]
     )
 
 

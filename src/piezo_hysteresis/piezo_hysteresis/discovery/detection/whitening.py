@@ -27,13 +27,17 @@ class Whitening:
         Residual of each view [m].
     noises : sequence of float
         Noise rms of each view [m].
+    weights : sequence of float
+        Number of measured samples for which each sample of a view stands.
     """
 
-    def __init__(self, errors: Sequence[FloatArray], noises: Sequence[float]) -> None:
+    def __init__(
+        self, errors: Sequence[FloatArray], noises: Sequence[float], weights: Sequence[float]
+    ) -> None:
         self.sizes = [error.size for error in errors]
         self._roots = [
-            np.sqrt(np.maximum(_smooth(np.abs(np.fft.rfft(e)) ** 2 / e.size), noise**2))
-            for e, noise in zip(errors, noises, strict=True)
+            np.sqrt(np.maximum(_smooth(np.abs(np.fft.rfft(e)) ** 2 / e.size), noise**2) / weight)
+            for e, noise, weight in zip(errors, noises, weights, strict=True)
         ]
 
     def __call__(self, changes: Sequence[FloatArray]) -> FloatArray:

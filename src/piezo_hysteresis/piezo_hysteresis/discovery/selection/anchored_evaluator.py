@@ -400,13 +400,17 @@ def _with_added(spec: ModelSpec, expected: Sequence[Expectation]) -> Sequence[Ex
 def expectations(
     data: Dataset, views: Sequence[Target], known: Discrepancy, policy: SelectionPolicy
 ) -> tuple[Expectation, ...]:
-    """Return the expected residual power of each view for a model with the discrepancy `known`."""
+    """Return the expected residual power of each view for a model with the discrepancy `known`.
+
+    Views without a record are planned experiments.
+    """
     strokes = {r.name: float(np.ptp(r.displacement)) for r in data.records}
     drives = {r.name: r.info.frequency or main_frequency(r) for r in data.records}
 
     def expected(view: Target) -> Expectation:
-        seen = replace(view, frequency=drives[view.name])
-        return expectation(seen, known, strokes[view.name], policy)
+        seen = replace(view, frequency=drives.get(view.name, view.frequency))
+        stroke = strokes.get(view.name, float(np.ptp(view.measured)))
+        return expectation(seen, known, stroke, policy)
 
     return tuple(map(expected, views))
 

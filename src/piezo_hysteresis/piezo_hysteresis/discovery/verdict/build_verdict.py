@@ -10,7 +10,7 @@ from typing import Any
 from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
 from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
-from piezo_hysteresis.discovery.detection.statements import sentence, statements
+from piezo_hysteresis.discovery.detection.statements import recommendations, sentence, statements
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.baseline import Baselines
@@ -106,7 +106,8 @@ def build_verdict(
             }
             for p in places(data, data.training, base.joint.errors)[:_MOST_PLACES]
         ),
-        next_experiments=tuple(advise(coverage, found.steps, left.significant, alike)),
+        next_experiments=recommendations(limits)
+        or tuple(advise(coverage, found.steps, left.significant, alike)),
         records={
             'training': [v.name for v in data.training],
             'held_out': [v.name for v in data.held_out],

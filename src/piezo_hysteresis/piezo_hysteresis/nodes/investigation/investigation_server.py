@@ -29,7 +29,7 @@ from piezo_interfaces.action import Investigate
 from piezo_interfaces.msg import LoopStatus
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.investigation.experiments import PlannedExperiment
+    from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
     from piezo_hysteresis.investigation.journal import Setup
     from piezo_hysteresis.investigation.runner import InvestigationProgress, Result
 
@@ -181,7 +181,7 @@ class InvestigationServer:
             self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
     def _setup(self, request: Investigate.Goal, stopped: Callable[[], bool]) -> Setup:
-        from piezo_hysteresis.investigation.experiment_limits import (
+        from piezo_hysteresis.experiments.experiment_limits import (
             ExperimentLimits,
             granted_range,
         )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, fastest
+from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, fastest
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import ceil
 
-from piezo_hysteresis.investigation.experiment_limits import ExperimentLimits, InvestigationError
-from piezo_hysteresis.investigation.experiments import PlannedExperiment, Spec, composed
+from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, InvestigationError
+from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment, Spec, composed
 from piezo_hysteresis.waveforms import reversal_curves
 
 # Drive frequencies of the sines [Hz], and their amplitudes relative to the largest.
