@@ -24,10 +24,12 @@ def answer(model: Model, values: dict[str, float], u: FloatArray) -> FloatArray:
     return model.respond(u, model.pack(values), DT, state=model.initial_state(DT))
 
 
-def required_score_share(name: str, variant: str, hidden: dict[str, float]) -> ScreeningScore:
+def required_score_share(
+    name: str, variant: str, hidden: dict[str, float], offset: float = 0.0
+) -> ScreeningScore:
     """Screen one effect on drives of an actuator that has it."""
     base = named('bouc_wen_mode')
-    own = base.defaults() | MODE
+    own = base.defaults() | MODE | {'offset': offset}
     effect = next(e for e in described(name) if e.variant == variant)
     candidate = add_effect(base, effect)
     truth = candidate.values(own, dict(candidate.neutral) | hidden)
@@ -128,3 +130,12 @@ def test_stages_that_are_known_are_not_run_again(name: str, variant: str, known:
     other = base.pack(own | {'beta': 2.0 * own['beta']})
     assert cache.of(base, other, view)[0] == 0
     assert cache.of(base, base.pack(own), whole(Record('6', DT, u, u)))[0] == 0
+
+
+@pytest.mark.parametrize('offset', [0.0, -3e-3])
+def test_the_centre_of_a_curve_is_sought_within_the_stroke(offset: float) -> None:
+    hidden = {'side_even': 0.0, 'side_odd': 300.0, 'side_centre': 0.0}
+    found = required_score_share('sensor_nonlinearity', 'sensor_two_sided', hidden, offset)
+    guess = max(found.starts, key=lambda start: start['side_odd'])
+    assert guess['side_odd'] == pytest.approx(300.0, rel=0.2)
+    assert abs(guess['side_centre']) < 2e-5

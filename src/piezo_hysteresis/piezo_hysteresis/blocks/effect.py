@@ -18,7 +18,7 @@ class Residual(NamedTuple):
     Attributes
     ----------
     voltage, simulated, residual : ndarray, shape (n,)
-        Input [V], free run of the model [m], measured minus simulated [m].
+        Input [V], free run of the model before its offset [m], measured minus simulated [m].
     dt : float
         Sampling interval [s].
     frequency : float

@@ -9,7 +9,6 @@ from math import sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Part
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.solver import Solution
@@ -173,12 +172,7 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
 
 def _without_zero(spread: Covariance, objective: Objective) -> Covariance:
     """Return the covariance with an infinite deviation of the offset, for one zero per record."""
-    zeros = {
-        name
-        for block in objective.model.blocks
-        if block.part is Part.ZERO
-        for name in objective.model.names_of(block).values()
-    }
+    zeros = objective.model.zero_names
     lost = np.array([name in zeros for name in objective.free], dtype=bool)
     return replace(spread, std=np.where(lost, np.inf, spread.std))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.common.wording import near
@@ -92,6 +92,12 @@ class Model:
     def free_names(self) -> tuple[str, ...]:
         """Names of the parameters that a fit may change."""
         return tuple(parameter.name for parameter in self.parameters if not parameter.held)
+
+    @property
+    def zero_names(self) -> frozenset[str]:
+        """Names of the parameters that move the zero of the displacement only."""
+        zeros = (self.names_of(block) for block in self.blocks if block.part is Part.ZERO)
+        return frozenset(name for names in zeros for name in names.values())
 
     @property
     def has_fixed_rate(self) -> bool:

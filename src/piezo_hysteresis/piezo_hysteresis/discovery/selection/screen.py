@@ -154,6 +154,7 @@ class Screen:
             return []
         sizes = [float(np.std(error)) for error in self._errors]
         block = candidate.effect.block
+        zero = sum(self._fit.values[name] for name in self._fit.model.zero_names)
         # an effect that depends on time is most visible in records with little motion
         count = len(sizes) if block is not None and block.clocked else _GUESSES
         guesses: list[dict[str, float]] = []
@@ -161,7 +162,7 @@ class Screen:
             view, y = self._views[place], self._simulated[place]
             seen = Residual(
                 view.voltage[view.first :],
-                y[view.first :],
+                y[view.first :] - zero,
                 self._errors[place],
                 view.dt,
                 view.frequency,
