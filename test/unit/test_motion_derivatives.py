@@ -47,3 +47,28 @@ def test_a_loop_that_does_not_follow_spoils_no_derivatives_of_a_mode(effect: str
         above[j], below[j] = x[j] + step, x[j] - step
         slope = (objective.cost(above) - objective.cost(below)) / (2 * step)
         assert gradient[j] == pytest.approx(slope, rel=0.05), name
+
+
+def test_friction_at_rest_spoils_no_derivatives_of_a_mode() -> None:
+    # after a step the mode comes to rest; its velocity is then a rounding error
+    base = named('bouc_wen_mode')
+    effect = next(each for each in described('friction') if each.variant == 'in_mode')
+    found = add_effect(base, effect)
+    values = found.values(base.defaults() | {'natural_frequency': 88.0}, found.starts[0])
+    values |= {'damping_ratio': 0.02, 'mode_friction': 1e-6, 'presliding': 8e-7}
+    u = np.where(np.arange(9000) < 300, 0.0, 0.8)
+    target = whole(Record('step', 1e-3, u, np.zeros(u.size)))
+    model = found.model
+    free = tuple(model.free_names)
+    objective = Objective(model, [target], free, {**values, SAMPLING_OFFSET: 0.0})
+    x = np.array([values[name] for name in free])
+    factor, rhs, cost = objective.linearise(x)
+    assert np.isfinite(cost)
+    gradient = factor.T @ rhs
+    for name in ('natural_frequency', 'mode_friction'):
+        j = free.index(name)
+        step = 1e-5 * x[j]
+        above, below = x.copy(), x.copy()
+        above[j], below[j] = x[j] + step, x[j] - step
+        slope = (objective.cost(above) - objective.cost(below)) / (2 * step)
+        assert gradient[j] == pytest.approx(slope, rel=0.05), name

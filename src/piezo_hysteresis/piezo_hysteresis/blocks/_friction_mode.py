@@ -11,6 +11,9 @@ _STRIDE = 0.25
 _FEWEST = 4
 _MOST_PARTS = 400
 _BRIEF = 1e-6  # share of a step below which it is not divided
+# Motion within a step, relative to the presliding length, below which a reversal has no effect.
+# At rest the velocity is a rounding error, and so is the derivative of the time of its reversal.
+_STILL = 1e-8
 
 Transition = tuple[float, float, float, float]
 """Transition of position and velocity over a time, (a11, a12, a21, a22), see `hold`."""
@@ -46,7 +49,8 @@ def friction_state(
 
     It is -1 to 1 when fast (Dahl's law), `breakaway` times as much at rest (Stribeck's law).
     """
-    limit = 1.0 if move > 0.0 else -1.0
+    # at rest the generated derivative of the absolute value is that of a positive move
+    limit = 1.0 if move >= 0.0 else -1.0
     if breakaway > 1.0:
         limit *= 1.0 + (breakaway - 1.0) * exp(-((move / dt / stribeck) ** 2))
     return limit + (bristle - limit) * exp(-abs(move) / (presliding * abs(limit)))
@@ -106,12 +110,14 @@ def advance(
 
 
 @leaf
-def turn(before: float, after: float, law: Law) -> float:
-    """Return the share of a step at which the friction reverses; 0 if it does not.
+def turn(before: float, after: float, law: Law, h: float) -> float:
+    """Return the share of a step of `h` [s] at which the friction reverses; 0 if it does not.
 
     `before` and `after` are the velocities at its ends.
     """
     if law[3] == 0.0 or before * after >= 0.0:
+        return 0.0
+    if abs(before - after) * h < _STILL * law[4]:
         return 0.0
     share = before / (before - after)
     return 0.0 if share < _BRIEF or share > 1.0 - _BRIEF else share
@@ -147,7 +153,7 @@ def turning(
     whole step, is zero.
     """
     there = advance(f, initial, law, h, over)
-    share = turn(initial[1], there[1], law)
+    share = turn(initial[1], there[1], law, h)
     return there if share == 0.0 else in_two(f, initial, law, h, share)
 
 
