@@ -209,7 +209,7 @@ def stack_table(frequencies: Sequence[float]) -> list[Exhibit]:
     return [
         Exhibit('Xiao 2014', 'Table 1', shows, '; '.join(text), '; '.join(lines), draw, why,
               numbers, chain, pairs),
-        Exhibit('Xiao 2014', 'Figure 14', 'the same over the frequency',
+        Exhibit('Xiao 2014', 'Figure 14', 'errors of table 1 over frequency',
               'rms errors with the selector "limited within 2 μm from 0 Hz" to 40 Hz',
               f'with the selector {max(r[3] for r in rows.values()):.2f} µm rms at most, '
               f'{max(r[6] for r in rows.values()):.2f} µm largest', draw, 'as table 1',
