@@ -122,6 +122,7 @@ def discover(
     zero: str = 'auto',
     policy: Mapping[str, float] | None = None,
     time_limit: float = inf,
+    recommend: bool = True,
     progress: Progress = lambda fraction, message: None,
 ) -> Discovery:
     """Search the effects that `baseline` lacks in `records`.
@@ -154,6 +155,8 @@ def discover(
     time_limit : float
         Time after which no new step is started [s]. The verdict is the best result so far and
         lists the skipped steps. It then depends on the speed of the machine.
+    recommend : bool
+        Whether a verdict ``none`` states the experiments that lower its detection limits.
     progress : callable
         Called with ``(fraction, message)``.
 
@@ -189,7 +192,7 @@ def discover(
     if len(own) < len(given) and not end.skips('detection limits'):
         progress(0.97, 'calculating detection limits')
         limits = detection_limits(found.evaluator, found.final, found.start)
-        if not found.steps and not outcome.remainder.significant:
+        if recommend and not found.steps and not outcome.remainder.significant:
             limits = with_better_experiments(found.evaluator, found.final, found.start, limits)
     alike = {
         step.fit.effect: look_alikes(found.evaluator, step, found.start)

@@ -69,6 +69,8 @@ class Belief:
         Held-out gap of the model with the named effects, in multiples of the noise.
     alike : bool
         Whether the records cannot distinguish a named effect from another one.
+    incomplete : bool
+        Whether the time limit ended the evaluation of the records.
     """
 
     verdict: str
@@ -79,6 +81,7 @@ class Belief:
     left: bool
     floors: float
     alike: bool = False
+    incomplete: bool = False
 
 
 def prior_belief(hidden: Hidden) -> Belief:
@@ -120,6 +123,7 @@ def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
         verdict.unexplained.significant,
         verdict.held_out.after_in_floors,
         any(found.alike.values()),
+        bool(verdict.not_tried),
     )
 
 

@@ -42,6 +42,8 @@ class Rules:
         running [nats].
     nameless : int
         Consecutive experiments after which the search for an unknown effect ends [1].
+    time_limit : float
+        Time after which the evaluation of an experiment starts no new step [s].
     seed : int
         Seed of all random choices.
     """
@@ -52,6 +54,7 @@ class Rules:
     quiet: float = 0.03
     least: float = 0.02
     nameless: int = 6
+    time_limit: float = 60.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -103,6 +106,8 @@ class ExperimentAnswer:
         if after.verdict == 'none':
             return f'no new residual above the noise; no missing effect with {_chance(after)}'
         gap = f'remaining gap {after.floors:.3g} noise floors'
+        if after.incomplete:
+            gap += '; the time limit ended the evaluation'
         if after.names:
             return f'{" and ".join(after.names)} with {_chance(after)}; {gap}'
         name, chance = after.most_probable
@@ -306,6 +311,8 @@ class Investigation:
             name=self.model.model.name,
             seed=self.rules.seed,
             workers=self.workers,
+            time_limit=self.rules.time_limit,
+            recommend=False,
             progress=progress,
         )
         last = self.answers[-1]
