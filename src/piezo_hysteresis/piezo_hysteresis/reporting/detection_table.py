@@ -11,11 +11,11 @@ from piezo_hysteresis.reporting.page import PageSection, table
 
 _TEXT = (
     'The smallest size of each known effect that these records would have shown with a '
-    'probability of 95 %, in addition to the model. A smaller effect can be present and '
-    'hide in the noise, in the known discrepancy, or in fitted parameters. The last '
-    'column is the experiment that lowers the limit most, with the predicted limit; without a '
-    'number, no experiment of the catalogue within voltage range and slew rate of these records '
-    'halves it. Limits hold for the shapes in brackets; all variants are in {file}.'
+    'probability of 95 %, in addition to the model, and the rms change of the response at this '
+    'size. A smaller effect can be present and hide in the noise, in the known discrepancy, or in '
+    'fitted parameters. The better experiment lowers the limit most, with the predicted limit; '
+    'without a number, no experiment of the catalogue within voltage range and slew rate of these '
+    'records halves it. Limits hold for the shapes in brackets; all variants are in {file}.'
 )
 _APART = (
     f'Where another effect is named, its change of the response lies less than {APART:g} standard '
@@ -41,17 +41,17 @@ def detection_section(
     header = (
         'effect',
         'detection limit',
-        'rms change of the response',
-        'similar effect',
         'better experiment',
+        'rms change',
+        'similar effect',
     )
     rows = [
         (
             each.effect,
             each.sizes + (f'; not {each.hidden}' if each.hidden not in ('', 'any') else ''),
+            each.better or described(each.effect)[0].experiment,
             _range(each.displacement_m),
             each.apart,
-            each.better or described(each.effect)[0].experiment,
         )
         for each in statements(limits)
     ]
