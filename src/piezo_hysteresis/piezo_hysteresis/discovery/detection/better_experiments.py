@@ -148,7 +148,8 @@ def _possible(views: Sequence[Target]) -> list[PlannedExperiment]:
     sines = [each for each in groups.pop('sine', ()) if each.amplitude > 0.3 * (high - low)]
     spread = sorted({round(k) for k in np.linspace(0, len(sines) - 1, _SINES)}) if sines else []
     longest = [max(group, key=lambda each: each.seconds) for group in groups.values()]
-    return [*(sines[k] for k in spread), *longest]
+    chosen = [*(sines[k] for k in spread), *longest]
+    return sorted(chosen, key=lambda each: each.seconds)
 
 
 def _predicted(

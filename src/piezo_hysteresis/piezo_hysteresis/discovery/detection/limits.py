@@ -201,7 +201,7 @@ class Records:
     def at_limits(
         self, sizes: Sequence[tuple[Candidate, Mapping[str, float], float]]
     ) -> list[Signature | None]:
-        """Return effects at their detection limits, computed in threads.
+        """Return effects at their detection limits, computed in threads; None after the deadline.
 
         Parameters
         ----------
@@ -209,7 +209,14 @@ class Records:
             Each effect with a start, and the size from which its limit is searched, in units of
             the start.
         """
-        return self._evaluator.map(lambda each: self._at_limit(*each), sizes)
+        end = self._evaluator.deadline
+
+        def found(
+            size: tuple[Candidate, Mapping[str, float], float],
+        ) -> Signature | None:
+            return None if end.skips('some detection limits') else self._at_limit(*size)
+
+        return self._evaluator.map(found, sizes)
 
     def candidates(self) -> list[Candidate]:
         """Return the model extended by each effect that has a defined size."""
