@@ -43,7 +43,7 @@ HEAD = (
     'Wit 1995), and leaking charge. A baseline that cannot be exact is identified on six',
     'sines. An effect of random size is added to six others; `discover` gets these and the',
     '`model.yaml`. The search is frozen before any of these records exists.',
-    '[validation.md](validation.md) has the summary and the earlier draws.',
+    '[validation.md](validation.md) has the summary, [draws.md](draws.md) every draw.',
     '',
     '    python studies/discovery_foreign.py --seed {seed} --page docs/discovery_foreign.md',
 )
