@@ -8,7 +8,7 @@ the conditions of the experiment.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 from math import inf, pi
@@ -66,25 +66,16 @@ def with_better_experiments(
     """
     present = _highest(Records(evaluator, final, start, samples=_SAMPLES))
     best: dict[str, tuple[float, BetterExperiment]] = {}
-    for experiment in _possible(evaluator.data.training):
+    for experiment in _possible(evaluator.data.training) if present else ():
         if evaluator.deadline.skips(f'limits with {experiment.name}'):
             break
         view = _predicted(evaluator, final, experiment)
         if view is None:
             continue
         more = Records(evaluator, final, start, samples=_SAMPLES, planned=(view,))
-        again = more.at_limits([(s.candidate, s.start, s.scale) for s in present])
-        for before, after in zip(present, again, strict=True):
-            if after is None or not after.shown:
-                continue
-            factor = after.scale / before.scale if before.shown else 0.0
-            name = before.candidate.effect.name
-            rank = (factor, experiment.seconds)
-            if factor < _LOWER and (
-                name not in best or rank < (best[name][0], best[name][1].seconds)
-            ):
-                found = BetterExperiment(experiment.name, experiment.seconds, size_of(after))
-                best[name] = factor, found
+        for effect, factor, size in _lowered(more, present):
+            if effect not in best or factor < best[effect][0]:
+                best[effect] = factor, BetterExperiment(experiment.name, experiment.seconds, size)
     highest = {each.candidate.effect.name: each for each in present}
     return tuple(
         replace(each, better=best[each.effect][1])
@@ -92,6 +83,19 @@ def with_better_experiments(
         else each
         for each in limits
     )
+
+
+def _lowered(
+    records: Records, present: Sequence[Signature]
+) -> Iterator[tuple[str, float, dict[str, float]]]:
+    """Yield effect, factor and size of each limit that is much lower in other records."""
+    again = records.at_limits([(each.candidate, each.start, each.scale) for each in present])
+    for before, after in zip(present, again, strict=True):
+        if after is None or not after.shown:
+            continue
+        factor = after.scale / before.scale if before.shown else 0.0
+        if factor < _LOWER:
+            yield before.candidate.effect.name, factor, size_of(after)
 
 
 def _is_of(limit: DetectionLimit, found: Signature) -> bool:
@@ -121,10 +125,11 @@ def _size(found: Signature) -> float:
     if not found.shown:
         return inf
     neutral = found.candidate.neutral
-    return max(
+    distances = (
         1.0 / abs(value) if is_never_reached(neutral[name]) else abs(value - neutral[name])
         for name, value in size_of(found).items()
     )
+    return max(distances, default=0.0)
 
 
 def _possible(views: Sequence[Target]) -> list[PlannedExperiment]:
