@@ -130,6 +130,16 @@ def test_a_budget_ends_it_before_it_is_exceeded(course: Investigation) -> None:
     assert 0.0 < course.spent <= 2.0
 
 
+def test_the_time_of_the_evaluations_ends_it(course: Investigation) -> None:
+    run(course, a_belief('named', 0.5, 'creep'))
+    course.evaluated = course.rules.time_limit + 1.0
+    stop = course.next()
+    course.evaluated = 0.0
+    assert isinstance(stop, Stop)
+    assert stop.reason == 'time'
+    assert stop.words == 'the evaluations took 121 s without a result'
+
+
 def test_an_experiment_is_run_twice_at_the_most(course: Investigation) -> None:
     stopped(course, a_belief('named', 0.5, 'creep'))
     runs = [course.done.count(name) for name in set(course.done)]

@@ -6,6 +6,7 @@ passes the record back. Equal records in equal order lead to equal choices and v
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
@@ -21,6 +22,9 @@ from piezo_hysteresis.investigation.predict import in_use, outlook, within
 from piezo_hysteresis.investigation.undetected import hidden_effects
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
+
+# Shortest time of an evaluation, also beyond the time limit of all [s].
+_SHORTEST = 5.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ class Rules:
     nameless : int
         Consecutive experiments after which the search for an unknown effect ends [1].
     time_limit : float
-        Time after which the evaluation of an experiment starts no new step [s].
+        Time of all evaluations together, after which no new step and no experiment starts [s].
     seed : int
         Seed of all random choices.
     """
@@ -54,7 +58,7 @@ class Rules:
     quiet: float = 0.03
     least: float = 0.02
     nameless: int = 6
-    time_limit: float = 60.0
+    time_limit: float = 120.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -71,7 +75,7 @@ class Stop:
     Attributes
     ----------
     reason : str
-        ``sure``, ``nothing``, ``budget`` or ``exhausted``.
+        ``sure``, ``nothing``, ``budget``, ``exhausted`` or ``time``.
     words : str
         Reason in one sentence.
     """
@@ -152,6 +156,8 @@ class Investigation:
         Latest discovery.
     history : History
         Voltage history of the actuator.
+    evaluated : float
+        Time of the evaluations so far [s].
     """
 
     model: ModelFile
@@ -159,6 +165,7 @@ class Investigation:
     rate: float
     rules: Rules = field(default_factory=Rules)
     workers: int = 1
+    evaluated: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         known = self.model.discrepancy
@@ -223,6 +230,9 @@ class Investigation:
             return self._sure()
         if not ranked:
             return Stop('budget', 'the budget ended without a result')
+        if self.evaluated >= self.rules.time_limit:
+            words = f'the evaluations took {self.evaluated:.0f} s without a result'
+            return self._sure() if settled else Stop('time', words)
         if informative or not self.answers or self._confirming():
             return ranked[0]
         if self._nameless() and (others := self._unseen()):
@@ -304,19 +314,22 @@ class Investigation:
     def judge(
         self, progress: Callable[[float, str], None] = lambda fraction, words: None
     ) -> ExperimentAnswer:
-        """Update the belief by a discovery on all records."""
+        """Update the belief by a discovery on all records, within the time that is left."""
+        began = time.monotonic()
+        left = max(self.rules.time_limit - self.evaluated, _SHORTEST)
         self.found = discover(
             self.records,
             self.model,
             name=self.model.model.name,
             seed=self.rules.seed,
             workers=self.workers,
-            time_limit=self.rules.time_limit,
+            time_limit=left,
             recommend=False,
             progress=progress,
         )
         last = self.answers[-1]
         self.belief = belief_of(self.found, self.hidden, self.done)
+        self.evaluated += time.monotonic() - began
         self.answers[-1] = ExperimentAnswer(last.experiment, last.before, self.belief, last.spent)
         return self.answers[-1]
 
