@@ -231,8 +231,8 @@ class Investigation:
         if not ranked:
             return Stop('budget', 'the budget ended without a result')
         if self.evaluated >= self.rules.time_limit:
-            words = f'the evaluations took {self.evaluated:.0f} s without a result'
-            return self._sure() if settled else Stop('time', words)
+            reason = f'the evaluations took {self.evaluated:.0f} s without a result'
+            return self._sure() if settled else Stop('time', reason)
         if informative or not self.answers or self._confirming():
             return ranked[0]
         if self._nameless() and (others := self._unseen()):
