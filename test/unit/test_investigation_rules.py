@@ -30,6 +30,7 @@ def prepared() -> Investigation:
 def course(prepared: Investigation) -> Investigation:
     """Return it before the first experiment."""
     prepared.rules, prepared.answers, prepared.records = Rules(), [], []
+    prepared.evaluated = 0.0
     prepared.belief = replace(a_belief('none'), chances=prepared.hidden.chances(()))
     return prepared
 
@@ -134,7 +135,6 @@ def test_the_time_of_the_evaluations_ends_it(course: Investigation) -> None:
     run(course, a_belief('named', 0.5, 'creep'))
     course.evaluated = course.rules.time_limit + 1.0
     stop = course.next()
-    course.evaluated = 0.0
     assert isinstance(stop, Stop)
     assert stop.reason == 'time'
     assert stop.words == 'the evaluations took 121 s without a result'

@@ -149,13 +149,13 @@ def _add_legend(figure: Figure) -> None:
         for axes in shown
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
+    if len(lines) < 2:
+        return
     looks = {
         (line.get_color(), line.get_linestyle(), line.get_marker())
         for line in lines.values()
         if isinstance(line, Line2D)
     }
-    if len(lines) < 2:
-        return
     if len(looks) == len(lines):
         figure.legend(
             lines.values(),

@@ -57,10 +57,8 @@ def with_better_experiments(
 
     Parameters
     ----------
-    evaluator : Evaluator
-        Evaluator of the search.
-    final, start : CandidateFit
-        The final model, and the baseline.
+    evaluator, final, start
+        As in `detection_limits`.
     limits : sequence of DetectionLimit
         Limits of the given records.
     """

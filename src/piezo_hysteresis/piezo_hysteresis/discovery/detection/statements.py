@@ -76,14 +76,15 @@ def _statement(name: str, group: Sequence[DetectionLimit]) -> Statement:
         (min(rms), max(rms)),
         '' if worst is None else f'{worst.nearest} below {worst.apart_factor:.2g} times that',
         ', '.join(filter(None, hidden)) or ('any' if hidden and not shown else ''),
-        next((f'{better.name}: {_with(each)}' for each in first if (better := each.better)), ''),
+        next(
+            (
+                f'{better.name}: {_size(replace(each, size=better.size))}'
+                for each in first
+                if (better := each.better) is not None
+            ),
+            '',
+        ),
     )
-
-
-def _with(limit: DetectionLimit) -> str:
-    """Return the size that an effect needs if the better experiment is recorded as well."""
-    assert limit.better is not None
-    return _size(replace(limit, size=limit.better.size))
 
 
 def recommendations(limits: Sequence[DetectionLimit]) -> tuple[str, ...]:
