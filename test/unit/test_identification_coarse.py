@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from piezo_hysteresis.identification.outliers import outliers, step_of
 
 PERIOD, COUNT = 200, 12
+DRIVE = 50.0 * np.sin(2 * np.pi * np.arange(PERIOD * COUNT) / PERIOD)
 
 
 def sensed(step: float, noise: float, seed: int) -> np.ndarray:
@@ -24,7 +25,7 @@ def sensed(step: float, noise: float, seed: int) -> np.ndarray:
 @given(st.floats(1e-8, 2e-6), st.floats(0.0, 3.0), st.integers(0, 99))
 def test_steps_are_no_outliers(step: float, noise_in_steps: float, seed: int) -> None:
     y = sensed(step, noise_in_steps * step, seed)
-    assert not np.any(outliers(y, PERIOD))
+    assert not np.any(outliers(DRIVE, y, PERIOD))
 
 
 @pytest.mark.parametrize('noise_in_steps', [0.05, 0.3, 1.0])
@@ -32,7 +33,7 @@ def test_a_spike_between_steps_is_found(noise_in_steps: float) -> None:
     step = 5e-7
     y = sensed(step, noise_in_steps * step, 3)
     y[[731, 1490]] += 2e-5
-    assert np.flatnonzero(outliers(y, PERIOD)).tolist() == [731, 1490]
+    assert np.flatnonzero(outliers(DRIVE, y, PERIOD)).tolist() == [731, 1490]
 
 
 def test_the_step_of_a_sensor_is_reported() -> None:

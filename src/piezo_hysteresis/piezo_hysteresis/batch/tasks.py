@@ -148,7 +148,7 @@ class Identify:
         if self.held_out:
             unseen = warmed(load(self.held_out, actuator=self.actuator), self.warm_up)
             found = evaluated_on(found, driven_at(unseen, self.frequency))
-        write_identification(out, found, records, data)
+        write_identification(out, found, found.data, data)
         return found
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.common.wording import counted
+from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.records import Record, Survey
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, BagContent
 
@@ -39,7 +38,7 @@ def records_table(records: Sequence[Record]) -> str:
             f'{record.start:.6g}',
             f'{record.duration:.6g}',
             f'{record.voltage.min():.4g} .. {record.voltage.max():.4g} {record.info.input_unit}',
-            f'{np.ptp(record.displacement) * 1e6:.4g}',
+            f'{stroke_of(record) * 1e6:.4g}',
             _excitation(record),
             'yes' if record.reference is not None else 'no',
             record.info.actuator or '-',

@@ -54,6 +54,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--resample', type=float, metavar='HZ', help='resample every record to this rate [Hz]; '
         'jittering stamps are interpolated first'
     )  # fmt: skip
+    parser.add_argument(
+        '--without-steps', action='store_true',
+        help='take out jumps of the displacement that stay and that no jump of the input explains '
+        '(a counter that slipped or was set to zero)',
+    )  # fmt: skip
     fields = parser.add_argument_group('bags of other message types, files of other columns')
     fields.add_argument(
         '--time', metavar='COLUMN[:UNIT]', help='column of the time (default time_s)'
@@ -76,6 +81,10 @@ def run(arguments: argparse.Namespace) -> int:
     records = [_named(record, arguments.actuator) for record in found.records]
     if arguments.resample is not None:
         records = [resampled(record, arguments.resample) for record in records]
+    if arguments.without_steps:
+        from piezo_hysteresis.identification.measurement import corrected
+
+        records = [corrected(record) for record in records]
     write_bag(arguments.out, records, storage=arguments.storage)
     print_survey_notes(found)
     print(records_table(records))

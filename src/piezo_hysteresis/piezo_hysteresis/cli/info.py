@@ -12,6 +12,7 @@ from pathlib import Path
 from piezo_hysteresis.cli.data_report import bag_lines, records_table, topics_table
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.identification.measurement import measurement_findings
 from piezo_hysteresis.records import Survey, survey
 from piezo_hysteresis.records.bag_content import read_content
 from piezo_hysteresis.records.damage import DamageLog
@@ -47,6 +48,9 @@ def _print_survey(found: Survey) -> int:
     for bag in found.bags:
         print('\n'.join([*bag_lines(bag), topics_table(bag), '']))
     print(records_table(found.records))
+    for record in found.records:
+        for sentence in measurement_findings(record):
+            print(f'note: {record.name}: {sentence}')
     for note in found.notes:
         print(f'note: {note}')
     for damage in found.damage:

@@ -28,6 +28,7 @@ from piezo_hysteresis.discovery.verdict.final_model import final_model
 from piezo_hysteresis.discovery.verdict.prove import Proof, prove
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import require_settings
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chosen
@@ -175,13 +176,15 @@ def discover(
     began = time.monotonic()
     end = Deadline(time_limit)
     choices = Choices(begins, zero)
-    if before := listed(reference):
+    records, remarks = as_measured(records)
+    if before := as_measured(listed(reference))[0]:
         baseline = as_on(before, baseline, choices, workers)
     how = Searching(choices, seed, workers, dict(policy or {}), end)
     given = annotated(records)
     own = _own_records(given, baseline)
     known = [record for record in given if record.name not in own] or given
     coverage = check(known)
+    coverage = replace(coverage, findings=(*remarks, *coverage.findings))
     data = split(known, how.choices.start)
     progress(0.02, 'checked, split and noise measured')
     base, outcome = find(data, baseline, how, progress, nothing_new=len(own) == len(given))
@@ -237,7 +240,7 @@ def limits_of(
         If the file states no discrepancy, or the records do not show their noise.
     """
     how = Searching(Choices('auto', 'auto'), 0, workers, {}, Deadline(inf))
-    data = split(annotated(listed(records)), how.choices.start)
+    data = split(annotated(as_measured(listed(records))[0]), how.choices.start)
     found = unsearched(data, model, how)
     limits = detection_limits(found.evaluator, found.final, found.start)
     return with_better_experiments(found.evaluator, found.final, found.start, limits)

@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.noise import measured_without_outliers, stroke_of
 from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.records import Record
 
 _SAMPLES_PER_PERIOD = 10
+_COMMON = 0.3  # correlation below which displacement and input have nothing in common
 _OPPOSED = -0.5  # correlation below which displacement and input have opposite signs
 _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
 
@@ -97,13 +100,13 @@ def _require_motion(records: Sequence[Record]) -> None:
         raise IdentificationError(
             f'the {kind} is constant in every record; record a sine over the range you will use'
         )
-    stroke = max(float(np.ptp(r.displacement)) for r in driven)
+    stroke = max(stroke_of(r) for r in driven)
     if stroke == 0.0:
         raise IdentificationError(
             'the displacement is constant; check sensor and cable, then record again'
         )
     for record in records:
-        moved = float(np.ptp(record.displacement))
+        moved = stroke_of(record)
         if float(np.ptp(record.voltage)) == 0.0 and moved > _REST * stroke:
             raise IdentificationError(
                 f'record {record.name}: the {kind} is constant but the displacement moves by '
@@ -140,7 +143,7 @@ def _uncertain(sentence: str) -> list[tuple[bool, str]]:
 
 
 def _judge(record: Record, *, alone: bool) -> list[tuple[bool, str]]:
-    u, y = record.voltage, record.displacement
+    u, y = record.voltage, measured_without_outliers(record)
     kind = _kind(record)
     if len(record) < 20:
         return _fatal(f'only {len(record)} samples; record at least two periods of the excitation')
@@ -229,22 +232,36 @@ def _between_lines(u: FloatArray, dt: float, peak: int) -> float:
 
 def _synchrony(record: Record, kind: str) -> list[tuple[bool, str]]:
     u = record.voltage - record.voltage.mean()
-    y = record.displacement - record.displacement.mean()
-    size = 1 << (2 * u.size - 1).bit_length()
-    both = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(u, size)), size)
-    norm = float(np.linalg.norm(u) * np.linalg.norm(y))
-    strength = float(np.max(np.abs(both))) / norm
-    if strength < 0.3:
+    measured = measured_without_outliers(record)
+    y = measured - measured.mean()
+    strength, even = _likeness(u, y), _likeness(u**2 - np.mean(u**2), y)
+    if max(strength, even) < _COMMON:
         return _fatal(
-            f'displacement and {kind} have nothing in common (correlation {strength:.2f}); '
-            'record both with one clock and check the channels'
+            f'displacement and {kind} have nothing in common (correlation {strength:.2f}, with '
+            f'the square of the {kind} {even:.2f}); record both with one clock and check the '
+            'channels'
         )
-    if float(u @ y) < _OPPOSED * norm:
+    if even > strength:
+        sentence = (
+            f'the displacement rises towards both ends of the {kind} (correlation '
+            f'{strength:.2f}, with the square of the {kind} {even:.2f}): a butterfly, driven '
+            'beyond the coercive voltage, or electrostriction. No model here describes it; '
+            f'record with a {kind} of one sign'
+        )
+        return [(strength < _COMMON, sentence)]
+    if float(u @ y) < _OPPOSED * float(np.linalg.norm(u) * np.linalg.norm(y)):
         return _uncertain(f'the displacement runs against the {kind}; check the polarity')
     frequency = main_frequency(record)
     if frequency > 0:
         return _phase(record, u, y, frequency, kind)
     return []
+
+
+def _likeness(x: FloatArray, y: FloatArray) -> float:
+    """Return the largest correlation of two signals without mean over all lags, 0 to 1."""
+    size = next_fast_len(2 * x.size - 1, real=True)
+    both = irfft(rfft(y, size) * np.conj(rfft(x, size)), size)
+    return float(np.max(np.abs(both))) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
 
 
 def _phase(

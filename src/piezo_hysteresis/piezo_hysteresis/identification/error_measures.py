@@ -27,7 +27,7 @@ class RecordErrors:
     one_step_rms : float
         Rms of the one-step prediction error [m], see `one_step`.
     free_run_rms : float
-        Rms of the free-run error [m], offset included.
+        Rms of the free-run error [m], offset included, over all samples, the excluded ones too.
     nrmse_percent : float
         100 times the free-run error over the standard deviation of the displacement.
     start : str
@@ -37,7 +37,7 @@ class RecordErrors:
     noise_rms : float
         Noise of one sample [m]; NaN if it cannot be estimated.
     lost : int
-        Number of excluded samples: spikes and drop-outs.
+        Number of samples excluded from the fit: spikes and drop-outs.
     """
 
     record: str
@@ -119,11 +119,11 @@ def errors_of(
 
 def errors_in(model: Model, values: Mapping[str, float], found: Prediction) -> RecordErrors:
     """Return the errors of a prediction of a whole record."""
-    view, error = found.target, found.residual
-    free, spread = _rms(view.kept(error)), float(np.std(view.kept(view.measured)))
+    view, error = found.target, found.error
+    free, spread = _rms(error), float(np.std(view.kept(view.measured)))
     return RecordErrors(
         record=view.name,
-        one_step_rms=_rms(view.kept(one_step(model, values, error))),
+        one_step_rms=_rms(one_step(model, values, error)),
         free_run_rms=free,
         nrmse_percent=100 * free / spread if spread > 0 else float('nan'),
         start=str(view.begins),

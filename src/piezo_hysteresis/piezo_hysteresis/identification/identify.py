@@ -18,6 +18,7 @@ from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import held_at, require_settings
 from piezo_hysteresis.identification.methods import base_of, options_implied_by
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
@@ -297,7 +298,8 @@ def identify(
     given = dict(options.get('start') or {})
     given.pop(SAMPLING_OFFSET, None)
     model = held_at(model, hold or {}, given)
-    remarks = require_usable(records)
+    records, remarks = as_measured(records)
+    remarks += require_usable(records)
     if base in ONLINE_METHODS:
         return _online(records, model, method, remarks, started, progress, options)
     if base == 'output_error':
@@ -398,6 +400,7 @@ def evaluated_on(found: Identification, records: Sequence[Record]) -> Identifica
     IdentificationError
         If the records are unusable.
     """
+    records, _ = as_measured(records)
     require_usable(records)
     late = found.sampling_offset
     views = views_of(found.chain, found.values, records, late)
@@ -410,7 +413,8 @@ def evaluated_on(found: Identification, records: Sequence[Record]) -> Identifica
 def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     """Return warnings on excluded samples, and on residuals far above the noise."""
     remarks = [
-        f'record {row.record}: {counted(row.lost, "sample")} excluded as spikes or drop-outs.'
+        f'record {row.record}: {counted(row.lost, "sample")} excluded from the fit as spikes or '
+        'drop-outs; the stated error contains them.'
         for row in rows
         if row.lost
     ]

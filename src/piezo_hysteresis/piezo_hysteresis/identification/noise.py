@@ -17,7 +17,15 @@ from scipy.ndimage import median_filter
 from scipy.optimize import brentq
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
-from piezo_hysteresis.identification.outliers import interpolated, outliers, step_of
+from piezo_hysteresis.identification.outliers import (
+    CounterStep,
+    counter_steps,
+    interpolated,
+    out_of_range,
+    outliers,
+    step_of,
+    without_steps,
+)
 from piezo_hysteresis.identification.periods import cached_per_record, period_of, periodic_from
 from piezo_hysteresis.identification.repeats import (
     Repeat,
@@ -133,12 +141,15 @@ def noise_of(record: Record) -> Noise:
     It is at least the quantisation noise of the converter, which is invisible in a record that
     repeats exactly or moves by less than a step.
     """
-    span, largest = np.ptp(record.displacement), np.max(np.abs(record.displacement))
-    if float(span) <= _ROUNDING * float(largest):  # a constant reading shows no noise
+    largest = np.max(np.abs(record.displacement))
+    if stroke_of(record) <= _ROUNDING * float(largest):  # a constant reading shows no noise
         return UNKNOWN_NOISE
     seen, repeats = _seen_noise(record)
     step = step_of(
-        record.displacement, same=0.0, fewest=_LEVELS, negligible=_NEGLIGIBLE_STEP * seen.rms
+        measured_without_outliers(record),
+        same=0.0,
+        fewest=_LEVELS,
+        negligible=_NEGLIGIBLE_STEP * seen.rms,
     )
     if not seen.lines or not max(seen.rms, step) > 0.0:
         return UNKNOWN_NOISE
@@ -179,16 +190,37 @@ def _with_repeated_rounding(seen: float, step: float) -> float:
 
 @cached_per_record
 def bad_samples(record: Record) -> BoolArray:
-    """Return which samples of a record are spikes or drop-outs, see `outliers`."""
+    """Return which samples of a record are spikes, drop-outs or out of range, see `outliers`."""
     period = period_of(record)
     first = periodic_from(record.voltage, period) if period else 0
-    return outliers(record.displacement, period, first)
+    whole = without_steps(record.displacement, steps_of(record))
+    return outliers(record.voltage, whole, period, first)
+
+
+@cached_per_record
+def steps_of(record: Record) -> list[CounterStep]:
+    """Return the steps of the counter in a record, see `counter_steps`."""
+    y = record.displacement
+    out = out_of_range(record.voltage, y)
+    y = interpolated(y, out | outliers(record.voltage, y, 0))
+    return counter_steps(record.voltage, y, period_of(record))
+
+
+def measured_without_outliers(record: Record) -> FloatArray:
+    """Return the displacement of a record with its bad samples interpolated, shape (n,) [m]."""
+    return interpolated(record.displacement, bad_samples(record), period_of(record))
+
+
+@cached_per_record
+def stroke_of(record: Record) -> float:
+    """Return the range of the displacement without bad samples [m]."""
+    return float(np.ptp(measured_without_outliers(record)))
 
 
 def _seen_noise(record: Record) -> tuple[Noise, bool]:
     """Return the noise by its non-periodic part, and whether periodic errors are excluded."""
     period = period_of(record)
-    measured = interpolated(record.displacement, bad_samples(record), period)
+    measured = measured_without_outliers(record)
     if float(np.ptp(record.voltage)) == 0.0:
         return robust_noise(measured[record.warm_up_samples :]), True
     steady = _steady(record, measured, period) if period else measured[:0]

@@ -1,6 +1,14 @@
-"""Detection of outliers: spikes, and drop-outs of the sensor or of the recorder."""
+"""Detection of outliers: spikes, drop-outs, readings out of range, and steps of a counter.
+
+A sample is excluded only with two witnesses. The first is here: it is unlike its neighbours, and
+the voltage does not move there as well. The second is the fitted model: `revision.revised` takes
+back every sample that the model with a free initial state explains.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,43 +28,240 @@ _SMALLEST = 1e-5  # share of the stroke below which no sample is an outlier
 _SAME = 1e-9  # share of the stroke within which two readings are the same
 _OFF_GRID = 1e-6  # share of a step by which rounding moves a reading off a whole step
 _FEWEST_PERIODS = 3  # smallest number of periods whose median is robust to one outlier
+_SUDDEN = 0.5  # share of its height by which an outlier begins and ends within two samples
+_DRIVEN = 3.0  # times the mean gain: largest motion that a motion of the voltage explains
+_LAG = 3  # samples by which the displacement may follow the voltage
+# Readings out of range: largest share of the samples, and the ratio of the range of a record to
+# that of its middle from which they are looked for.
+_MOST_OUT = 0.4
+_FAR_OUT = 8.0
+_CODE = 20.0  # times the range of all others: distance of a code from them
+# Steps of a counter: samples of the lines on either side, the share of a step within one sample,
+# samples by which it may follow a jump of the voltage, and the largest number in a record.
+_SIDE = 8
+_AT_ONCE = 0.7
+_AFTER_DRIVE = 20
+_MOST_STEPS = 20
 
 
-def outliers(displacement: FloatArray, period: int, first: int = 0) -> BoolArray:
-    """Return which samples are spikes or drop-outs, shape (n,).
+def outliers(
+    voltage: FloatArray, displacement: FloatArray, period: int, first: int = 0
+) -> BoolArray:
+    """Return which samples are spikes, drop-outs or out of range, shape (n,).
 
-    Periods are compared with their median, phase by phase; aperiodic records are checked for
-    excursions of a few samples that return to their origin, and for a reading that jumps, is
-    constant and jumps back. Neither test depends on the actuator.
+    Periods are compared with their median, phase by phase; all records are checked for excursions
+    of a few samples that return to their origin, and for a reading that jumps, is constant and
+    jumps back. An excursion that the voltage makes as well is motion, and what begins or ends
+    gradually is no outlier: a virgin curve, settling, a turning point of a coarse table.
 
     Parameters
     ----------
-    displacement : ndarray, shape (n,)
-        Measured [m].
+    voltage, displacement : ndarray, shape (n,)
+        Input [V] and measurement [m].
     period : int
         Samples per period of the drive; 0 where it does not repeat.
     first : int
         Sample from which it repeats.
     """
-    found = excursions(displacement) | frozen(displacement)
-    count = (displacement.size - first) // period if period else 0
+    out = out_of_range(voltage, displacement)
+    y = interpolated(displacement, out)
+    found = excursions(y)
+    found &= ~_follows(voltage, y, found)
+    found |= out | frozen(y)
+    count = (y.size - first) // period if period else 0
     if count >= _FEWEST_PERIODS:
-        begin = displacement.size - count * period
-        found[begin:] |= _unlike(displacement[begin:].reshape(count, period)).ravel()
+        begin = y.size - count * period
+        left, usual = _differences(y[begin:].reshape(count, period))
+        found[begin:] |= _unlike(left, usual)
     return found
 
 
-def _unlike(periods: FloatArray) -> BoolArray:
-    """Return which samples differ from those of the same phase, shape (count, period)."""
+def out_of_range(voltage: FloatArray, displacement: FloatArray) -> BoolArray:
+    """Return which readings lie farther from all others than these spread, shape (n,).
+
+    Sensors report a code such as -9999 where they see no target. A stage that rests and is pulsed
+    has such readings too, but its voltage lies then apart as well.
+    """
+    y, found = displacement, np.zeros(displacement.size, dtype=bool)
+    few = int(_MOST_OUT * y.size)
+    if few < 1 or y.size < 2 * _NEARBY:
+        return found
+    parts = np.partition(y, (few, y.size - 1 - few))
+    middle = float(parts[y.size - 1 - few] - parts[few])
+    if float(np.ptp(y)) <= _FAR_OUT * middle:
+        return found
+    order = np.sort(y)
+    gaps = np.diff(order)
+    low = int(np.argmax(gaps[:few]))
+    high = gaps.size - few + int(np.argmax(gaps[-few:]))
+    spread = float(order[high] - order[low + 1])
+    if not 0.0 < spread < max(gaps[low], gaps[high]):
+        return found
+    for beyond, gap in ((y <= order[low], gaps[low]), (y > order[high], gaps[high])):
+        if gap > spread and not _pulsed(voltage, y, beyond, _CODE * spread < gap):
+            found |= beyond
+    return found
+
+
+def _pulsed(u: FloatArray, y: FloatArray, beyond: BoolArray, far: bool) -> bool:
+    """Return whether the voltage explains that readings lie apart: it was pulsed then.
+
+    Most runs of such readings begin or end with a voltage beside that of the other readings, or
+    with the record: a stage that has not moved yet.
+    """
+    reached = np.percentile(u[~beyond], (1.0, 99.0))
+    covered = float(np.ptp(reached)) > 0.5 * float(np.ptp(u))
+    if far and covered and np.count_nonzero(beyond) > 1 and float(np.ptp(y[beyond])) == 0.0:
+        return False  # one value far away, at voltages next to the others: a code
+    beside = (u < reached[0]) | (u > reached[1])
+    runs = _runs(beyond)
+    explained = [
+        begin == 0 or end == y.size or bool(np.any(beside[max(begin - _LAG, 0) : end]))
+        for begin, end in runs
+    ]
+    return sum(explained) > 0.5 * len(runs)
+
+
+def _follows(u: FloatArray, y: FloatArray, found: BoolArray) -> BoolArray:
+    """Return which excursions the voltage makes as well, up to three samples earlier."""
+    follows = np.zeros(y.size, dtype=bool)
+    reach = float(np.ptp(u))
+    if reach == 0.0:
+        return follows
+    gain = _DRIVEN * float(np.ptp(y)) / reach
+    for begin, end in _runs(found):
+        before, after = max(begin - 1, 0), min(end, y.size - 1)
+
+        def away(x: FloatArray, shift: int, ends: tuple[int, int] = (before, after)) -> float:
+            a, b = max(ends[0] - shift, 0), max(ends[1] - shift, 1)
+            line = np.linspace(x[a], x[b], b - a + 1)
+            return float(np.max(np.abs(x[a : b + 1] - line)))
+
+        moved = max(away(u, shift) for shift in range(_LAG + 1))
+        follows[begin:end] = away(y, 0) <= gain * moved
+    return follows
+
+
+def _runs(marked: BoolArray) -> list[tuple[int, int]]:
+    """Return first sample and the one after the last of every run of marked samples."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.view(np.int8), [0]])))
+    return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
+
+
+def _differences(periods: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the differences of periods from their median, and the usual ones, (count, period)."""
     left = periods - np.median(periods, axis=0)
     left -= np.median(left, axis=1, keepdims=True)  # a drift from period to period is no outlier
-    size = np.abs(left)
-    typical = np.median(size, axis=1, keepdims=True)
+    typical = np.median(np.abs(left), axis=1, keepdims=True)
     # if most samples of a coarse sensor repeat exactly, its steps are the usual deviation
     usual = max(float(np.median(typical)), _SMALLEST * float(np.ptp(periods)))
     usual = max(usual, 0.5 * step_of(periods.ravel(), negligible=2.0 * usual))
     # a period within the transient differs everywhere from the others: these are no outliers
-    return np.asarray((size > _FAR * _MAD * usual) & (typical < _SETTLING * usual))
+    allowed = np.where(typical < _SETTLING * usual, _FAR * _MAD * usual, np.inf)
+    return left.ravel(), np.broadcast_to(allowed, periods.shape).ravel()
+
+
+def _unlike(left: FloatArray, allowed: FloatArray) -> BoolArray:
+    """Return which differences begin or end suddenly and are larger than allowed, shape (n,)."""
+    found = np.abs(left) > allowed
+    for begin, end in _runs(found):
+        height = _SUDDEN * float(np.median(np.abs(left[begin:end])))
+        short = end - begin <= _WIDEST
+        sides = []
+        for inside, outside in ((begin + 1, begin - 2), (end - 2, end + 1)):
+            inside = min(max(inside, begin), end - 1)
+            at_edge = begin == 0 if outside < begin else end == left.size
+            outside = min(max(outside, 0), left.size - 1)
+            sides.append(short if at_edge else abs(left[inside] - left[outside]) > height)
+        found[begin:end] = any(sides)
+    return found
+
+
+@dataclass(frozen=True)
+class CounterStep:
+    """A jump of the reading that stays: a counter lost a fringe, or was set to zero.
+
+    Attributes
+    ----------
+    sample : int
+        First sample after the jump.
+    height : float
+        Change of the reading [m].
+    """
+
+    sample: int
+    height: float
+
+
+def counter_steps(
+    voltage: FloatArray, displacement: FloatArray, period: int = 0
+) -> list[CounterStep]:
+    """Return the jumps that stay and that no jump of the voltage explains, in order.
+
+    On either side of every sample a line is fitted to eight samples. Where the lines miss each
+    other by much more than usual, and the reading does so within one sample, it jumped.
+
+    Parameters
+    ----------
+    voltage, displacement : ndarray, shape (n,)
+        Input [V] and measurement without spikes [m].
+    period : int
+        Samples per period of the drive; 0 where it does not repeat.
+    """
+    y, reach = displacement, float(np.ptp(voltage))
+    if y.size < 8 * _SIDE or float(np.ptp(y)) == 0.0:
+        return []
+    gap = _gaps(y)
+    coarse = float(np.mean(np.diff(y) == 0.0))
+    least = max(_FAR * _MAD * float(np.median(np.abs(gap))), 1e-4 * float(np.ptp(y)))
+    if float(np.max(np.abs(gap))) > least:
+        least = max(least, 3.0 * step_of(y))
+    places = np.flatnonzero(np.abs(gap) > least)
+    if not places.size:
+        return []
+    gain = float(np.ptp(y)) / reach if reach > 0.0 else 0.0
+    driven = np.abs(_gaps(voltage)) * gain
+    steps: list[CounterStep] = []
+    for group in np.split(places, np.flatnonzero(np.diff(places) > _SIDE) + 1):
+        k = int(group[np.argmax(np.abs(gap[group]))])  # the jump is between k - 1 and k
+        height = float(gap[k])
+        around = np.r_[y[k - 5 : k], y[k : k + 5]]
+        slope = float(np.median(np.diff(around)))
+        at_once = abs(y[k] - y[k - 1] - slope) > _AT_ONCE * abs(height)
+        drive = float(np.max(driven[max(k - _AFTER_DRIVE, 0) : k + 2]))
+        still = np.diff(y[k - _SIDE : k]), np.diff(y[k : k + _SIDE])
+        if coarse < 0.2 and any(np.count_nonzero(x == 0.0) >= _FROZEN - 1 for x in still):
+            continue  # a drop-out
+        if at_once and drive < 0.5 * abs(height) and _lasts(y, k, height, period):
+            steps.append(CounterStep(k, height))
+    return steps if len(steps) <= _MOST_STEPS else []
+
+
+def _lasts(y: FloatArray, k: int, height: float, period: int) -> bool:
+    """Return whether periods before and after a jump differ by about its height."""
+    if not period or k < period or k + period > y.size:
+        return True
+    change = float(np.median(y[k : k + period] - y[k - period : k]))
+    return abs(change - height) < 0.5 * abs(height)
+
+
+def _gaps(x: FloatArray) -> FloatArray:
+    """Return by how much lines through the samples before and after each sample miss, (n,)."""
+    place = np.arange(_SIDE) - 0.5 * (_SIDE - 1)
+    # value of the line half a sample beyond its end, as weights of its samples
+    ahead = 1.0 / _SIDE + 0.5 * _SIDE * place / float(place @ place)
+    weights = np.concatenate([-ahead, ahead[::-1]])
+    found = np.zeros(x.size)
+    found[_SIDE : x.size - _SIDE + 1] = np.correlate(x, weights, mode='valid')
+    return found
+
+
+def without_steps(displacement: FloatArray, steps: Sequence[CounterStep]) -> FloatArray:
+    """Return the displacement [m] with every step taken out of the samples after it."""
+    whole = displacement.copy()
+    for step in steps:
+        whole[step.sample :] -= step.height
+    return whole
 
 
 def step_of(

@@ -20,6 +20,7 @@ from piezo_hysteresis.identification.initial_conditions.revision import (
 )
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
 from piezo_hysteresis.identification.linear_fit import Simulated
+from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
@@ -51,7 +52,7 @@ _NOISE = 1.1
 def suited(model: Model, records: Sequence[Record]) -> Model:
     """Return `model` with defaults and scales that suit the range of the records."""
     voltage = max(float(np.max(np.abs(r.voltage))) for r in records)
-    span = max(float(np.ptp(r.displacement)) for r in records)
+    span = max(stroke_of(r) for r in records)
     if voltage == 0.0 or span == 0.0:
         raise IdentificationError(
             'neither voltage nor displacement may be constant in all records; record a sine of '
@@ -334,7 +335,7 @@ def refined(
 
 def _alike(one: Target, other: Target, error: FloatArray) -> bool:
     """Return whether two views of a record give the same fit, for such residuals [m]."""
-    if not one.begins_like(other):
+    if not one.begins_like(other) or one.lost != other.lost:
         return False
 
     def square(target: Target) -> float:

@@ -86,27 +86,32 @@ class Prediction:
     @property
     def residual(self) -> FloatArray:
         """Measured minus predicted, nuisances projected out, shape (m,) [m]; 0 where lost."""
+        error, _ = self._split
+        return error if self._factors is None else error * self._factors
+
+    @property
+    def error(self) -> FloatArray:
+        """Measured minus predicted of all samples, the excluded ones included, shape (m,) [m]."""
         return self._split[0]
 
     @property
     def cost(self) -> float:
         """Sum of squares that a fit minimises, including the prior of the nuisances [m^2]."""
-        residual, held = self._split
+        residual, held = self.residual, self._split[1]
         with _quiet():
             return inner(residual, residual) + float(held @ held)
 
     @cached_property
     def _split(self) -> tuple[FloatArray, FloatArray]:
-        """Residual with all nuisances at their optimum, and the residual of their prior [m]."""
+        """Error with all nuisances at their optimum, and the residual of their prior [m]."""
         nuisances, factors = self.nuisances, self._factors
         with _quiet():
             error, rows = self.target.measured - self.target.pick(self.response), nuisances.rows
-            if factors is not None:
-                error, rows = error * factors, rows * factors
             if not len(rows) or not np.all(np.isfinite(error)):
                 return error, np.zeros(0)
-            explained = nuisances.explained or BestFit(rows, nuisances.prior)
-            more = explained(error, nuisances.pull)
+            weight = 1.0 if factors is None else factors
+            explained = nuisances.explained or BestFit(rows * weight, nuisances.prior)
+            more = explained(error * weight, nuisances.pull)
             return error - more @ rows, nuisances.prior * (nuisances.pull + more)
 
     def sensitivities(self, free: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:

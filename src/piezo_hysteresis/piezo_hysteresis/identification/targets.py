@@ -24,10 +24,10 @@ from piezo_hysteresis.identification.noise import (
     Noise,
     bad_samples,
     independent,
+    measured_without_outliers,
     noise_of,
     noises_of,
 )
-from piezo_hysteresis.identification.outliers import interpolated
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.records import Record
@@ -168,7 +168,7 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     if count < 2:
         return []
     first = len(record) - count * period
-    measured = interpolated(record.displacement, bad_samples(record), period)
+    measured = measured_without_outliers(record)
     periods = measured[first:].reshape(count, period)
     steady = _steady(periods)
     if steady is None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.records import Record
 
 LARGEST_STROKE = 0.02  # largest displacement of any piezo actuator [m]
@@ -34,7 +35,7 @@ def unit_findings(record: Record) -> list[tuple[bool, str]]:
     list of (bool, str)
         Whether the values are impossible rather than unlikely, and the remedy.
     """
-    stroke, swing = float(np.ptp(record.displacement)), float(np.ptp(record.voltage))
+    stroke, swing = stroke_of(record), float(np.ptp(record.voltage))
     if stroke == 0.0 or swing == 0.0:
         return []
     found = _stroke(stroke)

@@ -21,6 +21,7 @@ from piezo_hysteresis.identification.comparison import (
 from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
 from piezo_hysteresis.identification.identify import record_summary
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.model_discrepancy import (
     RecordResidual,
     discrepancy_of,
@@ -166,7 +167,8 @@ def validate(
     if not records:
         raise RecordError('there is no record to validate with; give at least one')
     given = with_values(model)
-    warnings = require_plausible(records)
+    records, warnings = as_measured(records)
+    warnings += require_plausible(records)
     late = given.sampling_offset
     views = views_of(given.model, given.values, records, late, Choices(begins, zero))
     late = clock_of(given, views)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.arrays import BoolArray, FloatArray, largest_if_unknown
 from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
@@ -40,7 +40,9 @@ def where_section(
     figures = []
     if len({r.info.frequency for r in records if r.info.frequency > 0}) > 2:
         figures.append(over_frequency(records, found))
-    figures += _in_worst(worst, errors[worst.name], found.values.get('natural_frequency'))
+    view = next((each for each in found.views if each.name == worst.name), None)
+    lost = None if view is None or view.valid is None else view.valid == 0.0
+    figures += _in_worst(worst, errors[worst.name], found.values.get('natural_frequency'), lost)
     rows = [_row(r, by_name[r.name], errors[r.name], found.noise_floor) for r in records]
     text = 'Measured minus model, free run, after the warm-up.'
     if found.noise_floor > 0:
@@ -106,7 +108,9 @@ def harmonics(error: FloatArray, frequency: float, dt: float) -> dict[int, float
     return found
 
 
-def _in_worst(record: Record, error: FloatArray, resonance: float | None) -> list[Plot]:
+def _in_worst(
+    record: Record, error: FloatArray, resonance: float | None, lost: BoolArray | None
+) -> list[Plot]:
     cut = slice(record.warm_up_samples, None)
     signals = [('measured', record.displacement[cut]), ('measured minus model', error[cut])]
     frequency = record.info.frequency
@@ -122,8 +126,14 @@ def _in_worst(record: Record, error: FloatArray, resonance: float | None) -> lis
     part = 'its last periods' if frequency > 0 else 'the whole record'
     if stands_out(error[cut], error[span]):
         span, part = cut, 'the whole record, because of outliers'
+    curves = [Curve('error', record.time[span], error[span], 'error')]
+    if lost is not None:
+        excluded = Curve('excluded from the fit', record.time[cut][lost], error[cut][lost], 'lost')
+        curves.append(excluded)
+        span, part = cut, 'the whole record, because of excluded samples'
+        curves[0] = Curve('error', record.time[span], error[span], 'error')
     trace = trace_figure(
-        [Curve('error', record.time[span], error[span], 'error')],
+        curves,
         'Error over time', f'Measured minus model in {record.name}, {part}.', 'error',
     )  # fmt: skip
     return [spectra, trace]

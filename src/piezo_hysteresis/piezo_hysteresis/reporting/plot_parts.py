@@ -36,6 +36,7 @@ ROLES = {
     'after': PALETTE[0],
     'model': PALETTE[0],
     'error': PALETTE[1],
+    'lost': '#20242a',
 }
 #: Roles that overlap others: their lines are dashed, so that both stay visible.
 _ON_TOP = {'attenuated', 'after', 'model'}
@@ -57,7 +58,8 @@ class Curve:
     x, y : ndarray, shape (n,)
         Coordinates in SI units.
     role : str
-        One of `ROLES`, which fixes its colour; '' takes the next colour.
+        One of `ROLES`, which fixes its colour; '' takes the next colour. Lost samples are drawn
+        as crosses.
     """
 
     label: str
@@ -107,6 +109,11 @@ def draw_lines(
     for k, curve in enumerate(curves):
         x, y = thinned(np.asarray(curve.x, float), np.asarray(curve.y, float))
         colour = ROLES.get(curve.role) or colours[k % len(colours)]
+        if curve.role == 'lost':
+            source = {'x': curve.x * x_factor, 'y': curve.y * y_factor}
+            cross = plot.scatter('x', 'y', source=source, color=colour, size=7, marker='x')
+            items.append((curve.label, [cross]))
+            continue
         broken = overlaid and k > 0 and curve.role in _ON_TOP
         line = plot.line(
             'x', 'y', source={'x': x * x_factor, 'y': y * y_factor}, color=colour,

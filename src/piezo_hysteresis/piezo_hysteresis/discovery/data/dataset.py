@@ -13,7 +13,7 @@ import numpy as np
 
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
-from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of
+from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of, stroke_of
 from piezo_hysteresis.identification.periods import period_of
 from piezo_hysteresis.identification.targets import Target, led_in, whole, with_noise
 from piezo_hysteresis.records import Record
@@ -56,7 +56,7 @@ class Dataset:
     @property
     def span(self) -> float:
         """Half the largest peak-to-peak displacement [m]."""
-        return 0.5 * max(float(np.ptp(r.displacement)) for r in self.records)
+        return 0.5 * max(stroke_of(r) for r in self.records)
 
     def period(self, name: str) -> int:
         """Return the samples per period of the record named `name`."""

@@ -47,6 +47,7 @@ from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
+from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import (
@@ -404,7 +405,7 @@ def expectations(
 
     Views without a record are planned experiments.
     """
-    strokes = {r.name: float(np.ptp(r.displacement)) for r in data.records}
+    strokes = {r.name: stroke_of(r) for r in data.records}
     drives = {r.name: r.info.frequency or main_frequency(r) for r in data.records}
 
     def expected(view: Target) -> Expectation:

@@ -34,6 +34,8 @@ ZERO_SHARE = 0.5
 # model error (a ring-down) must not distort the fit elsewhere.
 _FAR = 4.0
 _MAD = 1.4826
+# Robust standard deviations within which an excluded sample is explained by the model.
+_UNLIKE = 8.0
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,8 @@ def revised(
         Threads over the records.
     """
     search = StartSearch(model, values, sampling_offset, records, choices.start, lasting=alone)
-    seen = of_each(lambda each: search.best_start(each, choices.zero), targets, workers)
+    given = [with_explained(search, each) for each in targets]
+    seen = of_each(lambda each: search.best_start(each, choices.zero), given, workers)
     seen = (
         [search.settled(_zeroed([each], choices, search)[0]) for each in seen]
         if alone
@@ -115,6 +118,23 @@ def revised(
         replace(each, precision=weight, influence=influence(each, error))
         for each, weight, error in zip(seen, precisions(seen, errors), errors, strict=True)
     ]
+
+
+def with_explained(search: StartSearch, target: Target) -> Target:
+    """Return the target with those excluded samples taken back that the model explains.
+
+    The residual of an explained sample is as small as that of most others.
+    """
+    if target.valid is None:
+        return target
+    error = search.left(replace(target, valid=None))
+    kept = target.kept(error)
+    if not kept.size or not np.all(np.isfinite(error)):
+        return target
+    middle = float(np.median(kept))
+    limit = _UNLIKE * _MAD * float(np.median(np.abs(kept - middle)))
+    valid = np.where(np.abs(error - middle) <= limit, 1.0, target.valid)
+    return replace(target, valid=None if np.all(valid > 0.0) else valid)
 
 
 def _zeroed(
