@@ -201,7 +201,7 @@ def test_a_correction_that_increases_the_error_fades_out_with_a_message(method: 
     quiet = [rms(result.error, t, t + 0.5) for t in np.arange(5.0, 23.5, 0.5)]
     assert sum(each < 1.1 * before for each in quiet) > len(quiet) / 3
     watchdog = Watchdog(Limiter(LIMITS, DT), 50, 0.0, 1.0)
-    finding = LinkHealth().judge({'sample': 1, 'active': True}, {'faded_out': 1}, watchdog)
+    finding = LinkHealth(Limits()).judge({'sample': 1, 'active': True}, {'faded_out': 1}, watchdog)
     assert finding.level == Level.ERROR
     assert 'larger' in finding.message
 

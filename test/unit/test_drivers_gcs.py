@@ -261,7 +261,7 @@ def tracked(port: int, tmp_path: Path) -> None:
     words = ['compensate', '--on', f'gcs://127.0.0.1:{port}', '--model', f'{model}/model.yaml']
     words += ['--reference', 'sine:frequency=23,amplitude=100e-6,duration=2', '--out', str(out)]
     assert main(words) == 0
-    (record,) = load(out / 'wave.csv')
+    (record,) = load(out / 'voltage.csv')
     assert record.reference is not None
     error = (record.displacement - record.reference)[-20_000:]
     assert np.sqrt(np.mean(error**2)) < 3 * 2e-8  # noise floors

@@ -212,7 +212,7 @@ def test_what_happened_counts_for_a_while() -> None:
 
 def test_a_link_distinguishes_standstill_silence_and_rest() -> None:
     clock, watchdog = Clock(), new_watchdog()
-    health = LinkHealth(clock)
+    health = LinkHealth(Limits(), clock)
 
     def level(sample: int, active: bool = True) -> tuple[Level, str]:
         found = health.judge({'sample': sample, 'active': active}, {}, watchdog)
@@ -232,7 +232,7 @@ def test_a_link_distinguishes_standstill_silence_and_rest() -> None:
 
 
 def test_a_reference_beyond_the_stroke_is_reported() -> None:
-    health = LinkHealth(Clock())
+    health = LinkHealth(Limits(), Clock())
     numbers = {'sample': 5, 'active': True}
     health.judge(numbers, {'out_of_stroke': 0}, new_watchdog())
     judged = health.judge(numbers, {'out_of_stroke': 7}, new_watchdog())

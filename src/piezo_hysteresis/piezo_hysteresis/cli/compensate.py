@@ -16,13 +16,13 @@ from pathlib import Path
 from piezo_hysteresis.cli import compensate_links as links
 from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.compensation.controllers import Controllers
-from piezo_hysteresis.compensation.study import PRESET, Run, Study, rate_of, track, waveform_of
+from piezo_hysteresis.compensation.operating_limits import rate_of
+from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, track, waveform_of
 from piezo_hysteresis.drivers import open_controller
 from piezo_hysteresis.drivers.addresses import FORMS
 from piezo_hysteresis.drivers.tracking import Learning, LearntRun
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
-from piezo_hysteresis.records import Record, write_csv
 from piezo_hysteresis.reporting.folder import check_folder
 from piezo_hysteresis.waveforms import Sine
 
@@ -70,9 +70,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--reference', required=True, metavar='KIND:...', help='desired displacement [m]')
     add_out(parser)
     add('--rate', type=float, help='sampling rate [Hz] (default: that of the model data, or 1000)')
-    add('--low', type=float, help='lowest voltage [V] (default: of the preset, or -1.2)')
-    add('--high', type=float, help='highest voltage [V] (default: of the preset, or 1.2)')
-    add('--slew', type=float, help='slew rate limit [V/s] (default: of the preset, or 1000)')
+    add('--low', type=float, help='lowest voltage [V] (default: of the preset or the model)')
+    add('--high', type=float, help='highest voltage [V] (default: of the preset or the model)')
+    add('--slew', type=float, help='slew rate limit [V/s] (default: of the preset or the model)')
     add('--noise', type=float, default=0.0, help='rms of the measurement noise [m]')
     add('--seed', type=int, default=0, help='seed of the noise')
     add(
@@ -106,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(line)
     if study.about:
         print(_usual(study))
-    for remark in dict.fromkeys(remark for each in runs for remark in each.words):
+    for remark in remarks(study, runs):
         print(remark)
     print(f'written to {out}; open {out}/report.html')
     return 0
@@ -163,10 +163,6 @@ def _table(runs: list[Run]) -> list[str]:
     return lines
 
 
-#: File of the wave with the smallest tracking error, with displacement and reference.
-WAVE = 'wave.csv'
-
-
 def run_on(arguments: argparse.Namespace) -> int:
     """Run iterative learning on the controller, and write results as those of a study."""
     from piezo_hysteresis.reporting.compensation_report import write_compensation
@@ -190,19 +186,8 @@ def run_on(arguments: argparse.Namespace) -> int:
         )  # fmt: skip
     out = Path(arguments.out)
     write_compensation(out, study, runs, arguments.reference, time.perf_counter() - started)
-    _write_wave(out / WAVE, min(runs, key=lambda each: each.metrics.rms))
     print(f'written to {out}; open {out}/report.html')
     return 0
-
-
-def _write_wave(path: Path, best: Run) -> None:
-    """Write the wave of a run with the measured displacement, so that it can be loaded again."""
-    path.unlink(missing_ok=True)
-    found = best.result
-    record = Record(
-        best.name, found.dt, found.voltage, found.displacement, reference=found.reference
-    )
-    write_csv(path, record, unit='m')
 
 
 def _reported(learnt: LearntRun) -> Run:

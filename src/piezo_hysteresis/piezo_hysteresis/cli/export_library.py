@@ -10,7 +10,7 @@ from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.inverses.reach import reach_of
 from piezo_hysteresis.compensation.limiter import packed_limits
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.compensation.study import rate_of
+from piezo_hysteresis.compensation.operating_limits import above_nyquist, operating_limits, rate_of
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder, write_folder
@@ -18,6 +18,7 @@ from piezo_hysteresis.reporting.folder import check_folder, write_folder
 TARGETS = ('x86_64-linux', 'aarch64-linux')
 # Amplitude of the sine of example and test vectors, relative to the range of the model.
 _SHARE = 0.8
+_LIMITS = ('low', 'high', 'slew')
 _IDENTIFIER = re.compile(r'[A-Za-z_]\w*')
 
 
@@ -36,8 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=3,
         metavar=('LOW', 'HIGH', 'SLEW'),
-        default=[-1.2, 1.2, 2000.0],
-        help='limits of the voltage [V] and its slew [V/s]; they cannot be disabled',
+        help='limits of the voltage [V] and its slew [V/s] (default: those of the model data)',
     )
     add(
         '--energy',
@@ -64,8 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     model = ModelFile.load(arguments.data[0])
     rate = rate_of(model, arguments.rate)
     _require_numbers(arguments, rate)
-    limits = Limits(*arguments.limits)
     dt = 1.0 / rate
+    bounds = operating_limits(model, **dict(zip(_LIMITS, arguments.limits or (), strict=False)))
+    limits = bounds.limits
     energy = _energy(arguments, limits, dt)
     packed_limits(limits, dt, energy)
     reach = reach_of(model.model, model.values, dt, limits)
@@ -83,6 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
     write_folder(arguments.out, files, 'export')
     size = len(files[f'lib{arguments.name}.a'])
     print(f'lib{arguments.name}.a for {arguments.target} at {rate:g} Hz: {size / 1000:.0f} kB')
+    for sentence in (*bounds.warnings, *above_nyquist(model, dt)):
+        print(sentence)
     print(f'written to {arguments.out}; make -C {arguments.out} test run')
     return 0
 

@@ -63,7 +63,8 @@ class CounterWatch:
     def __init__(
         self, sentences: Mapping[str, Finding], now: Callable[[], float] = time.monotonic
     ) -> None:
-        self._sentences = sentences
+        #: Meaning of an increase of each counter; may be replaced at any time.
+        self.sentences = sentences
         self._now = now
         self._before: dict[str, int] = {}
         self._grown: dict[str, float] = {}
@@ -77,6 +78,6 @@ class CounterWatch:
             self._before[name] = count
         return [
             (level, f'{sentence} ({name} {self._before[name]})')
-            for name, (level, sentence) in self._sentences.items()
+            for name, (level, sentence) in self.sentences.items()
             if now - self._grown.get(name, -HOLD) < HOLD
         ]

@@ -42,6 +42,8 @@ class ParameterSpec:
         Permitted texts; empty for any.
     read_only : bool
         Whether the value is fixed while the node runs.
+    from_model : bool
+        Whether the model file of the node sets it at the start, where the user does not.
     """
 
     name: str
@@ -53,6 +55,7 @@ class ParameterSpec:
     above: float = -math.inf
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    from_model: bool = False
 
     def coerce(self, value: object) -> object:
         """Return `value` with numbers that are meant as floats converted.

@@ -183,7 +183,7 @@ class Controllers:
         if gain is None:
             gain = ModeGain(GUESS, dt=self.dt)
             settings = replace(settings, first_step=min(settings.first_step, UNKNOWN_PLANT))
-        return HarmonicAttenuation(settings, gain, self.dt)
+        return HarmonicAttenuation(settings, gain, self.dt, self.limits)
 
     def feed_back(self) -> Link:
         """Return the law on the error.

@@ -23,6 +23,11 @@ from piezo_hysteresis.compensation.offline_loop import (
     closed_loop,
     tracking_metrics,
 )
+from piezo_hysteresis.compensation.operating_limits import (
+    above_nyquist,
+    limited,
+    operating_limits,
+)
 from piezo_hysteresis.compensation.process_plant import simulated
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -59,6 +64,7 @@ class Study:
     seed: int = 0
     controller: str = ''
     about: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     @property
     def model(self) -> ModelFile:
@@ -70,20 +76,6 @@ class Study:
     def limits(self) -> Limits:
         """Of the voltage."""
         return self.controllers.limits
-
-
-def rate_of(model: ModelFile, rate: float | None = None) -> float:
-    """Return the rate that was asked for, that of the data of a model, or 1000 Hz.
-
-    Raises
-    ------
-    CompensationError
-        If it is no rate.
-    """
-    given = rate if rate is not None else model.provenance.rate or 1000.0
-    if not (isinstance(given, Real) and math.isfinite(given) and given > 0):
-        raise CompensationError(f'the rate must be positive [Hz], got {given!r}')
-    return float(given)
 
 
 def track(
@@ -111,7 +103,7 @@ def track(
     reference : str or Waveform
         Desired displacement [m].
     low, high, slew : float, optional
-        Limits of the voltage [V], [V/s]; those of the preset, or of `Limits`.
+        Limits of the voltage [V], [V/s], see `operating_limits`.
     together : bool
         Whether there is one more run, with attenuation and feedback.
     noise, seed : float, int
@@ -135,20 +127,20 @@ def track(
         usual = {'offset': about.get('offset_m', 0.0), 'phase': about.get('phase', 0.0)}
         waveform = waveform_of(reference, {k: v for k, v in usual.items() if v})
         _require_sampled(waveform, 1.0 / dt)
-        given = {'low': low, 'high': high, 'slew': slew}
-        known = {'low': 'low_v', 'high': 'high_v', 'slew': 'slew_v_per_s'}
-        limits = Limits(
-            **{
-                name: about.get(known[name], getattr(Limits, name)) if value is None else value
-                for name, value in given.items()
-            }
-        )
+        bounds = operating_limits(controllers.model, low=low, high=high, slew=slew, plant=about)
         study = Study(
-            replace(controllers, limits=limits), plant, waveform,
+            replace(controllers, limits=bounds.limits), plant, waveform,
             0.5 * waveform.duration if from_seconds is None else from_seconds,
             together, noise, seed, about=about,
+            warnings=(*bounds.warnings, *above_nyquist(controllers.model, dt)),
         )  # fmt: skip
         return study, _runs(study, driven)
+
+
+def remarks(study: Study, runs: Sequence[Run]) -> tuple[str, ...]:
+    """Return every sentence about the settings and the runs, each once."""
+    said = (sentence for run in runs for sentence in run.words)
+    return tuple(dict.fromkeys((*study.warnings, *said)))
 
 
 def waveform_of(reference: str | Waveform, usual: Mapping[str, float] | None = None) -> Waveform:
@@ -267,17 +259,13 @@ def _run(
 
 
 def _limited(name: str, result: LoopResult, limits: Limits) -> tuple[str, ...]:
-    """Return how much of a run the limiter changed, as a sentence, where it did."""
+    """Return how much of a run the limiter changed, in sentences."""
     counts = result.counters['limiter']
-    causes = {
-        'slew_limited': f'--slew {limits.slew:g} V/s',
-        'out_of_range': f'the range {limits.low:g} to {limits.high:g} V',
-        'not_finite': 'voltages that were no numbers',
-    }
-    found = [f'{counts[key]} by {cause}' for key, cause in causes.items() if counts[key]]
-    if not found:
-        return ()
-    return (f'{name}: of {result.time.size} samples limited {", ".join(found)}',)
+    return tuple(
+        f'{name}: {what} ({counts[key]} of {result.time.size} samples)'
+        for key, what in limited(limits).items()
+        if counts[key]
+    )
 
 
 def _chains(study: Study) -> list[tuple[str, list[Link]]]:

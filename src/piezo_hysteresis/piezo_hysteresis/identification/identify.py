@@ -41,6 +41,7 @@ from piezo_hysteresis.models.modelfile import (
     parameter_columns,
     parameter_lines,
 )
+from piezo_hysteresis.models.operating_range import OperatingRange
 from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
@@ -173,6 +174,7 @@ class Identification(Reportable, Modelled):
             free_run_rms=worst if np.isfinite(worst) else None,
             notes=notes,
             records=self.seen,
+            voltage=OperatingRange.of(self.data),
         )
         try:
             together = Correlation.among(self.names, self.correlation, tuple(finite))

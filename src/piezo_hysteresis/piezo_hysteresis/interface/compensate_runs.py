@@ -23,7 +23,8 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
     Method,
 )
 from piezo_hysteresis.compensation.link import INVERSES
-from piezo_hysteresis.compensation.study import PRESET, Run, Study, rate_of, track
+from piezo_hysteresis.compensation.operating_limits import rate_of
+from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, track
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
@@ -59,7 +60,17 @@ class Compensation(Reportable):
             f'{1e6 * run.metrics.largest:.3g} µm'
             for run in self.runs
         ]
-        return '\n'.join(lines)
+        return '\n'.join((*lines, *(f'  {each}' for each in self.warnings)))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was limited, clamped or cannot work, in sentences, as the command prints them."""
+        return remarks(self.study, self.runs)
+
+    @property
+    def limited(self) -> dict[str, dict[str, int]]:
+        """How many samples of each run the limiter changed, by its reason."""
+        return {run.name: dict(run.result.counters['limiter']) for run in self.runs}
 
     @property
     def best(self) -> Run:
@@ -113,9 +124,9 @@ def compensate(
     rate : float, optional
         Sampling rate [Hz]; that of the data of the model, or 1000.
     low, high : float, optional
-        Range of the voltage [V]; that of the preset, or -1.2 and 1.2.
+        Range of the voltage [V]; that of the preset, or of the records of the model.
     slew : float, optional
-        Slew rate limit of the voltage [V/s]; that of the preset, or 1000.
+        Slew rate limit of the voltage [V/s]; that of the preset, or of the records of the model.
     law : str
         Kind of inverse, one of `piezo_hysteresis.compensation.link.INVERSES`.
     attenuation : str or AttenuationSettings

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.common.wording import near
-from piezo_hysteresis.compensation.study import rate_of
+from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import PiezoError

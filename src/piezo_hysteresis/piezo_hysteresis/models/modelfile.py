@@ -21,6 +21,7 @@ from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Discrepancy
 from piezo_hysteresis.models.named import named
+from piezo_hysteresis.models.operating_range import OperatingRange
 from piezo_hysteresis.models.plain import (
     mapping,
     number,
@@ -64,6 +65,8 @@ class Provenance:
     records : tuple of Fingerprint
         Fingerprints of the records from which the model was identified, or on which its
         discrepancy was evaluated.
+    voltage : OperatingRange or None
+        Range, slew rate and rest of the voltage of the fitted records.
     """
 
     data: tuple[str, ...] = ()
@@ -74,6 +77,7 @@ class Provenance:
     free_run_rms: float | None = None
     notes: Mapping[str, str | float | int | bool] = field(default_factory=dict)
     records: tuple[Fingerprint, ...] = ()
+    voltage: OperatingRange | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -455,6 +459,7 @@ def _provenance(content: object) -> Provenance:
         noise_floor=numbers.get('noise_floor'),
         free_run_rms=numbers.get('free_run_rms'),
         records=tuple(_fingerprint(row) for row in rows.get('records', ())),
+        voltage=OperatingRange.parse(rows['voltage']) if 'voltage' in rows else None,
     )
 
 

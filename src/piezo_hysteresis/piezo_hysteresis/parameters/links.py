@@ -14,7 +14,7 @@ from piezo_hysteresis.compensation.feedback.feedback_settings import (
     PidGains,
 )
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
-from piezo_hysteresis.compensation.link import INVERSES
+from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.errors import CompensationError
 
 RATE = ParameterSpec(
@@ -57,9 +57,27 @@ def _plant_rule(values: Mapping[str, Value]) -> str:
 
 LINK = (
     RATE,
-    ParameterSpec('limits.low', -1.2, 'Lowest output voltage.', 'V', -500.0, 500.0),
-    ParameterSpec('limits.high', 1.2, 'Highest output voltage.', 'V', -500.0, 500.0),
-    ParameterSpec('limits.slew', 2000.0, 'Slew limit of the voltage.', 'V/s', above=0.0, high=1e9),
+    ParameterSpec(
+        'limits.low', Limits.low, 'Lowest output voltage.', 'V', -2000.0, 2000.0, from_model=True
+    ),
+    ParameterSpec(
+        'limits.high',
+        Limits.high,
+        'Highest output voltage.',
+        'V',
+        -2000.0,
+        2000.0,
+        from_model=True,
+    ),
+    ParameterSpec(
+        'limits.slew',
+        Limits.slew,
+        'Slew limit of the voltage.',
+        'V/s',
+        above=0.0,
+        high=1e9,
+        from_model=True,
+    ),
     ParameterSpec(
         'energy_limit',
         0.0,
@@ -93,11 +111,18 @@ LINK = (
         0.0,
         'Voltage without input, within the limits.',
         'V',
-        -500.0,
-        500.0,
+        -2000.0,
+        2000.0,
+        from_model=True,
     ),
     ParameterSpec(
-        'safe_ramp', 1.0, 'Slew of the ramp to safe_voltage.', 'V/s', above=0.0, high=1e9
+        'safe_ramp',
+        1.0,
+        'Slew of the ramp to safe_voltage.',
+        'V/s',
+        above=0.0,
+        high=1e9,
+        from_model=True,
     ),
     ParameterSpec(
         'transition',

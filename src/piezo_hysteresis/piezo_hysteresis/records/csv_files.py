@@ -244,12 +244,15 @@ def write_csv(path: str | Path, record: Record, *, unit: str = 'um') -> None:
     RecordError
         If the file exists or cannot be written; no partial file remains.
     """
-    columns = columns_of(record, unit)
     with new_file(Path(path)) as temporary:
-        text = io.StringIO()
-        text.write(','.join(columns) + '\n')
-        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-        text.writelines(
-            f'{time:.12g},' + ','.join(map(repr, values)) + '\n' for time, *values in rows
-        )
-        temporary.write_text(text.getvalue(), 'utf-8')
+        temporary.write_text(csv_text(record, unit=unit), 'utf-8')
+
+
+def csv_text(record: Record, *, unit: str = 'um') -> str:
+    """Return the content of the file that `write_csv` writes."""
+    columns = columns_of(record, unit)
+    text = io.StringIO()
+    text.write(','.join(columns) + '\n')
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    text.writelines(f'{time:.12g},' + ','.join(map(repr, values)) + '\n' for time, *values in rows)
+    return text.getvalue()

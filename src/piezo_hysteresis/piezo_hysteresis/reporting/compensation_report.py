@@ -13,13 +13,18 @@ from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
-from piezo_hysteresis.compensation.study import PRESET, Run, Study
+from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks
 from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.records.csv_files import csv_text
+from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
 from piezo_hysteresis.reporting.plot_parts import ROLES
 from piezo_hysteresis.reporting.plots import Curve, band_figure, trace_figure
+
+#: File of the voltage with the smallest tracking error, with displacement and reference.
+VOLTAGE = 'voltage.csv'
 
 _DRAWN = 400  # smallest number of drawn samples, from the end
 _ROLES = {
@@ -154,7 +159,7 @@ def colour_of(run: Run) -> str:
 def write_compensation(
     out: str | Path, study: Study, runs: Sequence[Run], reference: str, seconds: float
 ) -> None:
-    """Write ``summary.json``, ``report.html`` and ``tracking.png``.
+    """Write ``summary.json``, ``report.html``, ``tracking.png`` and `VOLTAGE`.
 
     Parameters
     ----------
@@ -184,7 +189,7 @@ def write_compensation(
         ),
         'law': controllers.law,
         'gain_model': (controllers.gain_model or study.model).model.name,
-        'notes': list(dict.fromkeys(remark for each in runs for remark in each.words)),
+        'notes': list(remarks(study, runs)),
         'reference': reference,
         'rate_hz': 1.0 / controllers.dt,
         'from_seconds': study.from_seconds,
@@ -200,8 +205,18 @@ def write_compensation(
         'summary.json': json.dumps(summary, indent=2) + '\n',
         'report.html': page,
         'tracking.png': _figure(runs),
+        VOLTAGE: _voltage(min(runs, key=lambda each: each.metrics.rms)),
     }
     write_folder(out, files, 'compensate')
+
+
+def _voltage(best: Run) -> str:
+    """Return the voltage of a run with reference and displacement [m], as CSV."""
+    found = best.result
+    record = Record(
+        best.name, found.dt, found.voltage, found.displacement, reference=found.reference
+    )
+    return csv_text(record, unit='m')
 
 
 def _row(run: Run) -> dict[str, Any]:

@@ -78,6 +78,7 @@ class NodeParameters:
         self._node = node
         self._groups: list[_Group] = []
         self.values: dict[str, Value] = {}
+        self._given: set[str] = set()
         self.extend(table, lambda _: None)
         node.add_pre_set_parameters_callback(self._coerce)
         node.add_on_set_parameters_callback(self._judge)
@@ -133,6 +134,10 @@ class NodeParameters:
             return str(refused)
         return '' if result.successful else str(result.reason)
 
+    def is_given(self, name: str) -> bool:
+        """Return whether a parameter that a model file may set was set by the user at start."""
+        return name in self._given
+
     def __getitem__(self, name: str) -> Value:
         return self.values[name]
 
@@ -172,6 +177,8 @@ class NodeParameters:
 
     def _declare_one(self, spec: ParameterSpec) -> Value:
         descriptor = describe(spec)
+        if spec.from_model and self._override(spec.name) is not None:
+            self._given.add(spec.name)
         try:
             found = self._node.declare_parameter(spec.name, spec.default, descriptor).value
         except InvalidParameterTypeException:
@@ -195,16 +202,20 @@ class NodeParameters:
 
     def _declare_converted(self, spec: ParameterSpec, descriptor: ParameterDescriptor) -> Value:
         # A parameter file has 5 for a float: it is read untyped, then declared as 5.0.
-        loose = ParameterDescriptor(dynamic_typing=True)
-        given = self._node.declare_parameter(spec.name, spec.default, loose).value
-        self._node.undeclare_parameter(spec.name)
-        value = spec.coerce(given)
+        value = spec.coerce(self._override(spec.name))
         reason = spec.judge(value)
         if reason:
             self._give_up(reason)
         declared = self._node.declare_parameter(spec.name, value, descriptor, ignore_override=True)
         result: Value = declared.value
         return result
+
+    def _override(self, name: str) -> object:
+        """Return what a parameter file or argument gives for an undeclared parameter, or None."""
+        loose = ParameterDescriptor(dynamic_typing=True)
+        given: object = self._node.declare_parameter(name, None, loose).value
+        self._node.undeclare_parameter(name)
+        return given
 
     def _give_up(self, reason: str) -> None:
         self._node.get_logger().fatal(f'{reason} (mend the parameter file or argument)')

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.operating_limits import limited
 from piezo_hysteresis.runtime.watchdog import Watchdog
 
 # Counters that are not 0 while a law has switched itself off.
@@ -27,9 +29,6 @@ _SENTENCES: dict[str, Finding] = {
     'strays': (Level.WARN, 'input is numbered far from the rest: is there a second source?'),
     'reordered': (Level.WARN, 'input came out of order: is there a second source?'),
     'stamp_jumps': (Level.WARN, 'time stamps of the input jump: the numbers of the samples hold'),
-    'out_of_range': (Level.ERROR, 'the voltage is cut at limits.low or limits.high'),
-    'slew_limited': (Level.WARN, 'the voltage is slowed down to limits.slew'),
-    'energy_limited': (Level.WARN, 'the voltage is slowed down to keep energy_limit'),
     'out_of_stroke': (Level.WARN, 'the reference lies beyond the stroke of the model'),
     'clamped_slopes': (Level.WARN, 'the model has no inverse here: its slope is clamped'),
     'frozen': (Level.WARN, 'the sensor repeats the same reading'),
@@ -37,7 +36,13 @@ _SENTENCES: dict[str, Finding] = {
     'reverted': (Level.WARN, 'a step of the correction made the error larger and was taken back'),
 }
 
+# How serious it is that the limiter acts; its words are those of `limited`.
+_LIMITED = {
+    'out_of_range': Level.ERROR, 'slew_limited': Level.WARN, 'energy_limited': Level.WARN
+}  # fmt: skip
+
 INACTIVE = 'inactive: passes the voltage on'
+SWITCHED_OFF = 'switched off: passes the voltage on'
 
 # Time without input after which it is reported [s].
 SILENCE = 2.0
@@ -48,15 +53,25 @@ class LinkHealth:
 
     Parameters
     ----------
+    limits : Limits
+        Of the voltage.
     now : callable, optional
         Clock [s].
     """
 
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, limits: Limits, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self._watch = CounterWatch(_SENTENCES, now)
         self._sample: object = -1
         self._since = now()
+        self.set_limits(limits)
+
+    def set_limits(self, limits: Limits) -> None:
+        """Name `limits` where the voltage is limited."""
+        words = limited(limits)
+        self._watch.sentences = {
+            **_SENTENCES, **{name: (level, words[name]) for name, level in _LIMITED.items()}
+        }  # fmt: skip
 
     def judge(
         self,
@@ -64,12 +79,16 @@ class LinkHealth:
         counts: Mapping[str, int],
         watchdog: Watchdog,
         paused: bool = False,
+        known: Sequence[Finding] = (),
+        shares: bool = True,
     ) -> Health:
         """Return the health that `numbers` (with ``sample`` and ``active``) and `counts` make.
 
         Input that stays away is an error, or, where its sender is `paused`, to be looked at.
+        `known` are findings that hold while the node runs; a node that does not share in the
+        voltage, such as one without a law, passes it on.
         """
-        findings = self._watch.findings(counts)
+        findings = [*known, *self._watch.findings(counts)]
         findings += [
             (Level.ERROR, message) for name, message in ALARMS.items() if counts.get(name)
         ]
@@ -88,7 +107,6 @@ class LinkHealth:
             findings.append((Level.WARN, f'no tick for {silent:.0f} s: the loop has stopped'))
             fine = ''
         else:
-            fine = (
-                'corrects the voltage' if numbers['active'] else 'inactive: passes the voltage on'
-            )
+            fine = 'corrects the voltage' if shares else SWITCHED_OFF
+            fine = fine if numbers['active'] else INACTIVE
         return judge(findings, fine, {**numbers, **counts})

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.settings import documented, judge, setting
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 
 Method = Literal['afc', 'rls', 'filtered_rls']
 SignRule = Literal['computed', 'printed', 'none']
 Fit = Literal['recursion', 'sines']
+
+# Bounds on a step and on a correction as shares of the voltage range.
+_STEP, _CORRECTION = 1.0 / 24.0, 5.0 / 24.0
 
 METHODS: tuple[str, ...] = get_args(Method)
 
@@ -77,10 +81,18 @@ class AttenuationSettings:
         high=1.0,
     )
     largest_step: float = setting(
-        0.1, 'afc: bound on one step of an order.', 'V', above=0.0, high=500.0
+        0.0,
+        'afc: bound on one step of an order; 0 takes 1/24 of the voltage range.',
+        'V',
+        low=0.0,
+        high=2000.0,
     )
     largest_correction: float = setting(
-        0.5, 'Bound on the correction amplitude of one order.', 'V', above=0.0, high=500.0
+        0.0,
+        'Bound on the correction amplitude of one order; 0 takes 5/24 of the voltage range.',
+        'V',
+        low=0.0,
+        high=2000.0,
     )
     forgetting: float = setting(
         0.9995,
@@ -121,6 +133,15 @@ class AttenuationSettings:
         reason = judge(self) or self._ignored()
         if reason:
             raise CompensationError(f'attenuation: {reason}')
+
+    def within(self, limits: Limits) -> AttenuationSettings:
+        """Return the settings with bounds on step and correction that suit a voltage range."""
+        span = limits.high - limits.low
+        return replace(
+            self,
+            largest_step=self.largest_step or _STEP * span,
+            largest_correction=self.largest_correction or _CORRECTION * span,
+        )
 
     def _ignored(self) -> str:
         """Return '' if the method uses all given settings, else the remedy."""

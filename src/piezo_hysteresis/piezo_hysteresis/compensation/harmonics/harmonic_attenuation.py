@@ -27,7 +27,7 @@ from piezo_hysteresis.compensation.harmonics.supervision import (
     supervise,
 )
 from piezo_hysteresis.compensation.linear_gain import LinearGain
-from piezo_hysteresis.compensation.link import Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.sensor_guard import (
     ACCELERATION,
     DISPLACEMENT,
@@ -201,6 +201,8 @@ class HarmonicAttenuation:
         Modelled plant gain [m/V] by frequency [Hz], see `linear_gain`.
     dt : float
         Sampling interval [s].
+    limits : Limits
+        Range of the voltage, which bounds the correction where the settings do not.
 
     Raises
     ------
@@ -208,8 +210,14 @@ class HarmonicAttenuation:
         If a setting is impossible.
     """
 
-    def __init__(self, settings: AttenuationSettings, gain: LinearGain, dt: float) -> None:
-        self.settings = settings
+    def __init__(
+        self,
+        settings: AttenuationSettings,
+        gain: LinearGain,
+        dt: float,
+        limits: Limits = Limits(),  # noqa: B008
+    ) -> None:
+        self.settings = settings = settings.within(limits)
         self.dt = float(dt)
         #: Settings and gain, as the kernels read them.
         self.packed, self.packed_gain = settings.packed, gain.packed

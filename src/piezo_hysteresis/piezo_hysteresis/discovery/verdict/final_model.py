@@ -14,6 +14,7 @@ from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
+from piezo_hysteresis.models.operating_range import OperatingRange
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def final_model(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
                 **_clock_note(found),
             },
             records=_seen(found),
+            voltage=_covered(found),
         ),
         together,
         remaining_discrepancy(found),
@@ -65,6 +67,13 @@ def _seen(found: Discovery) -> tuple[Fingerprint, ...]:
     """Return the records used for the model, including those of a fixed baseline."""
     before = found.given.provenance.records if found.given is not None else ()
     return tuple(dict.fromkeys((*before, *fingerprints(found.data.records))))
+
+
+def _covered(found: Discovery) -> OperatingRange | None:
+    """Return the voltages of the records, and of those of a fixed baseline."""
+    before = found.given.provenance.voltage if found.given is not None else None
+    own = OperatingRange.of(found.data.records)
+    return before if own is None else own.joined(before)
 
 
 def _uncertainty(

@@ -13,14 +13,17 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import Health
+from piezo_hysteresis.common.health import Health, Level
 from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.parameter_table import ParameterTable, Value
 from piezo_hysteresis.common.stamps import StampValidator
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.operating_limits import above_nyquist, operating_limits
 from piezo_hysteresis.compensation.transition import Transition
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.codecs import voltage_bytes
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.parameters import NodeParameters
@@ -80,6 +83,7 @@ class LinkNode(LifecycleNode):
         self._alarms: set[str] = set()
         self.parameters = NodeParameters(self, table)
         value = self.parameters.number
+        self._warnings = self._limits_of_model()
         self.dt = 1.0 / value('rate')
         self.stamps = StampValidator(self.dt)
         self._limiter = Limiter(self.limits(), self.dt, energy=self.energy())
@@ -93,7 +97,7 @@ class LinkNode(LifecycleNode):
         self._slew_publisher = self.plain_publisher(Float64, slew_topic, LATCHED)
         self._slew_sample = -1
         self._status_publisher = self.plain_publisher(LoopStatus, '~/status', LATCHED)
-        self._health = LinkHealth()
+        self._health = LinkHealth(self.limits())
         wall_timer(self, 1.0, self._publish_status)
 
     def plain_publisher(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
@@ -119,6 +123,32 @@ class LinkNode(LifecycleNode):
 
     # --- parameters ----------------------------------------------------------------------------
 
+    def _limits_of_model(self) -> tuple[str, ...]:
+        """Take the limits that are not given from the model file; return what to know of it."""
+        path, dt = self.parameters.text('model_file'), 1.0 / self.parameters.number('rate')
+        try:
+            model = ModelFile.load(path) if path else None
+        except PiezoError as error:
+            self.give_up(str(error))
+        own = self.parameters
+
+        def given(name: str) -> float | None:
+            return own.number(name) if own.is_given(name) else None
+
+        found = operating_limits(
+            model, low=given('limits.low'), high=given('limits.high'), slew=given('limits.slew')
+        )
+        settings: dict[str, Value] = {
+            'limits.low': found.limits.low, 'limits.high': found.limits.high,
+            'limits.slew': found.limits.slew, 'safe_voltage': found.rest,
+            'safe_ramp': found.safe_ramp,
+        }  # fmt: skip
+        if model is not None:
+            own.overwrite({k: v for k, v in settings.items() if not own.is_given(k)})
+        for sentence in (warnings := (*found.warnings, *above_nyquist(model, dt))):
+            self.get_logger().warning(sentence)
+        return warnings
+
     def limits(self) -> Limits:
         """Return the limits in force."""
         value = self.parameters.number
@@ -141,12 +171,18 @@ class LinkNode(LifecycleNode):
         limits = any(name.startswith('limits.') for name in changes)
         if limits or not changes.keys().isdisjoint(_ENERGY):
             self._limiter.retune(self.limits(), self.energy())
+            self._health.set_limits(self.limits())
         if limits or 'transition' in changes:
             self._fade.retune(self.parameters.number('transition'), self.limits().slew)
             self._publish_slew()
         self._watchdog.timeout = self._timeout()
         self._watchdog.safe_voltage = self.parameters.number('safe_voltage')
         self._watchdog.ramp = self.parameters.number('safe_ramp')
+
+    @property
+    def shares(self) -> bool:
+        """Whether the node adds a share to the voltage."""
+        return self.active
 
     def refuse(self, changes: dict[str, Value]) -> str:
         """Return why `changes` are impossible, '' if they are possible."""
@@ -301,7 +337,10 @@ class LinkNode(LifecycleNode):
             'mean_power_W': self._limiter.mean_power,
         }
         paused = self._watchdog.stale and self.has_publisher()
-        return self._health.judge(numbers, self.all_counters(), self._watchdog, paused)
+        findings = [(Level.WARN, sentence) for sentence in self._warnings]
+        return self._health.judge(
+            numbers, self.all_counters(), self._watchdog, paused, findings, self.shares
+        )
 
     def _publish_status(self) -> None:
         if self._sample != self._slew_sample:

@@ -90,6 +90,11 @@ class TrackingNode(LinkNode):
     def _built(self, changes: dict[str, Value]) -> Link | None:
         return self._laws.build({**self.parameters.values, **changes}, self.dt, self._model)
 
+    @property
+    def shares(self) -> bool:
+        """Whether the node adds a share to the voltage: it has a law and is active."""
+        return self.active and self.law is not None
+
     def counters(self) -> dict[str, int]:
         """Return the counters of the law and of the reference."""
         law = {} if self.law is None else self.law.counters()
