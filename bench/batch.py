@@ -29,12 +29,12 @@ if not __package__:
 import numpy as np
 
 from bench.quick import parsed
-from piezo_hysteresis.batch import Batch, Identify, run_batch
+from piezo_hysteresis.batch import Batch, run_batch
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, write_bag
 
 DT = 1e-3
-TASK = Identify('bouc_wen_mode', options={'sampling_offset': False, 'count': 1})
+OPTIONS: dict[str, Any] = {'model': 'bouc_wen_mode', 'sampling_offset': False, 'count': 1}
 
 
 def main() -> None:
@@ -46,8 +46,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         make_bags(place / 'data', wanted.bags)
-        run_batch(TASK, [place / 'data' / 'bag000'], place / 'warm')  # compiled from here on
-        serial, alone = timed(lambda: run_batch(TASK, [place / 'data'], place / 'serial'))
+        run([place / 'data' / 'bag000'], place / 'warm')  # compiled from here on
+        serial, alone = timed(lambda: run([place / 'data'], place / 'serial'))
         print(
             f'serial loop: {wanted.bags} bags in {alone:.1f} s, {wanted.bags / alone:.2f} a second'
         )
@@ -61,7 +61,7 @@ def main() -> None:
 
         n = wanted.workers
         show(f'{n} processes', *timed(
-            lambda: run_batch(TASK, [place / 'data'], place / 'own', workers=n)
+            lambda: run([place / 'data'], place / 'own', processes=n)
         ))  # fmt: skip
         try:
             import distributed
@@ -71,16 +71,21 @@ def main() -> None:
         print(f'dask {distributed.__version__}')
         with cluster(n) as (executor, _):
             show(f'Dask, {n} workers', *timed(
-                lambda: run_batch(TASK, [place / 'data'], place / 'dask', executor=executor)
+                lambda: run([place / 'data'], place / 'dask', executor=executor)
             ))  # fmt: skip
         with cluster(n) as (executor, kill):
             murder = threading.Thread(target=kill_half_way, args=(place / 'killed', wanted, kill))
             murder.start()
             done, seconds = timed(
-                lambda: run_batch(TASK, [place / 'data'], place / 'killed', executor=executor)
+                lambda: run([place / 'data'], place / 'killed', executor=executor)
             )
             murder.join()
             show(f'Dask, one of {n} workers killed half-way', done, seconds)
+
+
+def run(data: list[Path], out: Path, **how: Any) -> Batch:
+    """Identify every bag."""
+    return run_batch('identify', data, out, **how, **OPTIONS)
 
 
 def make_bags(folder: Path, count: int) -> None:

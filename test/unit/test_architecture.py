@@ -30,7 +30,6 @@ ARROWS = {
     'reporting',
     'reporting': 'blocks common compensation discovery identification models numerics records',
     'dashboard': 'common models reporting',
-    'batch': 'discovery identification models records reporting',
     'parameters': 'common compensation waveforms',
     'runtime': 'common compensation identification models numerics records waveforms',
     'nodes': 'blocks common compensation dashboard discovery drivers experiments identification '
@@ -38,9 +37,10 @@ ARROWS = {
     'drivers': 'common compensation models numerics records runtime waveforms',
     'export': 'blocks common compensation models parameters waveforms',
     'interface': 'common compensation discovery identification models records reporting waveforms',
+    'batch': 'common interface records reporting',
     'papers': 'blocks compensation identification models numerics records waveforms',
     'cli': 'batch common compensation discovery drivers experiments export identification '
-    'investigation models nodes papers parameters records reporting ros waveforms',
+    'interface investigation models nodes papers parameters records reporting ros waveforms',
 }
 # Rooms within `compensation`: what they share imports none of them.
 WITHIN_COMPENSATION: dict[str, set[str]] = {

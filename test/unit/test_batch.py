@@ -11,15 +11,14 @@ import sys
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 
-from piezo_hysteresis.batch import Identify, run_batch
-from piezo_hysteresis.batch.inputs import jobs_of
+from piezo_hysteresis.batch import run_batch
+from piezo_hysteresis.batch.run import NOTE
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
@@ -28,7 +27,7 @@ from piezo_hysteresis.records import Record, load, write_bag, write_csv
 from piezo_hysteresis.reporting.folder import MARKER, write_folder
 
 DT = 1e-3
-TASK = Identify('classical', options={'count': 1})
+OPTIONS: dict[str, Any] = {'model': 'classical', 'count': 1}
 
 
 def record(seed: int) -> Record:
@@ -52,29 +51,12 @@ def data(tmp_path: Path) -> Path:
     return folder
 
 
-@dataclass(frozen=True)
-class Gain:
-    """A quick task: the gain by least squares."""
-
-    slow: float = 0.0
-    bias: float = 0.0
-
-    verb: ClassVar[str] = 'test'
-    files: ClassVar[tuple[str, ...]] = ()
-
-    def settings(self) -> dict[Any, Any]:
-        return {'bias': self.bias}
-
-    def __call__(self, data: Any, out: Any) -> dict[Any, Any]:
-        time.sleep(self.slow)
-        (each,) = load(data)
-        gain = each.voltage @ each.displacement / (each.voltage @ each.voltage)
-        return {**NOTHING, 'gain': float(gain) + self.bias}
-
-
-# What the page of a task that is not `identify` shows.
-NOTHING = {'verdict': 'none', 'effects': '', 'probability': None, 'before_in_floors': 1.0,
-           'after_in_floors': 1.0}  # fmt: skip
+def gain(data: str, folder: str, slow: float = 0.0, bias: float = 0.0) -> dict[str, Any]:
+    """Return the gain by least squares, quickly."""
+    time.sleep(slow)
+    (each,) = load(data)
+    value = each.voltage @ each.displacement / (each.voltage @ each.voltage)
+    return {'gain': float(value) + bias}
 
 
 def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
@@ -98,9 +80,9 @@ def test_one_row_each_and_a_bad_file_stops_nothing(
     assert '4 data sets: 3 done, 1 refused' in printed.out
     assert printed.err.startswith('refused: bad: ')
     rows = {row['name']: row for row in csv.DictReader((out / 'results.csv').open())}
-    assert set(rows) == {'one', 'two', 'three', 'bad'}
+    assert set(rows) == {'one', 'day1', 'three', 'bad'}
     assert 'bad.csv' in rows['bad']['error']
-    for name in ('one', 'two', 'three'):
+    for name in ('one', 'day1', 'three'):
         summary = json.loads((out / name / 'summary.json').read_text())
         assert float(rows[name]['A1']) == summary['parameters']['A1']['value']
         assert float(rows[name]['nrmse_percent']) == summary['records'][0]['nrmse_percent']
@@ -108,12 +90,12 @@ def test_one_row_each_and_a_bad_file_stops_nothing(
     page = (out / 'index.html').read_text()
     assert '<a href="three/report.html">three</a>' in page
     assert '3 of 4 data sets' in page
-    assert float(rows['two']['A1']) > 1.5 * float(rows['one']['A1'])
+    assert float(rows['day1']['A1']) > 1.5 * float(rows['one']['A1'])
 
 
 def test_parquet_holds_what_csv_holds(data: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip('pyarrow.parquet')
-    run_batch(Gain(), [data], tmp_path / 'out')
+    run_batch(gain, [data], tmp_path / 'out')
     read = parquet.read_table(tmp_path / 'out' / 'results.parquet').to_pylist()
     rows = list(csv.DictReader((tmp_path / 'out' / 'results.csv').open()))
     assert list(read[0]) == list(rows[0])
@@ -128,7 +110,7 @@ def test_without_pyarrow_there_is_csv_and_a_word(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, 'pyarrow', None)
-    done = run_batch(Gain(), [data], tmp_path / 'out')
+    done = run_batch(gain, [data], tmp_path / 'out')
     assert 'pyarrow' in done.notes[0]
     assert (tmp_path / 'out' / 'results.csv').is_file()
     assert 'parquet' not in (tmp_path / 'out' / 'index.html').read_text()
@@ -137,9 +119,9 @@ def test_without_pyarrow_there_is_csv_and_a_word(
 @pytest.mark.slow
 def test_any_executor_gives_the_rows_of_the_serial_loop(data: Path, tmp_path: Path) -> None:
     given = [data / 'day1', data / 'bad.csv', data / 'three']
-    serial = run_batch(TASK, given, tmp_path / 'serial')
+    serial = run_batch('identify', given, tmp_path / 'serial', **OPTIONS)
     with ThreadPoolExecutor(2) as threads:
-        parallel = run_batch(TASK, given, tmp_path / 'threads', executor=threads)
+        parallel = run_batch('identify', given, tmp_path / 'threads', executor=threads, **OPTIONS)
     assert [row['state'] for row in serial.rows] == ['done', 'refused', 'done']
     assert all(same(one, other) for one, other in zip(parallel.rows, serial.rows, strict=True))
 
@@ -148,42 +130,61 @@ def test_what_is_finished_is_not_run_again_until_something_changes(
     data: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / 'out'
-    assert run_batch(Gain(), [data], out).resumed == 0
+    assert run_batch(gain, [data], out).resumed == 0
     before = {path: path.stat().st_mtime_ns for path in out.glob('*/job.json')}
-    again = run_batch(Gain(), [data], out)
+    again = run_batch(gain, [data], out)
     assert again.resumed == len(before) == 4
     assert {path: path.stat().st_mtime_ns for path in before} == before
     (data / 'one.csv').unlink()
     write_csv(data / 'one.csv', record(3))
-    changed = run_batch(Gain(), [data], out)
+    changed = run_batch(gain, [data], out)
     assert changed.resumed == 3
     gains = {row['name']: row.get('gain') for row in changed.rows}
     assert float(gains['one'] or 0.0) > 3e-4
     assert gains['bad'] is None
-    assert run_batch(Gain(bias=1.0), [data], out).resumed == 0
+    assert run_batch(gain, [data], out, bias=1.0).resumed == 0
 
 
 def test_files_of_others_are_not_deleted(data: Path, tmp_path: Path) -> None:
     out = tmp_path / 'out'
-    run_batch(Gain(), [data / 'three'], out)
+    run_batch(gain, [data / 'three'], out)
     (out / 'one').mkdir(parents=True)
     (out / 'one' / 'thesis.txt').write_text('years of work')
     for bias in (0.0, 1.0):  # the second time, too
-        done = run_batch(Gain(bias=bias), [data / 'one.csv'], out)
+        done = run_batch(gain, [data / 'one.csv'], out, bias=bias)
         assert 'files that are no results' in done.rows[0]['error']
         assert [path.name for path in (out / 'one').iterdir()] == ['thesis.txt']
     (out / 'three' / 'remarks.txt').write_text('mine')
-    write_folder(out / 'three', {'report.html': 'of an earlier run'}, Gain.verb)
-    assert run_batch(Gain(bias=1.0), [data / 'three'], out).rows[0]['state'] == 'done'
+    write_folder(out / 'three', {'report.html': 'of an earlier run'}, 'gain')
+    assert run_batch(gain, [data / 'three'], out, bias=1.0).rows[0]['state'] == 'done'
     assert {path.name for path in (out / 'three').iterdir()} == {'job.json', 'remarks.txt', MARKER}
 
 
 def test_equal_names_get_folders_of_their_own(data: Path, tmp_path: Path) -> None:
     write_csv(data / 'day1' / 'one.csv', record(1))
-    jobs = jobs_of(Gain(), [data], tmp_path / 'out')
-    assert len({job.folder for job in jobs}) == len(jobs) == 5
-    # what lies in the results is never taken for data
-    assert len(jobs_of(Gain(), [data], data / 'day1')) == 3
+    done = run_batch(gain, [data / 'one.csv', data / 'day1' / 'one.csv'], tmp_path / 'out')
+    assert len({row['report'] for row in done.rows}) == 2
+
+
+def test_a_folder_of_files_is_one_data_set_and_results_are_none(tmp_path: Path) -> None:
+    for stage in range(6):
+        folder = tmp_path / 'stages' / f's{stage}'
+        folder.mkdir(parents=True)
+        for k in range(3):
+            write_csv(folder / f'r{k}.csv', record(stage))
+    (tmp_path / 'stages' / 's0' / 'remarks.md').write_text('new glue')
+    stages = tmp_path / 'stages'
+    for given in (stages, sorted(stages.iterdir())):
+        done = run_batch(count, given, stages / 'results')
+        rows = {row['name']: row for row in done.rows}
+        assert rows.keys() == {f's{stage}' for stage in range(6)}
+        assert {row['records'] for row in done.rows} == {3}
+    assert done.resumed == 6
+
+
+def count(data: str, folder: str) -> dict[str, Any]:
+    """Return the number of records."""
+    return {'records': len(load(data))}
 
 
 def test_no_data_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -195,32 +196,33 @@ def test_no_data_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert not (tmp_path / 'out').exists()
 
 
-class Deadly(Gain):
-    """Kills the process that works on what is called deadly, fails on what is called faulty."""
-
-    def __call__(self, data: Any, out: Any) -> dict[Any, Any]:
-        if 'deadly' in data[0]:
-            os.kill(os.getpid(), signal.SIGKILL)
-        if 'faulty' in data[0]:
-            raise ZeroDivisionError('no such thing')
-        return super().__call__(data, out)
+def deadly(data: str, folder: str) -> dict[str, Any]:
+    """Kill the process that works on what is called deadly, fail on what is called faulty."""
+    if 'deadly' in data:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if 'faulty' in data:
+        raise ZeroDivisionError('no such thing')
+    return gain(data, folder)
 
 
 @pytest.mark.slow
 def test_a_process_that_dies_or_a_task_that_fails_is_a_row(tmp_path: Path) -> None:
     for name in ('a', 'b', 'deadly', 'd', 'faulty', 'f'):
         write_csv(tmp_path / f'{name}.csv', record(len(name)))
-    done = run_batch(Deadly(), [tmp_path], tmp_path / 'out', workers=2)
+    files = sorted(tmp_path.glob('*.csv'))
+    done = run_batch(deadly, files, tmp_path / 'out', processes=2)
     rows = {row['name']: row for row in done.rows}
     assert 'died' in rows.pop('deadly')['error']
     assert 'no such thing' in rows.pop('faulty')['error']
     assert len(rows) == 4
     for name, row in rows.items():
-        assert row['gain'] == pytest.approx(Gain()([str(tmp_path / f'{name}.csv')], '')['gain'])
+        assert row['gain'] == pytest.approx(gain(str(tmp_path / f'{name}.csv'), '')['gain'])
     # failures may have been of the machine: they alone are tried again
-    again = [job.name for job in jobs_of(Gain(), [tmp_path], tmp_path / 'out')
-             if job.finished() is None]  # fmt: skip
-    assert again == ['deadly', 'faulty']
+    again = run_batch(deadly, files[:2], tmp_path / 'out')
+    assert (again.resumed, len(again.rows)) == (2, 2)
+    for name in ('deadly', 'faulty'):
+        note = json.loads((tmp_path / 'out' / name / NOTE).read_text())
+        assert note['row'].get('state', '') in ('', 'failed')
 
 
 def test_by_default_there_is_a_worker_per_core(
@@ -235,20 +237,25 @@ def test_by_default_there_is_a_worker_per_core(
             asked.append(workers)
             super().__init__(workers)
 
-    monkeypatch.setattr('piezo_hysteresis.batch.pool.ProcessPoolExecutor', Threads)
+    monkeypatch.setattr('piezo_hysteresis.batch.run.ProcessPoolExecutor', Threads)
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: range(3))
     words = ['batch', 'identify', str(data / 'bad.csv'), '--model', 'classical']
     assert main([*words, '--out', str(tmp_path / 'out')]) == 2  # its only file is refused
     assert asked == [3]
-    run_batch(Gain(), [data], tmp_path / 'other', workers=0)
+    run_batch(gain, [data], tmp_path / 'other', processes=0)
     assert asked == [3, 3]
     assert [number_of_workers(n) for n in (0, 1, 7)] == [3, 1, 7]
     with pytest.raises(PiezoError, match='--workers'):
         number_of_workers(-1)
 
 
-class Unloadable(Gain):
-    """A task whose import fails in every worker."""
+class Unloadable:
+    """Work whose import fails in every process."""
+
+    __name__ = 'unloadable'
+
+    def __call__(self, data: str, folder: str) -> dict[str, Any]:
+        return {}
 
     def __reduce__(self) -> Any:
         return exec, ('import no_such_module',)
@@ -264,9 +271,9 @@ def test_a_failed_start_of_workers_is_reported(
 
     if fault == 'start':
         monkeypatch.setattr('multiprocessing.context.SpawnProcess._Popen', refuse)
-    task = Unloadable() if fault == 'import' else Gain()
+    task = Unloadable() if fault == 'import' else gain
     with pytest.raises(PiezoError, match=r'no worker process can start .*; use --workers 1'):
-        run_batch(task, [data], tmp_path / 'out', workers=2)
+        run_batch(task, [data], tmp_path / 'out', processes=2)
     assert not list((tmp_path / 'out').glob('*/job.json'))
 
 
@@ -289,8 +296,8 @@ def test_a_broken_executor_is_reported_and_finished_results_are_kept(
     data: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(PiezoError, match='executor broke'):
-        run_batch(Gain(), [data], tmp_path / 'out', executor=Broken())
-    assert run_batch(Gain(), [data], tmp_path / 'out').resumed == 1
+        run_batch(gain, [data], tmp_path / 'out', executor=Broken())
+    assert run_batch(gain, [data], tmp_path / 'out').resumed == 1
 
 
 @pytest.mark.slow
@@ -301,8 +308,9 @@ def test_a_killed_batch_resumes(tmp_path: Path) -> None:
         write_csv(folder / f'r{k:02}.csv', record(k))
     code = (
         f'import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n'
-        'from test_batch import Gain, run_batch\n'
-        f'run_batch(Gain(slow=0.5), [{str(folder)!r}], {str(out)!r}, workers=2)\n'
+        'from test_batch import Path, gain, run_batch\n'
+        f'data = sorted(Path({str(folder)!r}).iterdir())\n'
+        f'run_batch(gain, data, {str(out)!r}, processes=2, slow=0.5)\n'
     )
     child = subprocess.Popen([sys.executable, '-c', code])
 
@@ -323,10 +331,10 @@ def test_a_killed_batch_resumes(tmp_path: Path) -> None:
         time.sleep(0.05)
     kept = {path: path.stat().st_mtime_ns for path in finished()}
     assert 2 <= len(kept) < 12
-    done = run_batch(Gain(), [folder], out)
+    done = run_batch(gain, sorted(folder.iterdir()), out, slow=0.5)
     assert done.resumed == len(kept)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    whole = run_batch(Gain(), [folder], tmp_path / 'again')
+    whole = run_batch(gain, sorted(folder.iterdir()), tmp_path / 'again')
     assert all(same(one, other) for one, other in zip(done.rows, whole.rows, strict=True))
 
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from piezo_hysteresis.cli.discover import configure, task_of
+from piezo_hysteresis.cli.discover import configure, options_of
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
@@ -59,7 +59,7 @@ def test_the_verb_has_a_limit_unless_it_gets_another(words: list[str], seconds: 
     parser = argparse.ArgumentParser()
     configure(parser)
     given = parser.parse_args(['a.csv', '--baseline', 'classical', '--out', 'found', *words])
-    assert task_of(given).time_limit == seconds
+    assert options_of(given)['time_limit'] == seconds
 
 
 @pytest.mark.component

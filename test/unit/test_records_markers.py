@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import yaml
 from damaged_bags import FIELDS, STROKE, TICKS, chunk_starts, make, mcap_crc, refused
 
@@ -97,7 +98,8 @@ def test_markers_of_another_definition(tmp_path: Path) -> None:
         assert found.records[0].info.amplitude == (0.0 if np.isnan(value) else 0.5)
 
 
-def test_references_that_do_not_cover_a_record_are_omitted(tmp_path: Path) -> None:
+@pytest.mark.parametrize('kept', [slice(0, 290), slice(7, 300), slice(0, 100), slice(0, 300, 2)])
+def test_a_record_ends_with_its_reference(tmp_path: Path, kept: slice) -> None:
     fields = bag_writer.fixed_fields(REFERENCE)
     with Recorder(tmp_path / 'bag') as recorder:
         state = recorder.add_topic('/p/actuator/state', STATE, definition=definition_of(STATE)[0])
@@ -106,12 +108,21 @@ def test_references_that_do_not_cover_a_record_are_omitted(tmp_path: Path) -> No
         columns = {'sample': TICKS, 'voltage': TICKS * 1.0, 'displacement': STROKE}
         for k, row in enumerate(cdr.encode(FIELDS, TICKS * 1_000_000, columns)):
             recorder.write(state, row.tobytes(), k * 1_000_000)
-        wished = dict.fromkeys([name for name, _ in fields], 0.0) | {'sample': TICKS[:290]}
-        for row in cdr.encode(fields, TICKS[:290] * 1_000_000, wished):
+        wished = dict.fromkeys([name for name, _ in fields], 0.0) | {'sample': TICKS[kept]}
+        for row in cdr.encode(fields, TICKS[kept] * 1_000_000, wished):
             recorder.write(wish, row.tobytes(), 0)
     found = survey([tmp_path / 'bag'])
-    assert found.records[0].reference is None
-    assert any('10 samples have no reference' in str(note) for note in found.notes)
+    (record,) = found.records
+    number = TICKS[kept].size
+    notes = ' '.join(map(str, found.notes))
+    if kept.step is None and number > 0.5 * TICKS.size:
+        assert record.reference is not None
+        np.testing.assert_array_equal(record.voltage, TICKS[kept])
+        assert f'{TICKS.size - number} samples before or after the reference left out' in notes
+    else:  # gaps, or the smaller part: the samples stay
+        assert record.reference is None
+        assert len(record) == TICKS.size
+        assert f'{TICKS.size - number} samples have no reference' in notes
 
 
 def test_metadata_of_our_bags_are_plain_yaml(tmp_path: Path) -> None:

@@ -30,17 +30,19 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.discovery import Discovery, discover
+    from piezo_hysteresis.batch import Batch
+    from piezo_hysteresis.batch import run_batch as batch
+    from piezo_hysteresis.discovery import Discovery
     from piezo_hysteresis.errors import PiezoError
     from piezo_hysteresis.identification import (
         METHODS,
         Identification,
         Validation,
-        identify,
         simulate,
         validate,
     )
     from piezo_hysteresis.interface.compensate_runs import Compensation, compensate
+    from piezo_hysteresis.interface.verbs import discover, identify
     from piezo_hysteresis.models import EFFECT_NAMES as EFFECTS
     from piezo_hysteresis.models import NAMES as MODELS
     from piezo_hysteresis.models import ModelFile as Model
@@ -52,6 +54,7 @@ __all__ = [
     'EFFECTS',
     'METHODS',
     'MODELS',
+    'Batch',
     'Compensation',
     'Discovery',
     'Identification',
@@ -60,6 +63,7 @@ __all__ = [
     'Record',
     'RecordInfo',
     'Validation',
+    'batch',
     'compensate',
     'discover',
     'identify',
@@ -73,6 +77,7 @@ _HOMES = {
     'EFFECTS': 'models.EFFECT_NAMES',
     'METHODS': 'identification.METHODS',
     'MODELS': 'models.NAMES',
+    'Batch': 'batch.Batch',
     'Compensation': 'interface.compensate_runs.Compensation',
     'Discovery': 'discovery.Discovery',
     'Identification': 'identification.Identification',
@@ -81,9 +86,10 @@ _HOMES = {
     'Record': 'records.Record',
     'RecordInfo': 'records.RecordInfo',
     'Validation': 'identification.Validation',
+    'batch': 'batch.run_batch',
     'compensate': 'interface.compensate_runs.compensate',
-    'discover': 'discovery.discover',
-    'identify': 'identification.identify',
+    'discover': 'interface.verbs.discover',
+    'identify': 'interface.verbs.identify',
     'load': 'records.load',
     'simulate': 'identification.simulate',
     'validate': 'identification.validate',

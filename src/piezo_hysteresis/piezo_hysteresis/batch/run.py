@@ -1,80 +1,154 @@
-"""Runs the jobs of a batch on any executor; failures of single jobs become rows."""
+"""Runs a verb over many data sets; failures of single ones become rows.
+
+Each data set has a folder with the results of the verb and a note, written last: if the note has
+the fingerprint of data and settings, the data set is finished and is not computed again.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import multiprocessing
+import os
+import signal
+import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED as FIRST
-from concurrent.futures import BrokenExecutor, Executor, Future, wait
-from dataclasses import dataclass
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
+from typing import Any
 
-from piezo_hysteresis.batch.inputs import Job, jobs_of
-from piezo_hysteresis.batch.pool import OwnPool
-from piezo_hysteresis.batch.tasks import Progress, Row, Task, silent
-from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.process_setup import number_of_workers
-from piezo_hysteresis.reporting.folder import claim
+from piezo_hysteresis import __version__
+from piezo_hysteresis.common.results import Tabular
+from piezo_hysteresis.errors import PiezoError, RecordError
+from piezo_hysteresis.process_setup import number_of_workers, one_for_linear_algebra
+from piezo_hysteresis.records.folder_content import content_of, files_of
+from piezo_hysteresis.reporting.folder import claim, clear, write_folder
 
-Collect = Callable[[Job, Row], None]
+NOTE = 'job.json'
+STATES = ('done', 'refused', 'failed')
+
+Row = dict[str, Any]
+Work = Callable[..., Row]  # (data, folder, **options) -> columns of the table
+Progress = Callable[[float, str], None]
 
 
-@dataclass(frozen=True)
-class Batch:
+@dataclass(frozen=True, repr=False)
+class Batch(Tabular):
     """Result of a batch.
 
     Attributes
     ----------
     rows : list of dict
-        One per job, in the order of the data: ``name``, ``data``, ``state`` (``done``,
-        ``refused`` for data that cannot be used, ``failed`` for all else), ``error``,
-        ``seconds``, ``report`` (relative path) and the columns of the task.
+        One per data set, in their order: ``name``, ``state`` (``done``, ``refused`` for data that
+        cannot be used, ``failed`` for all else), ``error``, ``data``, ``seconds``, ``report``
+        (relative path) and the columns of the verb.
     resumed : int
-        Number of jobs that were already finished.
+        Number of data sets that were already finished.
     notes : list of str
         Remarks for the user, such as a format that could not be written.
     """
 
     rows: list[Row]
     resumed: int
-    notes: list[str]
+    notes: list[str] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        counts = ', '.join(f'{count} {state}' for state, count in self.states().items() if count)
+        before = f' ({self.resumed} of them before)' if self.resumed else ''
+        number = len(self.rows)
+        return f'{number} data set{"s" * (number != 1)}: {counts}{before}'
+
+    def states(self) -> dict[str, int]:
+        """Return the number of rows in each state."""
+        return {state: sum(row['state'] == state for row in self.rows) for state in STATES}
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the table by column; unknown values are None."""
+        names = dict.fromkeys(name for row in self.rows for name in row)
+        return {name: [row.get(name) for row in self.rows] for name in names}
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One data set, the folder of its results, and the fingerprint of data and settings."""
+
+    name: str
+    data: str
+    folder: str
+    fingerprint: str
+
+    def finished(self) -> Row | None:
+        """Return the row of a valid earlier run, None if there is none."""
+        try:
+            note = json.loads((Path(self.folder) / NOTE).read_text(encoding='utf-8'))
+            row, known = note['row'], note['fingerprint'] == self.fingerprint
+        except (OSError, ValueError, LookupError, TypeError):
+            return None
+        # rejected data are a result; any other failure may be one of the machine
+        return row if known and row.get('state') in ('done', 'refused') else None
+
+    def note(self, row: Row) -> None:
+        """Store the result; an empty row states that the work has started."""
+        entry = {'fingerprint': self.fingerprint if row else None, 'row': row}
+        write_folder(self.folder, {NOTE: json.dumps(entry, indent=2, allow_nan=False) + '\n'})
+
+    def row(self, state: str, error: object, started: float) -> Row:
+        """Return the columns that every data set has."""
+        seconds = round(time.perf_counter() - started, 3)
+        return {'name': self.name, 'state': state, 'error': str(error), 'data': self.data,
+                'seconds': seconds, 'report': ''}  # fmt: skip
 
 
 def run_batch(
-    task: Task,
-    data: Sequence[str | Path],
+    verb: str | Work,
+    data: str | Path | Sequence[str | Path],
     out: str | Path,
     *,
     executor: Executor | None = None,
-    workers: int = 1,
-    progress: Progress = silent,
+    processes: int = 1,
+    progress: Progress = lambda fraction, words: None,
+    **options: Any,
 ) -> Batch:
-    """Run a task over many bags and CSV files.
-
-    Every job has its own folder in `out`, with the results of the verb and a note that it is
-    finished. A job with a valid note for its data and settings is not run again.
+    """Run a verb over many data sets, each in a folder of its own in `out`.
 
     Parameters
     ----------
-    task : Task
-        `Identify`, `Discover`, or a similar object.
-    data : sequence of str or Path
-        Bags and CSV files, or folders of them.
+    verb : str or callable
+        ``'identify'`` or ``'discover'``; or a function ``(data, folder, **options)`` of a module
+        that writes into the folder and returns columns of the table.
+    data : str, Path or sequence of them
+        Data sets: bags, files, or folders. The files of a folder are one data set; a folder that
+        contains only folders stands for them.
     out : str or Path
-        Folder of the results: a folder per job, ``results.csv``, ``results.parquet`` and
+        Folder of the results: a folder per data set, ``results.csv``, ``results.parquet`` and
         ``index.html``.
     executor : Executor, optional
-        Executor of the jobs: threads, processes, a Dask cluster (``Client.get_executor()``). Its
+        Executor of the work, such as that of a Dask cluster (``Client.get_executor()``). Its
         workers need `data` and `out` under the same paths.
-    workers : int
+    processes : int
         Number of processes without an executor: 1 is this process; 0 is one per core.
     progress : callable
         Called with ``(fraction, words)``.
+    **options
+        Arguments of `piezo_hysteresis.identify` or `piezo_hysteresis.discover`.
 
     Returns
     -------
     Batch
-        Rows of all jobs; the row of a failed job has its error.
+        Rows of all data sets; the row of a failed one has its error.
 
     Raises
     ------
@@ -82,113 +156,210 @@ def run_batch(
         If there are no data, `out` cannot be written or contains results of another verb, no
         process can start, or the given executor fails; finished results are kept.
     """
-    from piezo_hysteresis.batch.results_table import write_tables  # draws: not for the workers
+    from piezo_hysteresis.batch.table import WORK, write_tables
 
-    jobs = jobs_of(task, data, out)
-    claim(out, f'batch {task.verb}')
+    work = WORK.get(verb) if isinstance(verb, str) else verb
+    if work is None:
+        raise PiezoError(f'a batch runs {" or ".join(WORK)}, not {verb}')
+    name = verb if isinstance(verb, str) else work.__name__
+    jobs = _jobs([data] if isinstance(data, str | Path) else data, out, name, options)
+    claim(out, f'batch {name}')
     rows = {job.name: row for job in jobs if (row := job.finished()) is not None}
     resumed = len(rows)
 
-    def collect(job: Job, row: Row) -> None:
+    def collect(job: _Job, row: Row) -> None:
         rows[job.name] = row
         progress(len(rows) / len(jobs), f'{len(rows)} of {len(jobs)}: {job.name} {row["state"]}')
 
     left = [job for job in jobs if job.name not in rows]
     progress(resumed / len(jobs), f'{resumed} of {len(jobs)} were finished before')
+    count = number_of_workers(processes)
     if executor is not None:
-        if _round(task, left, executor, len(left), collect):
+        if any(_in_parallel(executor, left, len(left), (work, name, options), collect)):
             raise PiezoError('the executor broke down; restart it and run the batch again')
-    elif number_of_workers(workers) == 1:
+    elif count == 1:
         for job in left:
-            collect(job, work(task, job))
-    elif left:
-        _in_own_pools(task, left, number_of_workers(workers), collect)
-    ordered = [rows[job.name] for job in jobs]
-    return Batch(ordered, resumed, write_tables(out, task.verb, ordered))
+            collect(job, _do(job, work, name, options))
+    else:
+        _in_processes(left, count, (work, name, options), collect)
+    done = Batch([rows[job.name] for job in jobs], resumed)
+    done.notes.extend(write_tables(out, name, done))
+    return done
 
 
-def work(task: Task, job: Job) -> Row:
-    """Do one job in this process; any failure becomes a row."""
+def _do(job: _Job, work: Work, verb: str, options: Mapping[str, Any]) -> Row:
+    """Process one data set in this process; any failure becomes a row."""
     started = time.perf_counter()
     if (known := job.finished()) is not None:  # a cluster lost the result, but the work is done
         return known
     try:
-        job.begin(task.verb)
+        clear(job.folder, verb)
+        job.note({})
     except PiezoError as error:  # no note in a folder of another origin
-        return _row(job, 'failed', str(error), started)
+        return job.row('failed', error, started)
     try:
-        done = {'report': f'{job.name}/report.html', **task([job.data], job.folder)}
-        row = _row(job, 'done', '', started) | done
+        columns = work(job.data, job.folder, **options)
+        row = job.row('done', '', started) | {'report': f'{job.name}/report.html', **columns}
     except PiezoError as error:
-        row = _row(job, 'refused', str(error), started)
-    except Exception as error:  # one bad bag must not stop the rest
-        row = _row(job, 'failed', f'{type(error).__name__}: {error}', started)
+        row = job.row('refused', error, started)
+    except Exception as error:  # one bad data set must not stop the rest
+        row = job.row('failed', f'{type(error).__name__}: {error}', started)
     job.note(row)
     return row
 
 
-def _row(job: Job, state: str, error: str, started: float) -> Row:
-    seconds = round(time.perf_counter() - started, 3)
-    return {
-        'name': job.name, 'state': state, 'error': error, 'data': job.data,
-        'seconds': seconds, 'report': '',
-    }  # fmt: skip
-
-
-def _in_own_pools(task: Task, jobs: Sequence[Job], workers: int, collect: Collect) -> None:
-    """Work in processes; a broken pool is replaced, and the job that broke it is found singly."""
-    with OwnPool(workers, task) as pool:
-        suspects: list[Job] = []
-        while jobs:
-            lost = _round(task, jobs, pool.executor, workers, collect)
-            suspects += lost.running
-            jobs = lost.waiting
-            if lost:
-                pool.renew()
-        for job in suspects:
-            if _round(task, [job], pool.executor, 1, collect):
-                pool.renew()
-                reason = 'the process that worked on it died; is there memory enough?'
-                collect(job, _row(job, 'failed', reason, time.perf_counter()))
-
-
-@dataclass(frozen=True)
-class _Lost:
-    """Jobs without a row after a failure of the executor: those in work, and the rest."""
-
-    running: list[Job]
-    waiting: list[Job]
-
-    def __bool__(self) -> bool:
-        return bool(self.running or self.waiting)
-
-
-def _round(
-    task: Task, jobs: Sequence[Job], executor: Executor, at_once: int, collect: Collect
-) -> _Lost:
-    """Submit jobs, `at_once` at a time, until all are done or the executor breaks."""
-    waiting, running = list(reversed(jobs)), dict[Future[Row], Job]()
-    lost: list[Job] = []
+def _in_parallel(
+    executor: Executor,
+    jobs: Sequence[_Job],
+    at_once: int,
+    task: tuple[Any, ...],
+    collect: Callable[[_Job, Row], None],
+) -> tuple[list[_Job], list[_Job]]:
+    """Work until the executor breaks; return the jobs that were in work then, and the rest."""
+    waiting, running, lost = list(reversed(jobs)), dict[Future[Row], _Job](), list[_Job]()
     while (waiting and not lost) or running:
         while waiting and not lost and len(running) < at_once:
             job = waiting.pop()
             try:
-                running[executor.submit(work, task, job)] = job
+                running[executor.submit(_do, job, *task)] = job
             except (BrokenExecutor, OSError):  # a further process may be one too many
                 lost.append(job)
-        for future in wait(running, return_when=FIRST).done:
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
             job = running.pop(future)
             try:
                 collect(job, future.result())
             except BrokenExecutor:
                 lost.append(job)
             except Exception as error:  # of a cluster that gave the job up
-                message = f'{type(error).__name__}: {error}'
-                collect(job, _row(job, 'failed', message, time.perf_counter()))
-    return _Lost(lost, list(reversed(waiting)))
+                collect(
+                    job, job.row('failed', f'{type(error).__name__}: {error}', time.perf_counter())
+                )
+    return lost, list(reversed(waiting))
 
 
-def settled(rows: Sequence[Row]) -> dict[str, int]:
-    """Return the number of rows in each state."""
-    states = ('done', 'refused', 'failed')
-    return {state: sum(row['state'] == state for row in rows) for state in states}
+def _in_processes(jobs: Sequence[_Job], count: int, task: Any, collect: Any) -> None:
+    """Work in processes; if one dies, the jobs that were in work are repeated one by one."""
+    suspects: list[_Job] = []
+    while jobs:
+        with _processes(count, task[0]) as pool:
+            lost, jobs = _in_parallel(pool, jobs, count, task, collect)
+            suspects += lost
+    for job in suspects:
+        with _processes(1, task[0]) as pool:
+            if any(_in_parallel(pool, [job], 1, task, collect)):
+                reason = 'the process that worked on it died; is there memory enough?'
+                collect(job, job.row('failed', reason, time.perf_counter()))
+
+
+@contextmanager
+def _processes(count: int, work: Work) -> Iterator[Executor]:
+    """Provide processes that have started; they end with this one, and at an exception."""
+    others = {child.pid for child in multiprocessing.active_children()}
+    one_for_linear_algebra()  # read when a process starts, so this one keeps what it has
+    # new processes: forking one with threads of numba or BLAS can block
+    context = multiprocessing.get_context('spawn')
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
+    try:
+        try:
+            pool.submit(_load, work).result()
+        except Exception as error:  # of the operating system, of pickle, of an import
+            raise PiezoError(
+                f'no worker process can start ({error}); use --workers 1, or free memory'
+            ) from error
+        yield pool
+    except BaseException:
+        for child in multiprocessing.active_children():
+            if child.pid not in others:
+                child.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _load(work: object) -> None:
+    """Do nothing; the call requires that the process has started and loaded the work."""
+
+
+def _begin() -> None:
+    """Prepare a worker: only its owner handles Ctrl-C, and the worker ends with its owner."""
+    warnings.formatwarning = lambda message, *_, **__: f'note: {message}\n'
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    owner = multiprocessing.parent_process()
+    if owner is not None:
+        threading.Thread(target=_end_with, args=(owner.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    wait_for_end([sentinel])
+    os._exit(1)
+
+
+def _jobs(
+    data: Sequence[str | Path], out: str | Path, verb: str, options: Mapping[str, Any]
+) -> list[_Job]:
+    """Return one job for every data set."""
+    root = Path(out).resolve()
+    paths = list(dict.fromkeys(path for given in data for path in _data_sets(given, root)))
+    if not paths:
+        raise RecordError('no data were given; name bags, files or folders of them')
+    names = Counter(_name(path) for path in paths)
+    files = [Path(each) for each in _texts(options) if Path(each).exists()]
+    common = _hash([verb, repr(sorted(options.items())), __version__, *map(_state, files)])
+    jobs = []
+    for path in paths:
+        name = _name(path) if names[_name(path)] == 1 else f'{_name(path)}-{_hash(str(path))[:8]}'
+        content = [_state(each) for each in files_of(path)]
+        fingerprint = _hash([common, str(path), content])
+        jobs.append(_Job(name, str(path), str(root / name), fingerprint))
+    return jobs
+
+
+def _name(path: Path) -> str:
+    return path.name if path.is_dir() else path.stem
+
+
+def _data_sets(given: str | Path, out: Path) -> Iterator[Path]:
+    """Return the data sets of a path: itself, the bags and files in it, or its folders.
+
+    A folder that contains files and no bag is one data set.
+    """
+    path = Path(given).resolve()
+    if not path.is_dir():
+        yield path  # a missing path results in a row with the error
+        return
+    found = _below(path, out)
+    if not found:
+        raise RecordError(f'{path} holds no bag and no file of columns; name the folder that does')
+    yield from found
+
+
+def _below(folder: Path, out: Path) -> list[Path]:
+    content = content_of(folder)
+    if content.is_bag:
+        return [folder]
+    own = (
+        sorted((*content.files, *content.bags)) if content.bags else [folder][: len(content.files)]
+    )
+    inner = [each for each in content.folders if each != out]
+    return [*own, *(data for each in inner for data in _below(each, out))]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Return all texts in options: those that are paths of files are part of the settings."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, str | Path):
+        yield str(value)
+    elif isinstance(value, Sequence):
+        for each in value:
+            yield from _texts(each)
+
+
+def _state(path: Path) -> list[Any]:
+    """Return name, size and modification time of a file."""
+    about = path.stat()
+    return [str(path.resolve()), about.st_size, about.st_mtime_ns]
+
+
+def _hash(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

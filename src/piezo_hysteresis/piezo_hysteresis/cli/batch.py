@@ -1,9 +1,10 @@
-"""Identify or discover over many bags and CSV files, each separately.
+"""Identify or discover over many data sets, each separately.
 
 Each data set gets a folder in DIR with all results of the verb; results.csv, results.parquet and
 index.html combine them. The same command continues after an interruption or with more data:
 finished results are kept if data and settings are unchanged. Unusable data are rows that state the
-reason. A folder that is not a bag includes all bags and CSV files in it.
+reason. The CSV files of a folder are one data set, such as all records of a stage; a folder that
+contains only folders or bags stands for them.
 """
 
 from __future__ import annotations
@@ -18,11 +19,10 @@ from typing import Any
 
 from piezo_hysteresis.cli import discover, identify, verbosity
 from piezo_hysteresis.cli.progress import progress_bar
-from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.process_setup import number_of_workers
 
-HELP = 'identify or discover in many bags; continues after a kill'
+HELP = 'identify or discover in many data sets; continues after a kill'
 EXAMPLE = 'batch identify bags --model classical --out table'
 
 
@@ -47,29 +47,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the batch and print its result."""
     from piezo_hysteresis.batch import run_batch
-    from piezo_hysteresis.batch.run import settled
 
     # one thread in each process
     workers, arguments.workers = number_of_workers(arguments.workers), 1
     module: Any = {'identify': identify, 'discover': discover}[arguments.each]
     for name in ('model', 'baseline'):  # remote workers have other working directories
-        value = getattr(arguments, name, '')
+        value = getattr(arguments, name, None) or ''
         if value.endswith(('.yaml', '.yml')):
             setattr(arguments, name, str(Path(value).resolve()))
-    task = module.task_of(arguments)
+    options = {**module.options_of(arguments), 'workers': 1}
     with _cluster(arguments.dask) as executor, progress_bar(f'batch {arguments.each}') as progress:
         done = run_batch(
-            task, arguments.data, arguments.out, executor=executor, workers=workers,
-            progress=progress,
+            arguments.each, arguments.data, arguments.out, executor=executor, processes=workers,
+            progress=progress, **options,
         )  # fmt: skip
     for row in done.rows:
         if row['state'] != 'done':
             print(f'{row["state"]}: {row["name"]}: {row["error"]}', file=sys.stderr)
     for note in done.notes:
         verbosity.warn(str(note))
-    counts = ', '.join(f'{count} {state}' for state, count in settled(done.rows).items() if count)
-    before = f' ({done.resumed} of them before)' if done.resumed else ''
-    print(f'{counted(len(done.rows), "data set")}: {counts}{before}')
+    print(done)
     print(f'written to {arguments.out}; open {arguments.out}/index.html')
     return 0 if any(row['state'] == 'done' for row in done.rows) else 2
 

@@ -8,16 +8,13 @@ report.html.
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.process_setup import number_of_workers
-
-if TYPE_CHECKING:
-    from piezo_hysteresis.batch.tasks import Discover
 
 HELP = 'find the effects that a model lacks in recorded data'
 EXAMPLE = 'discover out/sweep --baseline bouc_wen_mode --out out/found'
@@ -26,7 +23,7 @@ EXAMPLE = 'discover out/sweep --baseline bouc_wen_mode --out out/found'
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
-    add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
+    add('data', nargs='+', metavar='DATA', help='bags, CSV files, or folders of them')
     add(
         '--baseline',
         required=True,
@@ -72,35 +69,40 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Discover and write the results."""
-    task = task_of(arguments)
+    from piezo_hysteresis.interface.verbs import discover
+    from piezo_hysteresis.reporting.discovery_report import write_discovery
+    from piezo_hysteresis.reporting.folder import check_folder
+
+    options = options_of(arguments)
+    check_folder(arguments.out, 'discover')
     with progress_bar(f'discover, baseline {arguments.baseline}') as progress:
-        found = task.work(arguments.data, arguments.out, progress)
+        found = discover(arguments.data, progress=progress, **options)
+        write_discovery(arguments.out, found, arguments.data)
     _print_result(found.verdict, arguments.out)
     for finding in found.check.findings:
         verbosity.warn(str(finding))
     return 0
 
 
-def task_of(arguments: argparse.Namespace) -> Discover:
-    """Return the discovery task from the arguments."""
-    from piezo_hysteresis.batch.tasks import Discover
+def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of `piezo_hysteresis.discover` other than the data."""
     from piezo_hysteresis.identification.method_settings import pairs
 
     if not arguments.time_limit >= 0.0:
         raise IdentificationError('--time-limit must be 0 (none) or more seconds')
-    return Discover(
-        baseline=arguments.baseline,
-        seed=arguments.seed,
-        workers=number_of_workers(arguments.workers),
-        warm_up=arguments.warm_up,
-        actuator=arguments.actuator,
-        salvage=arguments.salvage,
-        reference=tuple(arguments.reference),
-        begins=arguments.start,
-        zero=arguments.zero,
-        policy=pairs(arguments.policy),
-        time_limit=arguments.time_limit,
-    )
+    return {
+        'baseline': arguments.baseline,
+        'seed': arguments.seed,
+        'workers': number_of_workers(arguments.workers),
+        'warm_up': arguments.warm_up,
+        'actuator': arguments.actuator,
+        'salvage': arguments.salvage,
+        'reference': tuple(arguments.reference),
+        'begins': arguments.start,
+        'zero': arguments.zero,
+        'policy': pairs(arguments.policy),
+        'time_limit': arguments.time_limit,
+    }
 
 
 def _print_result(verdict: Any, out: str) -> None:

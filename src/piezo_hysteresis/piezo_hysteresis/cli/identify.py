@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
@@ -18,9 +18,6 @@ from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, Z
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import NAMES
 from piezo_hysteresis.process_setup import number_of_workers
-
-if TYPE_CHECKING:
-    from piezo_hysteresis.batch.tasks import Identify
 
 HELP = 'identify a model from records'
 EXAMPLE = 'identify out/sweep --model bouc_wen_mode --out out/model'
@@ -34,12 +31,12 @@ _METHODS = (
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
-    add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
+    add('data', nargs='+', metavar='DATA', help='bags, CSV files, or folders of them')
     add(
         '--model',
-        required=True,
         metavar='NAME[+BLOCK...]|YAML',
-        help=f'{", ".join(NAMES)}, optionally with blocks after a +; or a model.yaml as start',
+        help=f'{", ".join(NAMES)}, optionally with blocks after a +; or a model.yaml as start; '
+        'without it the model that predicts best is selected',
     )
     add_out(parser)
     add('--method', default='output_error', metavar='NAME', help=_METHODS)
@@ -116,37 +113,42 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify and write the results."""
-    task = task_of(arguments)
-    with progress_bar(f'{arguments.method} {arguments.model}') as progress:
-        found = task.work(arguments.data, arguments.out, progress)
+    from piezo_hysteresis.interface.verbs import identify
+    from piezo_hysteresis.reporting.folder import check_folder
+    from piezo_hysteresis.reporting.identification_report import write_identification
+
+    options = options_of(arguments)
+    check_folder(arguments.out, 'identify')
+    with progress_bar(f'{arguments.method} {arguments.model or "automatic model"}') as progress:
+        found = identify(arguments.data, progress=progress, **options)
+        write_identification(arguments.out, found, found.data, arguments.data)
     _print_result(found, arguments.data, arguments.out)
     return 0
 
 
-def task_of(arguments: argparse.Namespace) -> Identify:
-    """Return the identification task from the arguments."""
-    from piezo_hysteresis.batch.tasks import Identify
+def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of `piezo_hysteresis.identify` other than the data."""
     from piezo_hysteresis.identification.method_settings import pairs
 
-    return Identify(
-        model=arguments.model,
-        method=arguments.method,
-        seed=arguments.seed,
-        hold=pairs(arguments.hold),
-        start=pairs(arguments.set),
-        before=tuple(arguments.before),
-        warm_up=arguments.warm_up,
-        frequency=arguments.frequency,
-        held_out=tuple(arguments.held_out),
-        options=_options(arguments),
-        actuator=arguments.actuator,
-    )
+    return {
+        'model': arguments.model,
+        'method': arguments.method,
+        'seed': arguments.seed,
+        'hold': pairs(arguments.hold),
+        'start': pairs(arguments.set),
+        'before': tuple(arguments.before),
+        'warm_up': arguments.warm_up,
+        'frequency': arguments.frequency,
+        'held_out': tuple(arguments.held_out),
+        'actuator': arguments.actuator,
+        **_options(arguments),
+    }
 
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the selected method; options of other methods are rejected."""
+    from piezo_hysteresis.identification import options
     from piezo_hysteresis.identification.method_settings import pairs
-    from piezo_hysteresis.identification.options import options_of
 
     given = {
         'weights': arguments.weights,
@@ -161,9 +163,9 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         'offset': False if arguments.no_offset else None,
         'unit': arguments.unit,
         'p0': arguments.p0,
-        'start': arguments.set or arguments.model.endswith(('.yaml', '.yml')) or None,
+        'start': arguments.set or (arguments.model or '').endswith(('.yaml', '.yml')) or None,
     }
-    takes = options_of(arguments.method)
+    takes = options.options_of(arguments.method)
     stray = sorted(
         name for name, value in given.items() if value is not None and name not in takes
     )
@@ -173,8 +175,8 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         raise IdentificationError(
             f'{arguments.method} does not take {listed.replace("_", "-")}; leave it out'
         )
-    options = {k: value for k, value in given.items() if value is not None and k != 'start'}
-    return {**options, 'workers': number_of_workers(arguments.workers)}
+    kept = {k: value for k, value in given.items() if value is not None and k != 'start'}
+    return {**kept, 'workers': number_of_workers(arguments.workers)}
 
 
 def _print_result(found: Any, data: Sequence[str], out: str) -> None:

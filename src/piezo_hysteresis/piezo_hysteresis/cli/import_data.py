@@ -18,13 +18,9 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
 from piezo_hysteresis.records.bag_content import READERS
 from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.folder_content import is_of_columns
 from piezo_hysteresis.records.foreign import foreign_records
-from piezo_hysteresis.records.load import (
-    column_records,
-    is_of_columns,
-    sentences,
-    unknown_kind,
-)
+from piezo_hysteresis.records.load import column_records, sentences, unknown_kind
 from piezo_hysteresis.records.resampling import resampled
 
 HELP = 'convert files to one bag, one record per file'

@@ -4,8 +4,8 @@ from piezo_hysteresis.records.bag_writer import write_bag
 from piezo_hysteresis.records.bags import read_bag
 from piezo_hysteresis.records.csv_files import read_csv, write_csv
 from piezo_hysteresis.records.damage import Damage, DamageWarning, LeftOutWarning
-from piezo_hysteresis.records.load import Survey, load, survey
-from piezo_hysteresis.records.record import Record, RecordInfo, listed
+from piezo_hysteresis.records.load import Survey, listed, load, survey
+from piezo_hysteresis.records.record import Record, RecordInfo, RecordList
 
 __all__ = [
     'Damage',
@@ -13,6 +13,7 @@ __all__ = [
     'LeftOutWarning',
     'Record',
     'RecordInfo',
+    'RecordList',
     'Survey',
     'listed',
     'load',

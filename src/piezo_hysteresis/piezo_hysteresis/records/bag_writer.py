@@ -22,10 +22,11 @@ from piezo_hysteresis.records.definitions import (
     definition_of,
     typestore,
 )
+from piezo_hysteresis.records.load import listed
 from piezo_hysteresis.records.mcap_format import MESSAGE, MESSAGE_HEAD
 from piezo_hysteresis.records.mcap_writer import McapWriter
 from piezo_hysteresis.records.metadata import FileSummary, Metadata
-from piezo_hysteresis.records.record import Record, listed
+from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.records.storage import Topic
 
 SECOND = 1_000_000_000

@@ -284,14 +284,24 @@ def _joined(sample: IntArray, number: IntArray, value: FloatArray) -> FloatArray
 
 
 def _with_reference(track: Track, path: Path, log: DamageLog) -> Track:
-    """Leave out a reference that does not cover the record."""
+    """Leave out samples at the ends that have no reference, or a reference with gaps.
+
+    A recording begins and ends between two messages of the topics. Samples are kept, and the
+    reference is not, where it covers less than half of them.
+    """
     reference = track.columns.get('reference')
     if reference is None:
         return track
-    missing = int(np.isnan(reference).sum())
-    if missing == 0:
+    known = np.flatnonzero(~np.isnan(reference))
+    missing = reference.size - known.size
+    if not missing:
         return track
-    if missing < reference.size:
+    if known.size:
+        inside = track.take(slice(int(known[0]), int(known[-1]) + 1))
+        if inside.time.size == known.size > missing:
+            what = f'record {track.name}: {missing} samples before or after the reference left out'
+            log.note(path, what, count=missing)
+            return inside
         what = f'record {track.name}: {missing} samples have no reference, so it is left out'
         log.note(path, what, count=missing)
     columns = {key: column for key, column in track.columns.items() if key != 'reference'}

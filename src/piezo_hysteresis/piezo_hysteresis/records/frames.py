@@ -32,6 +32,24 @@ class DataFrameLike(Protocol):
 
 
 Columns: TypeAlias = Mapping[str, ArrayLike] | DataFrameLike
+#: Voltage and displacement, perhaps after the time; or a table of them, one column each.
+Arrays: TypeAlias = FloatArray | tuple[ArrayLike, ...]
+_ORDER = ('time', 'voltage', 'displacement')
+
+
+def columns_of_arrays(given: object) -> dict[str, Any] | None:
+    """Return columns by name for two or three arrays, or a table of them; None for other data."""
+    if isinstance(given, np.ndarray) and given.ndim == 2:
+        given = tuple(given if given.shape[0] <= len(_ORDER) else given.T)
+    if not isinstance(given, (tuple, list)) or len(given) not in (2, 3):
+        return None
+    if not all(isinstance(each, (np.ndarray, tuple, list)) and len(each) for each in given):
+        return None
+    try:
+        arrays = [np.asarray(each, np.float64) for each in given]
+    except (TypeError, ValueError):
+        return None
+    return dict(zip(_ORDER[-len(arrays) :], arrays, strict=True))
 
 
 def frame_records(given: Columns, name: str, dt: float | None, log: DamageLog) -> list[Record]:

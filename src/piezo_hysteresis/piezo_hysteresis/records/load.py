@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import struct
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import DataNote, RecordError
@@ -21,12 +23,18 @@ from piezo_hysteresis.records.damage import (
     DamageWarning,
     LeftOutWarning,
 )
-from piezo_hysteresis.records.formats.reading import FORMATS, has_format, table_records
-from piezo_hysteresis.records.frames import Columns, DataFrameLike, frame_records
-from piezo_hysteresis.records.metadata import NAME
-from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.folder_content import content_of, is_csv, is_of_columns, matching
+from piezo_hysteresis.records.formats.reading import FORMATS, table_records
+from piezo_hysteresis.records.frames import (
+    Arrays,
+    Columns,
+    DataFrameLike,
+    columns_of_arrays,
+    frame_records,
+)
+from piezo_hysteresis.records.record import Record, RecordList
 
-Source: TypeAlias = str | Path | Columns | Record
+Source: TypeAlias = str | Path | Columns | Arrays | Record
 
 
 @dataclass(frozen=True)
@@ -59,24 +67,29 @@ class Survey:
 
 def load(
     source: Source | Sequence[Source],
-    *,
+    *more: Source,
     dt: float | None = None,
+    fs: float | None = None,
     salvage: bool = False,
     actuator: str | None = None,
-) -> list[Record]:
-    """Return records from files, from arrays or from data frames, in any mix.
+) -> RecordList:
+    """Return records from files, folders, arrays or data frames, in any mix.
 
-    A record that was cancelled or refused is omitted with a `LeftOutWarning`.
+    A record that was cancelled or refused, and a file of a folder that is no record, is omitted
+    with a `LeftOutWarning`.
 
     Parameters
     ----------
-    source : str, Path, mapping, data frame, Record, or sequence of them
-        At least one bag folder, ``.mcap``/``.db3`` file or file of columns; or columns in memory,
-        such as ``{'voltage': u, 'displacement': y}`` or a data frame of pandas or polars. Columns
-        are named like those of a file, ``time_s, voltage_V, displacement_um``; a quantity without
-        its unit is in SI units.
+    source, *more : str, Path, mapping, arrays, data frame, Record, or sequence of them
+        Bag folders, ``.mcap``/``.db3`` files, files of columns, folders of them, or patterns such
+        as ``'train/*.csv'``. In memory: ``(voltage, displacement)``, ``(time, voltage,
+        displacement)``, a table of these columns, ``{'voltage': u, 'displacement': y}``, or a data
+        frame of pandas or polars. Columns are named like those of a file, ``time_s, voltage_V,
+        displacement_um``; a quantity without its unit is in SI units.
     dt : float, optional
-        Sampling interval of columns in memory without a time [s].
+        Sampling interval of data in memory without a time [s].
+    fs : float, optional
+        Sampling rate [Hz], in place of `dt`.
     salvage : bool
         Return the readable part of damaged data; each loss or repair gives a `DamageWarning`.
     actuator : str, optional
@@ -84,26 +97,62 @@ def load(
 
     Returns
     -------
-    list of Record
-        With unique names.
+    RecordList
+        A list of `Record` with unique names; a single one also offers the attributes of a record.
 
     Raises
     ------
     RecordError
         If the data are unusable.
     """
-    found = survey(_several(source), dt=dt, salvage=salvage, actuator=actuator)
+    sources = _several([source, *more] if more else source)
+    found = survey(sources, dt=interval(dt, fs), salvage=salvage, actuator=actuator)
     for damage in found.damage:
         warnings.warn(str(damage), DamageWarning, stacklevel=2)
     for record in found.left_out:
         warnings.warn(str(record), LeftOutWarning, stacklevel=2)
     for guess in found.guesses:
         warnings.warn(str(guess), DataNote, stacklevel=2)
-    return found.records
+    return RecordList(found.records)
 
 
-def _several(source: Source | Sequence[Source]) -> Sequence[Source]:
+def listed(data: Source | Iterable[Source]) -> list[Record]:
+    """Return one record or several as a list; anything else is given to `load`.
+
+    Raises
+    ------
+    RecordError
+        If the data are unusable.
+    """
+    if isinstance(data, Record):
+        return [data]
+    if isinstance(data, list) or (
+        isinstance(data, Iterable) and not isinstance(data, (str, Path, Mapping, DataFrameLike))
+    ):
+        given = data if isinstance(data, (np.ndarray, tuple)) else list(data)
+        records = [each for each in given if isinstance(each, Record)]
+        return records if len(records) == len(given) else load(given)
+    return load(data)
+
+
+def interval(dt: float | None, fs: float | None) -> float | None:
+    """Return the sampling interval [s] that is given as such or as a rate [Hz]."""
+    if fs is None:
+        return dt
+    if dt is not None:
+        raise RecordError('dt and fs are the same information; give one of them')
+    if not (isinstance(fs, (int, float)) and np.isfinite(fs) and fs > 0):
+        raise RecordError(f'fs must be a positive number [Hz], got {fs!r}')
+    return 1.0 / fs
+
+
+def _several(source: Any) -> Sequence[Source]:
     """Return one source or several as a sequence."""
+    arrays = columns_of_arrays(source)
+    if arrays is not None:
+        return [arrays]
+    if isinstance(source, list):
+        return source
     if isinstance(source, (str, Path, Mapping, Record, DataFrameLike)):
         return [source]
     if isinstance(source, Sequence):
@@ -112,8 +161,8 @@ def _several(source: Source | Sequence[Source]) -> Sequence[Source]:
 
 
 _UNKNOWN = (
-    'data are a path, a dictionary of arrays, a data frame, a Record or a list of them, not of '
-    'type {}'
+    'data are a path, arrays such as (voltage, displacement) with dt, a data frame, a Record or a '
+    'list of them, not of type {}'
 )
 
 
@@ -139,9 +188,11 @@ def survey(
     log = DamageLog(salvage) if log is None else log
     records: list[Record] = []
     bags: list[BagContent] = []
-    for source in sources:
+    for given in sources:
+        source = columns_of_arrays(given) or given
         if isinstance(source, (str, Path)):
-            records += _of_path(Path(source), log, bags, actuator)
+            for path in matching(source):
+                records += _of_path(path, log, bags, actuator)
         elif isinstance(source, Record):
             records.append(source)
         elif isinstance(source, (Mapping, DataFrameLike)):
@@ -194,10 +245,8 @@ def sentences(path: Path) -> Iterator[None]:
 def _read(
     path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
 ) -> list[Record]:
-    if path.is_dir() and (inside := _data_below(path)):
-        raise RecordError(
-            f'{path}: the folder is no bag; give what it contains, such as {inside[0]}'
-        )
+    if path.is_dir() and not content_of(path).is_bag:
+        return _folder(path, log, bags, actuator)
     if path.is_dir() or path.suffix in READERS:
         content = read_content(path, log)
         bags.append(content)
@@ -207,12 +256,32 @@ def _read(
     raise RecordError(unknown_kind(path))
 
 
-def _data_below(folder: Path) -> list[Path]:
-    """Return the bags and files of columns in a folder; none if it is a bag itself."""
-    files = sorted(folder.iterdir())
-    if any(each.name == NAME or not READERS.keys().isdisjoint(each.suffixes) for each in files):
-        return []
-    return [each for each in files if is_of_columns(each) or (each / NAME).is_file()]
+def _folder(
+    path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
+) -> list[Record]:
+    """Return the records of all files and bags in a folder; others are left out with a note."""
+    content = content_of(path)
+    if not (content.files or content.bags):
+        inside = next((str(each) for each in content.folders), '')
+        hint = f'; give the folders in it, such as {inside}' if inside else ''
+        raise RecordError(f'{path}: the folder holds no bag and no file of columns{hint}')
+    records: list[Record] = []
+    errors: list[RecordError] = []
+    for each in (*content.files, *content.bags):
+        known = len(log.findings)
+        try:
+            records += _of_path(each, log, bags, actuator)
+        except RecordError as error:
+            del log.findings[known:]
+            errors.append(error)
+    if not records:
+        raise errors[0]
+    for reason in errors:
+        log.leave_out(path, f'left out: {reason}')
+    if stray := [each.name for each in (*content.others, *content.folders)]:
+        some = ', '.join(stray[:4]) + (', ...' if len(stray) > 4 else '')
+        log.leave_out(path, f'{some} left out: no bag and no file of columns', count=len(stray))
+    return records
 
 
 def unknown_kind(path: Path) -> str:
@@ -236,20 +305,11 @@ def column_records(
     RecordError
         If the file is unusable, or a line of a file that is no text is requested.
     """
-    if _is_csv(path):
+    if is_csv(path):
         return csv_records(path, log, chosen, header_row)
     if header_row is not None:
         raise RecordError(f'{path}: --header-row and --skip-rows are for text; leave them out')
     return table_records(path, log, chosen)
-
-
-def is_of_columns(path: Path) -> bool:
-    """Return whether a file is one of columns, by its name."""
-    return _is_csv(path) or has_format(path)
-
-
-def _is_csv(path: Path) -> bool:
-    return path.suffix.lower() in ('.csv', '.txt', '.tsv', '.dat', '.lvm', '.asc', '.prn')
 
 
 def _uniquely_named(records: list[Record]) -> list[Record]:

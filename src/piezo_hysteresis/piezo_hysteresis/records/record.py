@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from numbers import Real
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.results import Plottable
+from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import RecordError
 
 
@@ -49,7 +50,8 @@ class Record(Plottable):
     """One experiment at a constant rate; records are compared by identity.
 
     ``voltage[k]`` is commanded at tick k; ``displacement[k]`` is measured at tick k, before that
-    voltage acts.
+    voltage acts. ``Record(voltage, displacement, dt)`` makes one from arrays; ``fs=`` replaces
+    `dt`. ``record[100:200]`` are samples, ``record[0.5:1.5]`` the interval between two times [s].
 
     Attributes
     ----------
@@ -135,6 +137,29 @@ class Record(Plottable):
     def __len__(self) -> int:
         return int(self.voltage.size)
 
+    def __getitem__(self, part: slice) -> Record:
+        if not isinstance(part, slice) or part.step not in (None, 1):
+            raise RecordError(
+                f'record {self.name}: record[100:200] are samples and record[0.5:1.5] seconds; '
+                'record.voltage[5] is one sample, record.resample(rate) another rate'
+            )
+        first, last, _ = slice(self._sample(part.start), self._sample(part.stop)).indices(
+            len(self)
+        )
+        return self.section(first, last)
+
+    def _sample(self, edge: float | None) -> int | None:
+        """Return the sample of an edge, which is a number of a sample or a time [s]."""
+        if isinstance(edge, float):
+            return max(round((edge - self.start) / self.dt), 0)
+        return edge
+
+    def resample(self, rate: float) -> Record:
+        """Return the record at another rate [Hz], see `records.resampling.resampled`."""
+        from piezo_hysteresis.records.resampling import resampled
+
+        return resampled(self, rate)
+
     def __repr__(self) -> str:
         info = self.info
         drive = f', {info.excitation}' if info.excitation != 'unknown' else ''
@@ -185,23 +210,55 @@ class Record(Plottable):
         )
 
 
-def listed(records: Record | Iterable[Record]) -> list[Record]:
-    """Return one record or several as a list.
+class RecordList(list[Record]):
+    """A list of records; a single one also offers the attributes and methods of a `Record`."""
 
-    Raises
-    ------
-    RecordError
-        If something else is given.
-    """
-    given: Iterable[object] = [records]
-    if isinstance(records, Iterable) and not isinstance(records, str):
-        given = records
-    found = []
-    for each in given:
-        if not isinstance(each, Record):
-            raise RecordError(
-                f'a Record or several are needed, not of type {type(each).__name__}; '
-                '`piezo_hysteresis.load` reads them from files'
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith('_') or (not hasattr(Record, name) and name not in _FIELDS):
+            raise AttributeError(f'records have no attribute {name!r}{near(name, _KNOWN)}')
+        if len(self) != 1:
+            raise AttributeError(
+                f'{len(self)} records: records[0].{name} is that of the first one'
             )
-        found.append(each)
-    return found
+        return getattr(self[0], name)
+
+    @overload
+    def __getitem__(self, part: SupportsIndex) -> Record: ...
+
+    @overload
+    def __getitem__(self, part: slice) -> RecordList: ...
+
+    def __getitem__(self, part: Any) -> Any:
+        found = super().__getitem__(part)
+        if isinstance(part, slice) and self and not found and len(self) == 1:
+            raise RecordError('there is one record; records[0][100:200] are its samples')
+        return RecordList(found) if isinstance(part, slice) else found
+
+
+_FIELDS = tuple(Record.__dataclass_fields__)
+_KNOWN = [*_FIELDS, *(name for name in dir(Record) if not name.startswith('_'))]
+_made = Record.__init__
+
+
+def _make(self: Record, *given: Any, **named: Any) -> None:
+    """Take ``(name, dt, voltage, displacement, ...)`` or ``(voltage, displacement, dt, name)``."""
+    if 'fs' in named:
+        named['dt'] = 1.0 / named.pop('fs')
+    if given and not isinstance(given[0], str):
+        if len(given) > 4:
+            raise RecordError('give ph.Record(voltage, displacement, dt, name), the rest by name')
+        order = ('voltage', 'displacement', 'dt', 'name')
+        named = {**dict(zip(order, given, strict=False)), **named}
+        given = ()
+    if not given:
+        named.setdefault('name', 'record')
+        missing = [each for each in ('voltage', 'displacement', 'dt') if each not in named]
+        if missing:
+            raise RecordError(
+                f'a record lacks {" and ".join(missing)}; '
+                'give ph.Record(voltage, displacement, dt)'
+            )
+    _made(self, *given, **named)
+
+
+Record.__init__ = _make  # type: ignore[method-assign]

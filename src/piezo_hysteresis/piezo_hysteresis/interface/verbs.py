@@ -1,0 +1,238 @@
+"""`identify` and `discover` on any data: those of the Python interface, the verbs and batches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from piezo_hysteresis.discovery import Discovery
+from piezo_hysteresis.discovery import discover as discover_in
+from piezo_hysteresis.discovery.choice.choose import choose_model
+from piezo_hysteresis.discovery.selection.policy import POLICY
+from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification import Identification
+from piezo_hysteresis.identification import identify as identify_in
+from piezo_hysteresis.identification.identify import evaluated_on
+from piezo_hysteresis.identification.initial_conditions.record_start import preceded
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.method_settings import driven_at, require_settings, warmed
+from piezo_hysteresis.identification.methods import base_of
+from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.choice import ModelLike, chosen
+from piezo_hysteresis.records import Record, listed, load
+from piezo_hysteresis.records.load import Source
+
+Progress: TypeAlias = Callable[[float, str], None]
+Data: TypeAlias = Source | Iterable[Source]
+
+
+def identify(
+    data: Data,
+    model: ModelLike | None = None,
+    *,
+    method: str = 'output_error',
+    dt: float | None = None,
+    fs: float | None = None,
+    hold: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    before: Sequence[float] = (),
+    warm_up: float | None = None,
+    frequency: float | None = None,
+    held_out: Data = (),
+    actuator: str | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Progress = lambda fraction, words: None,
+    **options: Any,
+) -> Identification:
+    """Identify a model from data.
+
+    Parameters
+    ----------
+    data : Record, path, folder, pattern, arrays, data frame, or sequence of them
+        Fitted jointly; `load` describes what is accepted.
+    model : str, Path, Model or Identification, optional
+        ``NAME[+BLOCK...]``, or a model with values (or its path), from which the fit starts. By
+        default the model is selected: effects are added while they lower the error on the last
+        30 % of the records, which are then fitted as a whole.
+    method : str
+        One of `METHODS`.
+    dt, fs : float, optional
+        Sampling interval [s] or rate [Hz] of arrays without a time.
+    hold, start : mapping of str to float, optional
+        Parameters that are not fitted, and start values, in SI units.
+    before : sequence of float
+        Extremes of the voltage before each record [V].
+    warm_up : float, optional
+        Initial time that is excluded from errors [s]; default that of the records.
+    frequency : float, optional
+        Frequency of the drive [Hz], for records without one.
+    held_out : as `data`
+        Data that are not fitted, on which the discrepancy of the model is evaluated.
+    actuator : str, optional
+        Name of the actuator, if a bag has several.
+    seed : int
+        Seed of the searches.
+    workers : int
+        Threads; the result does not depend on it.
+    progress : callable
+        Called with ``(fraction, words)``.
+    **options
+        Arguments of the method, such as ``begins='rest'``; see `identification.output_error`.
+
+    Returns
+    -------
+    Identification
+        Also without convergence: check `converged` and `warnings`.
+
+    Raises
+    ------
+    PiezoError
+        If the data are unusable, there is no such model, or a setting is invalid; the message
+        states the remedy.
+    """
+    _require_apart(data, held_out, 'is fitted and held out')
+    base_of(method)
+    chosen_model = None if model is None else chosen(_model_not_data(model))
+    records = _read(data, dt, fs, actuator)
+    records = driven_at(warmed(records, warm_up), frequency)
+    if before:
+        records = [preceded(record, before) for record in records]
+    if start:
+        options['start'] = dict(start)
+    if chosen_model is None:
+        chosen_model, options = _selected(records, method, options, progress)
+    found = identify_in(
+        records, chosen_model, method=method, hold=hold, seed=seed, workers=workers,
+        progress=progress,
+        **options,
+    )  # fmt: skip
+    if _given(held_out):
+        unseen = warmed(_read(held_out, dt, fs, actuator), warm_up)
+        found = evaluated_on(found, driven_at(unseen, frequency))
+    return found
+
+
+def discover(
+    data: Data,
+    baseline: ModelLike,
+    *,
+    reference: Data = (),
+    dt: float | None = None,
+    fs: float | None = None,
+    warm_up: float | None = None,
+    actuator: str | None = None,
+    salvage: bool = False,
+    begins: str = 'auto',
+    zero: str = 'auto',
+    policy: Mapping[str, float] | None = None,
+    time_limit: float = math.inf,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Progress = lambda fraction, words: None,
+    **options: Any,
+) -> Discovery:
+    """Search the effects that a model lacks in data.
+
+    Parameters
+    ----------
+    data : Record, path, folder, pattern, arrays, data frame, or sequence of them
+        Of one actuator at one rate; `load` describes what is accepted.
+    baseline : str, Path, Model or Identification
+        A name is fitted to the data. The values of a model, a file or a result stay fixed; records
+        from which it was identified cannot show a new effect and are excluded.
+    reference : as `data`
+        Data of the same actuator in its earlier state; a residual of the baseline on them is not
+        reported.
+    dt, fs : float, optional
+        Sampling interval [s] or rate [Hz] of arrays without a time.
+    warm_up : float, optional
+        Initial time that is excluded from errors [s]; default that of the records.
+    actuator : str, optional
+        Name of the actuator, if a bag has several.
+    salvage : bool
+        Whether the readable part of damaged data is used.
+    begins, zero : str
+        Initial condition (``auto``, ``rest``, ``step``, ``settled``, ``estimate``) and zero
+        (``record``, ``common``, ``auto``) of the records.
+    policy : mapping of str to float, optional
+        Thresholds that differ from those of `docs/reference/policy.md`.
+    time_limit : float
+        Time after which no further step is started [s]; 0 for none.
+    seed : int
+        Seed of every random choice.
+    workers : int
+        Threads; the verdict does not depend on it.
+    progress : callable
+        Called with ``(fraction, words)``.
+    **options
+        Further arguments of `discovery.discover`.
+
+    Raises
+    ------
+    PiezoError
+        If the records cannot be evaluated, or the model is unknown; the message states what to
+        record.
+    """
+    require_settings(seed=seed, workers=workers)
+    POLICY.but(**(policy or {}))
+    _require_apart(data, reference, 'is judged and the reference')
+    name = str(baseline) if isinstance(baseline, str | Path) else ''
+    model = chosen(_model_not_data(baseline))
+    records = warmed(_read(data, dt, fs, actuator, salvage), warm_up)
+    earlier = warmed(_read(reference, dt, fs, actuator, salvage), warm_up)
+    return discover_in(
+        records, model, name=name, reference=earlier, begins=begins, zero=zero, policy=policy,
+        time_limit=time_limit or math.inf, seed=seed, workers=workers, progress=progress,
+        **options,
+    )  # fmt: skip
+
+
+def _selected(
+    records: Sequence[Record], method: str, options: Mapping[str, Any], progress: Progress
+) -> tuple[Model, dict[str, Any]]:
+    """Return the model that predicts best, and the options of its fit."""
+    if method != 'output_error':
+        raise IdentificationError(f'{method} needs a model; name one, such as classical')
+    if len({record.rate for record in records}) > 1:
+        raise IdentificationError('the records have different rates; give those of one rate')
+    choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
+    choice = choose_model(records, lambda share, words: progress(0.7 * share, words), choices)
+    start = {**choice.start, **options.get('start', {})}
+    return choice.model, {'count': 1, **options, 'start': start}
+
+
+def _read(
+    data: Data, dt: float | None, fs: float | None, actuator: str | None, salvage: bool = False
+) -> list[Record]:
+    if dt is None and fs is None and actuator is None and not salvage:
+        return listed(data)
+    return load(data, dt=dt, fs=fs, actuator=actuator, salvage=salvage) if _given(data) else []  # type: ignore[arg-type]
+
+
+def _given(data: Data) -> bool:
+    return not (isinstance(data, (list, tuple)) and not data)
+
+
+def _model_not_data(model: ModelLike) -> ModelLike:
+    """Refuse arrays given as a model."""
+    if hasattr(model, '__len__') and not isinstance(model, str):
+        raise IdentificationError(
+            'the second argument is a model; give arrays together, identify((voltage, '
+            'displacement), dt=1e-3)'
+        )
+    return model
+
+
+def _paths(data: Data) -> set[Path]:
+    several = data if isinstance(data, (list, tuple)) else [data]
+    return {Path(each).resolve() for each in several if isinstance(each, str | Path)}
+
+
+def _require_apart(data: Data, other: Data, both_text: str) -> None:
+    """Raise an error for data that are given for two exclusive purposes."""
+    both = _paths(data) & _paths(other)
+    if both:
+        raise IdentificationError(f'{min(both).name} {both_text}; give it once')
