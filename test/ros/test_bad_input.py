@@ -45,7 +45,7 @@ class Chain:
 
     def __init__(self) -> None:
         self.loop = ControlLoop()
-        self.links: tuple[LinkNode, ...] = self.loop.nodes
+        self.links: tuple[LinkNode, ...] = self.loop.links
         self.commands: list[tuple[int, float]] = []
         self.loop.feedback.deliver_to(lambda _, k, voltage: self.commands.append((k, voltage)))
         model = named('classical')
@@ -53,7 +53,7 @@ class Chain:
         self.tick = 0
 
     def close(self) -> None:
-        for node in self.links:
+        for node in self.loop.nodes:
             node.destroy_node()
 
     def reference(self, sample: int, displacement: float | None = None) -> None:

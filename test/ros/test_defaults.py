@@ -25,7 +25,7 @@ NEEDED: dict[str, Callable[[Path], dict[str, object]]] = {
     'dashboard': lambda folder: {'port': 0},
     'gcs_driver': lambda folder: {'controller': 'gcs://127.0.0.1:1'},
 }
-INSIDE = {'control_loop': ('feedforward', 'attenuation', 'feedback')}
+INSIDE = {'control_loop': ('excitation', 'feedforward', 'attenuation', 'feedback')}
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ STANDARD_SERVICES = (
 
 
 # Executables that hold several nodes, each with names of its own.
-INSIDE = {'control_loop': ('feedforward', 'attenuation', 'feedback')}
+INSIDE = {'control_loop': ('excitation', 'feedforward', 'attenuation', 'feedback')}
 # What a node hears only while something else is missing, see test_security_live.py.
 AT_TIMES = {'feedforward': {'/' + topics.STATE}}
 
@@ -99,5 +99,5 @@ def test_the_page_lists_the_interfaces_of_a_node(
         if full not in at_times:
             assert {**published(), **received()}[full] == TYPES[short]
     for action in page.actions:
-        kinds = dict(graph.get_service_names_and_types_by_node(name, '/'))
+        kinds = dict(offered(graph.get_service_names_and_types_by_node))
         assert f'/{action}/_action/send_goal' in kinds

@@ -130,7 +130,7 @@ NAMES = {
     'control_loop': ['__ns:=/together'],
     'gcs_driver': ['__ns:=/driven'],
 }
-LINKS = ('feedforward', 'attenuation', 'feedback')
+LINKS = ('excitation', 'feedforward', 'attenuation', 'feedback')
 
 
 class Everything:

@@ -36,12 +36,12 @@ def test_a_loop_that_changes_everything_compiles_nothing(
     kernels = tmp_path / 'kernels'
     processes.environment.update(NUMBA_CACHE_DIR=str(kernels), XDG_CACHE_HOME=str(tmp_path))
     states = listener.listen(ActuatorState, 'actuator/state')
-    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 4})
-    processes.start('piezo_hysteresis', 'control_loop', {'attenuation:orders': [1, 3]})
+    processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 3})
+    drive = {'mode': 'reference', 'reference.amplitude': 2e-5, 'frequency': 23.0}
+    settings = {f'excitation:{name}': value for name, value in drive.items()}
+    processes.start('piezo_hysteresis', 'control_loop', {**settings, 'attenuation:orders': [1, 3]})
     processes.start('piezo_hysteresis', 'identification')
     processes.start('piezo_hysteresis', 'gap_monitor')
-    excitation = {'mode': 'reference', 'reference.amplitude': 2e-5, 'frequency': 23.0}
-    processes.start('piezo_hysteresis', 'excitation', {**excitation, 'wait_for': 1})
 
     def go_on(ticks: int = long) -> None:
         wanted = len(states) + ticks

@@ -34,16 +34,17 @@ class Loop:
         self.states = listener.listen(ActuatorState, 'actuator/state')
         rate = {'rate': RATE}
         ramp = {'ramp': 5.0}  # no command_slew: the links tell theirs
-        drive = {'mode': 'reference', 'frequency': 1.0, 'reference.amplitude': 5e-5}
         processes.start('piezo_sim', 'simulator', {**rate, **ramp, 'command_timeout': 0.5})
-        processes.start('piezo_hysteresis', 'excitation', {**rate, **drive, 'deadline': 3600.0})
         self.links = self.start_links()
         self.moves()
 
     def start_links(self) -> NodeProcess:
         """Start the controllers; each of the nodes inside gets the same settings."""
         own = {'rate': RATE, 'limits.slew': SLEW, 'watchdog': 0.5}
-        return self.processes.start('piezo_hysteresis', 'control_loop', own)
+        drive = {'mode': 'reference', 'frequency': 1.0, 'reference.amplitude': 5e-5}
+        drive['deadline'] = 3600.0
+        reference = {f'excitation:{name}': value for name, value in drive.items()}
+        return self.processes.start('piezo_hysteresis', 'control_loop', {**own, **reference})
 
     def kill(self, node: NodeProcess) -> None:
         node.signal(signal.SIGKILL)

@@ -1,6 +1,6 @@
 """Run the loop in one terminal: simulated actuator, voltage chain, monitors, live page.
 
-Every node is a separate process, as if started in its own terminal. Ctrl-C stops all.
+Actuator, `control_loop`, and each node that watches are separate processes. Ctrl-C stops all.
 """
 
 from __future__ import annotations
@@ -91,23 +91,35 @@ def _checked(model: str | None) -> str:
 
 def nodes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, object]]:
     """Return the parameters of every node by its name."""
-    readers = 4 if model else 3  # subscribers of the state; in lock-step tick 0 waits for them
+    readers = 3 if model else 2  # subscribers of the state; in lock-step tick 0 waits for them
     known: dict[str, object] = {'model_file': model} if model else {}  # ROS: no empty string
     return {
         'simulator': {
             'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers
         },
-        'feedforward': known or {'gain': 1.2857e-4},
-        'attenuation': {'enabled': bool(model), **known},
+        'control_loop': _within({
+            'feedforward': known or {'gain': 1.2857e-4},
+            'attenuation': {'enabled': bool(model), **known},
+            'excitation': {
+                'mode': 'reference', 'frequency': arguments.frequency,
+                'actuator': arguments.preset, 'folder': arguments.folder,
+                'reference.amplitude': 1e-6 * arguments.amplitude,
+            },
+        }),
         'identification': {'only_records': False},
         **({'gap_monitor': known} if model else {}),
         'discovery': {'folder': arguments.folder, **known},
         'dashboard': {'folder': arguments.folder, 'port': arguments.port},
-        'excitation': {
-            'mode': 'reference', 'frequency': arguments.frequency, 'actuator': arguments.preset,
-            'reference.amplitude': 1e-6 * arguments.amplitude, 'folder': arguments.folder,
-        },
     }  # fmt: skip
+
+
+def _within(settings: dict[str, dict[str, object]]) -> dict[str, object]:
+    """Return the parameters of a process with several nodes."""
+    return {
+        f'{node}:{name}': value
+        for node, values in settings.items()
+        for name, value in values.items()
+    }
 
 
 def _print_addresses(group: NodeProcesses, arguments: argparse.Namespace, model: str) -> None:

@@ -11,13 +11,15 @@ from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.parameters import dashboard_table, node_tables
 
 
-def _links() -> dict[str, ParameterTable]:
-    links = {
+def _inside() -> dict[str, ParameterTable]:
+    nodes = {
+        'excitation': node_tables.EXCITATION,
         'feedforward': node_tables.FEEDFORWARD,
         'attenuation': node_tables.ATTENUATION,
         'feedback': node_tables.FEEDBACK,
+        'recorder': node_tables.RECORDER,
     }
-    return {f'of {name} (-p {name}:NAME:=VALUE)': table for name, table in links.items()}
+    return {f'of {name} (-p {name}:NAME:=VALUE)': table for name, table in nodes.items()}
 
 
 def _command_topics(voltage: str) -> tuple[str, str]:
@@ -81,19 +83,30 @@ _ALL = (
     ),
     NodeSheet(
         'control_loop',
-        'Runs `feedforward`, `attenuation` and `feedback` in one process, each with its own '
-        'name, parameters and lifecycle: `-p attenuation:orders:=[3]` sets one of them. The '
-        'voltage is forwarded within the process before it is published.',
+        'Runs `excitation`, `feedforward`, `attenuation` and `feedback` in one process, and a '
+        '`recorder` if it is given a bag (`-p recorder:out:=FOLDER`), each with its own name, '
+        'parameters and lifecycle: `-p attenuation:orders:=[3]` sets one of them. Reference and '
+        'voltage are forwarded within the process before they are published. The reference of '
+        'another process is followed while the excitation publishes none.',
         ParameterTable(()),
-        subscribes=(topics.REFERENCE, topics.STATE, topics.ESTIMATE),
+        subscribes=(
+            topics.REFERENCE,
+            topics.STATE,
+            topics.ESTIMATE,
+            topics.LOOP_STATUS,
+            '/diagnostics',
+        ),
         publishes=(
+            topics.REFERENCE,
+            topics.MARKER,
             *_command_topics(topics.VOLTAGE_FEEDFORWARD),
             *_command_topics(topics.VOLTAGE_ATTENUATED),
             *_command_topics(topics.VOLTAGE_COMMAND),
             topics.HARMONICS,
             '/diagnostics',
         ),
-        more=_links,
+        actions=('run_sweep',),
+        more=_inside,
     ),
     NodeSheet(
         'identification',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
@@ -16,8 +17,9 @@ from piezo_hysteresis.common.health import Health
 from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import NANOSECONDS, ActuatorClock
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.codecs import STATE, reference_bytes, voltage_bytes
+from piezo_hysteresis.nodes.codecs import measured_of, point_of, reference_bytes, voltage_bytes
 from piezo_hysteresis.nodes.excitation.sweep_markers import missing_subscribers
 from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer
 from piezo_hysteresis.parameters.node_tables import EXCITATION
@@ -54,14 +56,22 @@ _SHAPE = (
 # Exit code if the actuator or the chain stopped publishing.
 NO_ANSWER = 3
 
+# Takes the reference of a tick: head and point, and the message that holds both.
+TakeReference = Callable[[bytes, ReferencePoint, bytes], None]
+
 
 class Excitation(Node):
     """Responds to the state of tick k with the reference (or voltage) of tick k + 1.
 
     It thus follows the clock of the actuator, in lock-step or real time.
+
+    Parameters
+    ----------
+    wired : bool
+        Whether states come from the topic; False if the same process calls `take_state`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, wired: bool = True) -> None:
         super().__init__('excitation')
         self.stop = Future()
         self.exit_code = 0
@@ -72,6 +82,7 @@ class Excitation(Node):
         self._given_up = ''
         self._ready = False
         self._last: tuple[Publisher, bytes] | None = None
+        self._deliver: TakeReference | None = None
         self._received = time.monotonic()
         self._params = NodeParameters(self, EXCITATION)
         self._rate = self._params.number('rate')
@@ -87,7 +98,8 @@ class Excitation(Node):
         slew_topic = topics.slew_of(self._voltage_publisher.topic_name)
         self._slew_publisher = self.create_publisher(Float64, slew_topic, LATCHED)
         self._published_slew = -1.0
-        self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
+        if wired:
+            self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._neighbours = Neighbours(self)
         self._sweeps = SweepServer(
@@ -118,8 +130,21 @@ class Excitation(Node):
             self._ready = True
             self._emit(message.sample)
 
+    @property
+    def refers(self) -> bool:
+        """Whether this node is the source of the reference."""
+        return self._params.text('mode') == 'reference'
+
+    def deliver_to(self, take: TakeReference) -> None:
+        """Call `take` with every reference before it is published."""
+        self._deliver = take
+
     def _on_state(self, payload: bytes) -> None:
-        head, (sample, voltage, _) = STATE.decode(payload)
+        self.take_state(*measured_of(payload), payload)
+
+    def take_state(self, head: bytes, measured: Measured, payload: bytes) -> None:
+        """Respond to the state of one tick, received as `payload`."""
+        sample, voltage = measured.sample, measured.voltage
         before = self._intake.newest
         if not self._intake.take(sample):
             return
@@ -172,6 +197,8 @@ class Excitation(Node):
     def _missing_listeners(self) -> str:
         """Return the missing subscribers before the first tick; empty if all are connected."""
         voltage = self._params.text('mode') == 'voltage'
+        if self._deliver is not None and not voltage:
+            return ''  # the controllers are in this process
         publisher = self._voltage_publisher if voltage else self._reference_publisher
         count = self._params.integer('wait_for')
         return missing_subscribers(publisher, publisher.topic_name, count)
@@ -184,6 +211,8 @@ class Excitation(Node):
             self._answer()
             return
         publisher, payload = self._last
+        if self._deliver is not None and publisher is self._reference_publisher:
+            self._deliver(*point_of(payload), payload)
         publisher.publish(payload)
 
     def _emit_sweep(self, sample: int) -> None:
@@ -215,7 +244,10 @@ class Excitation(Node):
             self._publish_voltage(sample, experiment.point(sample).displacement)
 
     def _emit_reference(self, experiment: Experiment, sample: int) -> None:
-        payload = reference_bytes(self._head(sample), experiment.point(sample))
+        head, point = self._head(sample), experiment.point(sample)
+        payload = reference_bytes(head, point)
+        if self._deliver is not None:
+            self._deliver(head, point, payload)
         self._reference_publisher.publish(payload)
         self._last = (self._reference_publisher, payload)
 

@@ -80,6 +80,7 @@ class LinkNode(LifecycleNode):
         self._sample = -1
         self._logged: tuple[bytes, int, float] | None = None
         self._next: Callable[[bytes, int, float], None] | None = None
+        self.idle_publishers = 0  # publishers of the input in this process that publish nothing
         self._alarms: set[str] = set()
         self.parameters = NodeParameters(self, table)
         value = self.parameters.number
@@ -305,7 +306,8 @@ class LinkNode(LifecycleNode):
 
     def has_publisher(self) -> bool:
         """Return whether the publisher of the input still exists."""
-        return bool(self.count_publishers(self.resolve_topic_name(self._source)))
+        there = self.count_publishers(self.resolve_topic_name(self._source))
+        return bool(there > self.idle_publishers)
 
     # --- counting ------------------------------------------------------------------------------
 

@@ -42,10 +42,18 @@ KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: 
 
 
 class RecorderNode(Node):
-    """Subscribes to the given topics at its start, and writes all messages."""
+    """Subscribes to the given topics at its start, and writes all messages.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    wired : bool
+        Whether states and references come from topics; False if the same process calls `take`.
+    """
+
+    def __init__(self, *, wired: bool = True) -> None:
         super().__init__('recorder')
+        self._called = () if wired else (topics.STATE, topics.REFERENCE)
+        self._take: dict[str, Callable[[bytes], None]] = {}
         Diagnostics(self, self._judge)
         self._report = RecorderReport(self)
         self._params = NodeParameters(self, RECORDER)
@@ -109,9 +117,19 @@ class RecorderNode(Node):
             name, kind, definition=definition, type_hash=type_hash, qos=offered_as_yaml(qos)
         )
         writer = self._writer(number, self._counted.get(name))
+        self.get_logger().info(f'recording {name}')
+        for short in self._called:
+            if self.resolve_topic_name(short) == name:
+                self._take[short] = writer
+                return
         subscription = self.create_subscription(message_type(kind), name, writer, qos, raw=True)
         self._inlets.append((subscription, writer))
-        self.get_logger().info(f'recording {name}')
+
+    def take(self, topic: str, payload: bytes) -> None:
+        """Write a message of ``topics.STATE`` or ``topics.REFERENCE``, if that is recorded."""
+        write = self._take.get(topic)
+        if write is not None:
+            write(payload)
 
     def _writer(self, number: int, count: Callable[[], None] | None) -> Callable[[bytes], None]:
         write, now = self._recorder.write, time.time_ns
@@ -171,13 +189,21 @@ class RecorderNode(Node):
         )
 
 
-def create() -> RecorderNode:
+def create(*, wired: bool = True) -> RecorderNode:
     """Return the node, ready to record from its first appearance on."""
     # A client that sees the node in the graph may start immediately: slow tasks are done before.
     for kind in KNOWN_TYPES.values():
         definition_of(kind)
         message_type(kind)
-    return RecorderNode()
+    return RecorderNode(wired=wired)
+
+
+def is_requested() -> bool:
+    """Return whether the arguments of the process, or a parameter file, give a recorder a bag."""
+    probe = Node('recorder', enable_rosout=False, start_parameter_services=False)
+    out = probe._parameter_overrides.get('out')
+    probe.destroy_node()
+    return out is not None and bool(out.value)
 
 
 def run(out: str, names: Sequence[str], namespace: str) -> int:
