@@ -87,6 +87,7 @@ def test_a_sweep_and_the_reference_of_another_process(
         before = len(states)
         publisher.publish(Reference(sample=sample, displacement=1e-5))
         listener.until(lambda before=before: len(states) > before)
+    listener.until(lambda: commands[-1].sample == tick + 19)
     # one command a tick: no reference was taken twice
     assert [each.sample for each in commands[-20:]] == list(range(tick, tick + 20))
     assert commands[-1].voltage != 0.0
