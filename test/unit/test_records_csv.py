@@ -20,8 +20,9 @@ from piezo_hysteresis.records import (
     survey,
     write_csv,
 )
-from piezo_hysteresis.records.csv_files import csv_records
 from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.load import column_records
+from piezo_hysteresis.records.options import ReadOptions
 
 
 def write(path: Path, text: Any) -> Path:
@@ -323,6 +324,7 @@ def test_a_number_is_no_topic_of_a_file_of_another_kind(
 def test_a_chosen_column_keeps_the_unit_of_its_name(tmp_path: Path) -> None:
     path = write(tmp_path / 'a.csv', 'A (ms),B (mV),C (nm)\n' + lines(','))
     log = DamageLog()
-    (record,) = csv_records(path, log, {'time': '1', 'voltage': '2', 'displacement': 'C (nm)'})
+    names = {'time': '1', 'voltage': '2', 'displacement': 'C (nm)'}
+    (record,) = column_records(path, log, ReadOptions(names))
     assert (record.rate, np.ptp(record.voltage)) == (1e6, 6e-3)
     assert np.ptp(record.displacement) == pytest.approx(4e-9)

@@ -14,7 +14,14 @@ from typing import Any
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
-from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
+from piezo_hysteresis.cli.shared_options import (
+    SALVAGE_HELP,
+    START_HELP,
+    STARTS,
+    ZERO_HELP,
+    ZEROS,
+    add_out,
+)
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import NAMES
 from piezo_hysteresis.process_setup import number_of_workers
@@ -109,6 +116,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='threads, 0 for one per core; the result does not depend on it',
     )
     add('--actuator', help='actuator, if a bag holds several')
+    add('--salvage', action='store_true', help=SALVAGE_HELP)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -141,6 +149,7 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
         'frequency': arguments.frequency,
         'held_out': tuple(arguments.held_out),
         'actuator': arguments.actuator,
+        'salvage': arguments.salvage,
         **_options(arguments),
     }
 

@@ -10,17 +10,13 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from piezo_hysteresis.cli.data_report import print_survey_notes, records_table
+from piezo_hysteresis.cli.shared_options import add_reading, options_of
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
-from piezo_hysteresis.records.bag_content import READERS
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.folder_content import is_of_columns
-from piezo_hysteresis.records.foreign import foreign_records
-from piezo_hysteresis.records.load import column_records, sentences, unknown_kind
 from piezo_hysteresis.records.resampling import resampled
 
 HELP = 'convert files to one bag, one record per file'
@@ -44,9 +40,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--actuator', help='name of the actuator: assigned to CSV records, selected from a bag'
     )
     parser.add_argument(
-        '--salvage', action='store_true', help='keep the readable part of damaged data'
-    )
-    parser.add_argument(
         '--resample', type=float, metavar='HZ', help='resample every record to this rate [Hz]; '
         'jittering stamps are interpolated first'
     )  # fmt: skip
@@ -55,20 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='take out jumps of the displacement that stay and that no jump of the input explains '
         '(a counter that slipped or was set to zero)',
     )  # fmt: skip
-    fields = parser.add_argument_group('bags of other message types, files of other columns')
-    fields.add_argument(
-        '--time', metavar='COLUMN[:UNIT]', help='column of the time (default time_s)'
-    )
-    rows = fields.add_mutually_exclusive_group()
-    rows.add_argument('--header-row', type=int, metavar='N',
-                      help='line of a CSV file with the column names, from 1')  # fmt: skip
-    rows.add_argument('--skip-rows', type=int, metavar='N',
-                      help='number of lines before the column names')  # fmt: skip
-    for quantity in ('voltage', 'force', 'displacement', 'reference'):
-        fields.add_argument(
-            f'--{quantity}', metavar='/TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]',
-            help=f'field or column of the {quantity}',
-        )  # fmt: skip
+    add_reading(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -89,39 +69,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read(arguments: argparse.Namespace) -> Survey:
-    named = {
-        what: text
-        for what in ('time', 'voltage', 'force', 'displacement', 'reference')
-        if (text := getattr(arguments, what)) is not None
-    }
-    log = DamageLog(arguments.salvage, interpolate=arguments.resample is not None)
-    row = arguments.header_row if arguments.skip_rows is None else arguments.skip_rows + 1
-    if not named and row is None:
-        return survey(arguments.files, actuator=arguments.actuator, log=log)
-    if len({'voltage', 'force'} & named.keys()) == 2:
+    options = options_of(arguments)
+    if len({'voltage', 'force'} & options.columns.keys()) == 2:
         raise RecordError('the input is a voltage or a force: name one of them')
-    records = [
-        record for path in map(Path, arguments.files) for record in _one(path, named, log, row)
-    ]
-    return Survey(records, log.findings, log.notes)
-
-
-def _one(path: Path, named: dict[str, str], log: DamageLog, row: int | None) -> list[Record]:
-    with sentences(path):
-        return _chosen(path, named, log, row)
-
-
-def _chosen(path: Path, named: dict[str, str], log: DamageLog, row: int | None) -> list[Record]:
-    if is_of_columns(path) and not path.is_dir():
-        return column_records(path, log, named, row)
-    if not path.is_dir() and path.suffix not in (*READERS, '.zstd'):
-        raise RecordError(unknown_kind(path))
-    if 'displacement' not in named or not {'voltage', 'force'} & named.keys():
-        raise RecordError(
-            'of a bag --displacement and --voltage (or --force) belong together; name both fields'
-        )
-    fields = {what: text for what, text in named.items() if what != 'time'}
-    return foreign_records(path, log, **fields)
+    log = DamageLog(arguments.salvage, interpolate=arguments.resample is not None)
+    return survey(arguments.files, actuator=arguments.actuator, log=log, options=options)
 
 
 def _named(record: Record, actuator: str | None) -> Record:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from piezo_hysteresis.cli.data_report import bag_lines, records_table, topics_table
+from piezo_hysteresis.cli.shared_options import add_reading, options_of
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.identification.measurement import measurement_findings
@@ -24,15 +25,16 @@ EXAMPLE = 'info out/sweep'
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     parser.add_argument('data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV')
+    add_reading(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the content of each data set."""
-    findings = 0
+    findings, options = 0, options_of(arguments)
     for path in map(Path, arguments.data):
         print(f'{path}:')
         try:
-            found = survey([path], salvage=True)
+            found = survey([path], salvage=True, options=options)
         except RecordError:
             _print_topics(path)
             raise

@@ -11,6 +11,7 @@ import argparse
 import numpy as np
 
 from piezo_hysteresis.cli import verbosity
+from piezo_hysteresis.cli.shared_options import SALVAGE_HELP
 
 _POOR = 10.0  # largest residual of a linear model, in percent of the motion
 
@@ -33,6 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add('--warm-up', type=float, metavar='S', help='initial time excluded [s]')
     add('--actuator', help='actuator, if a bag holds several')
+    add('--salvage', action='store_true', help=SALVAGE_HELP)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -41,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.identification.method_settings import warmed
     from piezo_hysteresis.records import load
 
-    records = warmed(load(arguments.data, actuator=arguments.actuator), arguments.warm_up)
+    data = load(arguments.data, actuator=arguments.actuator, salvage=arguments.salvage)
+    records = warmed(data, arguments.warm_up)
     more = {'rounds': 0} if arguments.method == 'arx' else {}
     found = fit_transfer_function(records, arguments.poles, arguments.zeros, **more)
     found.save(arguments.out)

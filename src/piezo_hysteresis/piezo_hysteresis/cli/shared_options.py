@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
 from piezo_hysteresis.identification.initial_conditions.revision import ZEROS
+from piezo_hysteresis.records.options import CLOCKS, ReadOptions
 
-__all__ = ['STARTS', 'START_HELP', 'ZEROS', 'ZERO_HELP', 'add_out']
+__all__ = [
+    'SALVAGE_HELP',
+    'STARTS',
+    'START_HELP',
+    'ZEROS',
+    'ZERO_HELP',
+    'add_out',
+    'add_reading',
+    'options_of',
+]
+
+SALVAGE_HELP = 'use the readable part of damaged data'
 
 START_HELP = (
     'initial condition of the records: at rest at 0 V with a step (step), at rest at their first '
@@ -28,4 +41,44 @@ def add_out(parser: argparse.ArgumentParser, default: str | None = None) -> None
     )  # fmt: skip
     parser.add_argument(
         '--overwrite', action='store_true', help='write also if the folder is not empty'
+    )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add what a user may state about files that do not state it: columns, interval, sign."""
+    parser.add_argument('--salvage', action='store_true', help=SALVAGE_HELP)
+    group = parser.add_argument_group('files that do not state everything')
+    add: Any = group.add_argument
+    add('--time', metavar='COLUMN[:UNIT]', help='column of the time (default time_s)')
+    for quantity in ('voltage', 'force', 'displacement', 'reference'):
+        add(
+            f'--{quantity}',
+            metavar='/TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]',
+            help=f'field of a bag or column of a file with the {quantity}',
+        )
+    rows = group.add_mutually_exclusive_group()
+    rows.add_argument('--header-row', type=int, metavar='N',
+                      help='line of a text file with the column names, from 1')  # fmt: skip
+    rows.add_argument('--skip-rows', type=int, metavar='N',
+                      help='number of lines before the column names')  # fmt: skip
+    add('--interval', type=float, metavar='S', help='sampling interval of files without a time')
+    add(
+        '--sign', type=int, choices=(1, -1), default=1, help='-1: the sensor measures the distance'
+    )
+    add('--unit', default='', metavar='UNIT', help='unit of a displacement that states none')
+    add('--decimal', choices=('.', ','), default='', help='decimal mark of a text file')
+    add('--time-from', choices=CLOCKS, default='', help='time of the messages of a bag')
+
+
+def options_of(arguments: argparse.Namespace) -> ReadOptions:
+    """Return what `add_reading` asked."""
+    quantities = ('time', 'voltage', 'force', 'displacement', 'reference')
+    return ReadOptions(
+        {what: text for what in quantities if (text := getattr(arguments, what)) is not None},
+        arguments.header_row if arguments.skip_rows is None else arguments.skip_rows + 1,
+        arguments.interval,
+        float(arguments.sign),
+        arguments.unit,
+        arguments.decimal,
+        arguments.time_from,
     )

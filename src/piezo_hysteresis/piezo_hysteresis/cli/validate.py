@@ -9,7 +9,14 @@ from __future__ import annotations
 import argparse
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
+from piezo_hysteresis.cli.shared_options import (
+    SALVAGE_HELP,
+    START_HELP,
+    STARTS,
+    ZERO_HELP,
+    ZEROS,
+    add_out,
+)
 from piezo_hysteresis.models import ModelFile
 
 HELP = 'compare a saved model with records that were not fitted'
@@ -30,6 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
     add('--actuator', help='actuator, if a bag holds several')
+    add('--salvage', action='store_true', help=SALVAGE_HELP)
     add('--detection-limits', action='store_true', help=LIMITS_HELP)
 
 
@@ -45,7 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     check_folder(arguments.out, 'validate')
     saved = ModelFile.load(arguments.model)
-    records = warmed(load(arguments.data, actuator=arguments.actuator), arguments.warm_up)
+    data = load(arguments.data, actuator=arguments.actuator, salvage=arguments.salvage)
+    records = warmed(data, arguments.warm_up)
     begins = 'settled' if arguments.steady else arguments.start
     found = validate(records, saved, begins=begins, zero=arguments.zero)
     limits = limits_of(records, saved) if arguments.detection_limits else ()

@@ -42,6 +42,7 @@ def identify(
     frequency: float | None = None,
     held_out: Data = (),
     actuator: str | None = None,
+    salvage: bool = False,
     seed: int = 0,
     workers: int = 1,
     progress: Progress = lambda fraction, words: None,
@@ -73,6 +74,8 @@ def identify(
         Data that are not fitted, on which the discrepancy of the model is evaluated.
     actuator : str, optional
         Name of the actuator, if a bag has several.
+    salvage : bool
+        Use the readable part of damaged data.
     seed : int
         Seed of the searches.
     workers : int
@@ -96,7 +99,7 @@ def identify(
     _require_apart(data, held_out, 'is fitted and held out')
     base_of(method)
     chosen_model = None if model is None else chosen(_model_not_data(model))
-    records = _read(data, dt, fs, actuator)
+    records = _read(data, dt, fs, actuator, salvage)
     records = driven_at(warmed(records, warm_up), frequency)
     if before:
         records = [preceded(record, before) for record in records]
@@ -110,7 +113,7 @@ def identify(
         **options,
     )  # fmt: skip
     if _given(held_out):
-        unseen = warmed(_read(held_out, dt, fs, actuator), warm_up)
+        unseen = warmed(_read(held_out, dt, fs, actuator, salvage), warm_up)
         found = evaluated_on(found, driven_at(unseen, frequency))
     return found
 

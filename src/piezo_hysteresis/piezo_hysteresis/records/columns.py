@@ -9,34 +9,47 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from piezo_hysteresis.errors import RecordError
 
-LENGTHS = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'µm': 1e6, 'μm': 1e6, 'nm': 1e9}
+LENGTHS = {
+    'm': 1.0, 'mm': 1e3, 'um': 1e6, 'µm': 1e6, 'μm': 1e6, 'nm': 1e9, 'cm': 1e2, 'Å': 1e10,
+    'pm': 1e12,
+}  # fmt: skip
 # Divisors, not factors: x / 1e6 is the double nearest to x um, x * 1e-6 often is not.
 UNITS = {
-    'time': {'s': 1.0, 'ms': 1e3, 'us': 1e6, 'µs': 1e6, 'μs': 1e6, 'ns': 1e9},
-    'voltage': {'V': 1.0, 'mV': 1e3, 'kV': 1e-3},
+    'time': {
+        's': 1.0, 'ms': 1e3, 'us': 1e6, 'µs': 1e6, 'μs': 1e6, 'ns': 1e9, 'min': 1 / 60,
+        'h': 1 / 3600
+    },
+    'voltage': {'V': 1.0, 'mV': 1e3, 'uV': 1e6, 'µV': 1e6, 'μV': 1e6, 'kV': 1e-3},
     'force': {'N': 1.0, 'mN': 1e3, 'kN': 1e-3},
     'displacement': LENGTHS,
     'reference': LENGTHS,
-}
+}  # fmt: skip
 SPELLED = {
-    'sec': 's', 'secs': 's', 'second': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms',
-    'volt': 'V', 'volts': 'V', 'newton': 'N', 'meter': 'm', 'micron': 'um', 'microns': 'um',
-    'micrometer': 'um', 'nanometer': 'nm',
+    'sec': 's', 'secs': 's', 'second': 's', 'seconds': 's', 'sekunden': 's', 'sekunde': 's',
+    'msec': 'ms', 'millisecond': 'ms', 'milliseconds': 'ms', 'usec': 'us', 'microsecond': 'us',
+    'microseconds': 'us', 'nsec': 'ns', 'nanosecond': 'ns', 'nanoseconds': 'ns', 'minute': 'min',
+    'minutes': 'min', 'hour': 'h', 'hours': 'h', 'volt': 'V', 'volts': 'V', 'millivolt': 'mV',
+    'millivolts': 'mV', 'newton': 'N', 'meter': 'm', 'metre': 'm', 'micron': 'um', 'microns': 'um',
+    'micrometer': 'um', 'micrometers': 'um', 'micrometre': 'um', 'nanometer': 'nm',
+    'nanometers': 'nm', 'nanometre': 'nm', 'millimeter': 'mm', 'millimetre': 'mm',
+    'angstrom': 'Å', 'å': 'Å', 'picometer': 'pm',
 }  # fmt: skip
 MEANT = {
-    'time': ('t', 'zeit', 'timestamp', 'stamp', 'seconds', 'temps', 'tempo'),
+    'time': ('t', 'zeit', 'uhrzeit', 'timestamp', 'stamp', 'seconds', 'temps', 'tempo'),
     'voltage': ('v', 'u', 'volt', 'volts', 'volatge', 'input', 'command', 'drive', 'spannung',
                 'tension'),
     'force': ('f', 'load', 'kraft'),
     'displacement': ('x', 'y', 'pos', 'position', 'disp', 'displ', 'output', 'extension', 'stroke',
                      'deflection', 'weg', 'auslenkung', 'verschiebung', 'hub', 'laser'),
-    'reference': ('r', 'ref', 'desired', 'setpoint', 'target', 'yd', 'soll', 'sollwert'),
+    'reference': ('r', 'ref', 'desired', 'setpoint', 'target', 'yd', 'soll', 'sollwert', 'command',
+                  'commanded', 'demand'),
 }  # fmt: skip
-FIXED = {'x_value': ('time', 's')}  # LabVIEW
+# LabVIEW, oscilloscopes of Keysight, PlotJuggler, `mcap cat`
+FIXED = dict.fromkeys(('x_value', '__time', 'log_time'), ('time', 's'))
 EXAMPLE = 'time_s,voltage_V,displacement_um'
 
 CERTAIN, NAMED, BY_UNIT, NOT_ENOUGH = range(4)
@@ -72,10 +85,12 @@ def meaning(name: str) -> Meaning:
         return Meaning(*FIXED[name.lower()], NAMED)
     bare, unit = _parts(name)
     stems = [stem for stem in re.split(r'[\W\d_]+', bare.lower()) if stem]
-    for what, spellings in MEANT.items():
-        if stems and (stems[0] == what or stems[0] in spellings):
-            known = _unit(unit, what)
-            return Meaning(what, known, NAMED if known else NOT_ENOUGH)
+    meant = [what for stem in stems for what in MEANT if stem == what or stem in MEANT[what]]
+    for what in meant:  # the unit tells an output voltage from an output
+        if known := _unit(unit, what):
+            return Meaning(what, known, NAMED)
+    if stems and meant and (stems[0] == meant[0] or stems[0] in MEANT[meant[0]]):
+        return Meaning(meant[0])
     for what in ('time', 'voltage', 'force', 'displacement'):
         if known := _unit(unit, what, exactly=True):
             return Meaning(what, known, BY_UNIT)
@@ -84,29 +99,47 @@ def meaning(name: str) -> Meaning:
 
 def _parts(name: str) -> tuple[str, str]:
     """Return a name without its unit, and the unit: in brackets, or behind it as in ``U/V``."""
-    for pattern in (r'(.*?)[\(\[{<]\s*([^\)\]}>]*?)\s*[\)\]}>]\s*', r'(.*)[/,_]\s*(\S+)'):
+    for pattern in (_STATED, r'(.*)[/,_]\s*(\S+)'):
         if found := re.fullmatch(pattern, name):
             return found[1], found[2]
     return name, ''
+
+
+# a unit that is one, known or not: in brackets (``Time (in ms)``), or behind ``in`` or `` / ``
+_STATED = r'(.*?)(?:\s+in\s+|\s+/\s+|[\(\[{<]\s*(?:in\s+)?)([^\(\)\[\]{}<>/]*?)\s*[\)\]}>]?\s*'
+
+
+def unit_known(text: str) -> bool:
+    """Return whether a text is a unit of any quantity, perhaps in brackets."""
+    bare = text.strip().strip('()[]{}<>').strip()
+    return any(_unit(bare, what) for what in UNITS)
 
 
 def _unit(text: str, what: str, *, exactly: bool = False) -> str:
     """Return the unit of a quantity in the spelling of `UNITS`; empty if it is none.
 
     Upper and lower case differ only without the name of the quantity: S is siemens, but ``Time
-    (S)`` is seconds.
+    (S)`` is seconds. MV is no mV.
     """
     text = SPELLED.get(text.lower(), text)
+    huge = text[:1] == 'M' and what in ('voltage', 'force')
     for known in UNITS[what]:
-        if text == known or (not exactly and text.lower() == known.lower()):
+        if text == known or (not exactly and not huge and text.lower() == known.lower()):
             return known
     return ''
 
 
 def assigned(
-    names: Sequence[str], where: object, *, of_file: bool = True
+    names: Sequence[str],
+    where: object,
+    *,
+    chosen: Mapping[str, str] | None = None,
+    hints: Mapping[int, Meaning] | None = None,
+    length: str = '',
+    needed: Sequence[str] = ('time', 'voltage', 'displacement'),
+    of_file: bool = True,
 ) -> tuple[dict[int, tuple[str, str]], str]:
-    """Return quantity and unit of the columns by position, and the guesses.
+    """Return quantity and unit of the columns by position, and what was assumed.
 
     Parameters
     ----------
@@ -114,21 +147,46 @@ def assigned(
         Of the columns.
     where : object
         File, for messages.
+    chosen : mapping of str to str, optional
+        ``NAME:UNIT`` or the number of a column, from 1, by quantity. Without a unit, that of its
+        name or the SI unit applies.
+    hints : mapping of int to Meaning, optional
+        What columns are by the format of the file, by position.
+    length : str
+        Unit of a displacement that states none.
+    needed : sequence of str
+        Quantities that must be found; a force replaces the voltage.
     of_file : bool
         Whether the columns are those of a file, which the verb `import` can name.
 
     Raises
     ------
     RecordError
-        If time, voltage (or force) and displacement cannot be identified, or two columns are the
-        same.
+        If a quantity cannot be identified, a unit is unknown, or two columns are the same.
     """
-    meanings = [meaning(name) for name in names]
-    chosen: dict[int, tuple[str, str]] = {}
+    if length and length not in LENGTHS:
+        raise RecordError(f'{length!r} is no unit of a displacement; use {", ".join(LENGTHS)}')
+    meanings = [(hints or {}).get(k) or meaning(name) for k, name in enumerate(names)]
+    if length:
+        meanings = [
+            replace(m, unit=length, rank=NAMED)
+            if not m.unit and m.what in ('displacement', 'reference') and not _stated(names[k])
+            else m
+            for k, m in enumerate(meanings)
+        ]
+    by_hand, assumed = _chosen(names, meanings, chosen or {}, length, where)
+    found: dict[int, tuple[str, str]] = dict(by_hand)
     uncertain = []
     for what in UNITS:
-        rank = min((m.rank for m in meanings if m.what == what), default=NOT_ENOUGH)
-        places = [k for k, m in enumerate(meanings) if (m.what, m.rank) == (what, rank)]
+        if what in (chosen or {}):
+            continue
+        ranks = [m.rank for k, m in enumerate(meanings) if m.what == what and k not in found]
+        rank = min(ranks, default=NOT_ENOUGH)
+        places = [
+            k
+            for k, m in enumerate(meanings)
+            if (m.what, m.rank) == (what, rank) and k not in found
+        ]
         if rank == NOT_ENOUGH:
             continue
         if what == 'time' and rank == NAMED:
@@ -138,52 +196,103 @@ def assigned(
         if len(places) > 1:
             uncertain.append(f'{what} may be {" or ".join(repr(names[k]) for k in places)}')
         else:
-            chosen[places[0]] = (what, meanings[places[0]].unit)
-    chosen = _one_input(chosen, meanings, where)
-    _require(chosen, names, meanings, uncertain, where, of_file)
+            found[places[0]] = (what, meanings[places[0]].unit)
+    found = _one_input(found, meanings, by_hand, where)
+    _require(found, names, meanings, uncertain, where, of_file, needed)
     guesses = [
         f'{what} from column {names[k]!r} in {unit.replace("u", "µ")}'
-        for k, (what, unit) in chosen.items()
-        if meanings[k].rank != CERTAIN
+        for k, (what, unit) in found.items()
+        if k in assumed or (k not in by_hand and meanings[k].rank != CERTAIN)
     ]
-    return chosen, ', '.join(guesses)
+    return found, ', '.join(guesses)
+
+
+def _stated(name: str) -> str:
+    """Return the text that stands where the unit of a column stands; empty if nothing does."""
+    found = re.fullmatch(_STATED, name.strip())
+    return found[2] if found else ''
+
+
+def _chosen(
+    names: Sequence[str],
+    meanings: Sequence[Meaning],
+    chosen: Mapping[str, str],
+    length: str,
+    where: object,
+) -> tuple[dict[int, tuple[str, str]], set[int]]:
+    """Return the columns that were named, and those whose unit is assumed."""
+    found: dict[int, tuple[str, str]] = {}
+    assumed = set()
+    for what, text in chosen.items():
+        name, unit = text, ''
+        if name not in names:
+            stem, colon, tail = text.rpartition(':')
+            name, unit = (stem, tail) if colon else (text, '')
+        place = list(names).index(name) if name in names else -1
+        if place < 0 and name.isdigit():
+            place = int(name) - 1
+        if not 0 <= place < len(names):
+            raise RecordError(f'{where}: it has no column {name!r}, but {", ".join(names)[:160]}')
+        if unit and not _unit(unit, what):
+            raise RecordError(f'{unit!r} is no unit of a {what}; use {", ".join(UNITS[what])}')
+        if place in found:
+            raise RecordError(
+                f'{where}: column {names[place]!r} was named for {found[place][0]} and {what}'
+            )
+        own = _unit(meanings[place].unit, what) or _unit(_parts(names[place])[1], what)
+        if not unit and not own and (stated := _stated(names[place])):
+            raise RecordError(
+                f'{where}: the unit {stated!r} of column {names[place]!r} is not known; write '
+                f"--{what} '{names[place]}':UNIT with {', '.join(UNITS[what])}"
+            )
+        usual = length if what in ('displacement', 'reference') else ''
+        if not unit and not own:
+            assumed.add(place)
+        found[place] = (what, _unit(unit, what) or own or usual or next(iter(UNITS[what])))
+    return found, assumed
 
 
 def _one_input(
-    chosen: dict[int, tuple[str, str]], meanings: Sequence[Meaning], where: object
+    found: dict[int, tuple[str, str]],
+    meanings: Sequence[Meaning],
+    by_hand: Mapping[int, tuple[str, str]],
+    where: object,
 ) -> dict[int, tuple[str, str]]:
     """Return the columns with a voltage or a force, the more certain of them."""
-    inputs = sorted((meanings[k].rank, k) for k, (what, _) in chosen.items()
+    inputs = sorted((-1 if k in by_hand else meanings[k].rank, k) for k, (what, _) in found.items()
                     if what in ('voltage', 'force'))  # fmt: skip
     if len(inputs) == 2 and inputs[0][0] == inputs[1][0]:
         raise RecordError(
             f'{where}: it has both a voltage and a force; keep the one that drives it'
         )
-    return {k: v for k, v in chosen.items() if k not in [place for _, place in inputs[1:]]}
+    return {k: v for k, v in found.items() if k not in [place for _, place in inputs[1:]]}
 
 
 def _require(
-    chosen: Mapping[int, tuple[str, str]],
+    found: Mapping[int, tuple[str, str]],
     names: Sequence[str],
     meanings: Sequence[Meaning],
     uncertain: Sequence[str],
     where: object,
     of_file: bool,
+    needed: Sequence[str],
 ) -> None:
     """Raise an error with the missing columns and how to name them."""
-    found = {what for what, _ in chosen.values()}
-    missing = [what for what in ('time', 'voltage', 'displacement') if what not in found]
-    if 'force' in found and 'voltage' in missing:
+    known = {what for what, _ in found.values()}
+    missing = [what for what in needed if what not in known]
+    if 'force' in known and 'voltage' in missing:
         missing.remove('voltage')
     if not missing:
         return
     unclear = [f'rename {name!r} to {m.what}_{_usual(m.what)} (or its unit)'
-               for name, m in zip(names, meanings, strict=True)
-               if m.what in missing and m.rank == NOT_ENOUGH]  # fmt: skip
+               for k, (name, m) in enumerate(zip(names, meanings, strict=True))
+               if m.what in missing and m.rank == NOT_ENOUGH and k not in found]  # fmt: skip
     advice = '; '.join([*uncertain, *unclear]) or f'columns are named like {EXAMPLE}'
     options = ' '.join(f'--{what} COLUMN:UNIT' for what in missing)
     last = f' and {missing[-1]}' if len(missing) > 1 else missing[-1]
     other = f', or use `import` with {options}' if of_file else ''
+    if of_file and 'time' in missing:
+        other += ' (--interval SECONDS if it has no time)'
     listed = ', '.join(repr(name) for name in names)[:120]
     raise RecordError(
         f'{where}: it has no column of {", ".join(missing[:-1])}{last} that is understood (its '
@@ -195,39 +304,15 @@ def _usual(what: str) -> str:
     return 'um' if what in ('displacement', 'reference') else next(iter(UNITS[what]))
 
 
-def renamed(names: Sequence[str], chosen: Mapping[str, str], where: object) -> list[str]:
-    """Return the standard names of the chosen columns.
+def stamped(name: str) -> Meaning:
+    """Return what a column of dates is: a time in seconds, whatever unit its name states."""
+    found = meaning(name)
+    return Meaning('time', 's', found.rank if found.what == 'time' and found.unit else NAMED)
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the columns.
-    chosen : mapping of str to str
-        ``NAME:UNIT`` or the number of a column, from 1, by quantity. Without a unit, that of its
-        name or the SI unit applies.
-    where : object
-        File, for messages.
 
-    Raises
-    ------
-    RecordError
-        If there is no such column or unit.
-    """
-    columns = list(names)
-    for what, text in chosen.items():
-        name, unit = text, ''
-        if name not in names:
-            stem, colon, tail = text.rpartition(':')
-            name, unit = (stem, tail) if colon else (text, '')
-        place = names.index(name) if name in names else -1
-        if place < 0 and name.isdigit():
-            place = int(name) - 1
-        if not 0 <= place < len(names):
-            raise RecordError(f'{where}: it has no column {name!r}, but {", ".join(names)[:160]}')
-        if unit and unit not in UNITS[what]:
-            raise RecordError(f'{unit!r} is no unit of a {what}; use {", ".join(UNITS[what])}')
-        own = _unit(_parts(names[place])[1], what) or _unit(meaning(names[place]).unit, what)
-        # a column assigned to it by name is then something else
-        columns = ['' if meaning(each).what == what else each for each in columns]
-        columns[place] = f'{what}_{unit or own or next(iter(UNITS[what]))}'
-    return columns
+def with_unit(name: str, unit: str) -> str:
+    """Return the name of a column with the unit that its file states beside it."""
+    unit = unit.strip().strip('()[]{}<>').strip()
+    if not unit or meaning(name).unit:
+        return name
+    return f'{name} ({unit})'

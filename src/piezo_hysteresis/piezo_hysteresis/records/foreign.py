@@ -22,6 +22,7 @@ from piezo_hysteresis.records.sampling import Track, records_of
 from piezo_hysteresis.records.storage import Topic
 
 EXAMPLE = '/topic.field or /topic.field:unit'
+CLOCK = 2e8  # stamps of one clock differ by less from the recording [ns]
 
 
 @dataclass(frozen=True)
@@ -77,11 +78,12 @@ def foreign_records(
     displacement: str,
     reference: str | None = None,
     force: str | None = None,
+    time_from: str = '',
 ) -> list[Record]:
     """Read a bag of any message types as a record (as its intact parts when salvaging).
 
-    Every displacement is a sample; voltage and reference hold until their next message.  The time
-    is that of the header, or of recording if the message has none.
+    Every displacement is a sample; voltage and reference hold until their next message. The time
+    is that of the header, if all messages have one and their clocks agree; else of the recording.
 
     Parameters
     ----------
@@ -91,6 +93,8 @@ def foreign_records(
         Lists or raises damage.
     voltage, displacement, reference, force : str
         Fields, see `parse_signal`; a force [N] replaces the voltage.
+    time_from : str
+        ``header`` or ``recording``; empty: as above.
 
     Raises
     ------
@@ -104,7 +108,7 @@ def foreign_records(
              'reference': reference}  # fmt: skip
     named = {key: parse_signal(text, key) for key, text in texts.items() if text is not None}
     signals = {'voltage' if key == 'force' else key: signal for key, signal in named.items()}
-    series = _read(path, signals, log)
+    series = _read(path, signals, log, time_from)
     ticks = series['displacement'].time
     first = max(held.time[0] for held in series.values())
     early = int(np.sum(ticks < first))
@@ -120,8 +124,11 @@ def foreign_records(
     return records_of(Track(path.resolve().stem, time, columns, info=info), str(path), log)
 
 
-def _read(path: Path, signals: dict[str, Signal], log: DamageLog) -> dict[str, Series]:
-    times: dict[str, list[int]] = {key: [] for key in signals}
+def _read(
+    path: Path, signals: dict[str, Signal], log: DamageLog, time_from: str
+) -> dict[str, Series]:
+    recorded: dict[str, list[int]] = {key: [] for key in signals}
+    stamped: dict[str, list[int | None]] = {key: [] for key in signals}
     values: dict[str, list[float]] = {key: [] for key in signals}
     seen: set[str] = set()
     for topics, block in blocks_of(path, log):
@@ -134,16 +141,75 @@ def _read(path: Path, signals: dict[str, Signal], log: DamageLog) -> dict[str, S
                 topic = topics[int(block.topic[index])]
                 message = _decode(topic, block.payload(index), path)
                 values[key].append(_value(message, signal, topic) / signal.divisor)
-                times[key].append(_stamp(message, int(block.log_time[index])))
-    result = {}
+                recorded[key].append(int(block.log_time[index]))
+                stamped[key].append(_stamp(message))
     for key, signal in signals.items():
-        if not times[key]:
+        if not values[key]:
             held = ', '.join(sorted(seen)[:6]) or 'none'
             raise RecordError(f'{path}: it holds nothing of topic {signal.topic}, but {held}')
+    logged = {key: np.array(times, np.int64) for key, times in recorded.items()}
+    headers = {
+        key: None if None in stamps else np.array(stamps, np.int64)
+        for key, stamps in stamped.items()
+    }
+    topics_of = {key: signal.topic for key, signal in signals.items()}
+    times = _times(path, topics_of, logged, headers, log, time_from)
+    result = {}
+    for key, column in values.items():
         # Messages on their way are overtaken; each signal by itself is what its sender stamped.
         order = np.argsort(times[key], kind='stable')
-        result[key] = Series(np.array(times[key], np.int64)[order], np.array(values[key])[order])
+        result[key] = Series(times[key][order], np.array(column)[order])
     return result
+
+
+def _times(
+    path: Path,
+    topics: dict[str, str],
+    logged: dict[str, IntArray],
+    headers: dict[str, IntArray | None],
+    log: DamageLog,
+    time_from: str,
+) -> dict[str, IntArray]:
+    """Return the times of each signal [ns], all of one clock.
+
+    Raises
+    ------
+    RecordError
+        If headers were asked for and messages have none, or their clocks differ and it is not
+        clear which one counts.
+    """
+    if time_from == 'recording':
+        return logged
+    bare = sorted({topics[key] for key, stamps in headers.items() if stamps is None})
+    if time_from == 'header':
+        if bare:
+            raise RecordError(f'{path}: the messages of {", ".join(bare)} have no header stamp; '
+                              'take --time-from recording')  # fmt: skip
+        return {key: stamps for key, stamps in headers.items() if stamps is not None}
+    stamped = {key: stamps for key, stamps in headers.items() if stamps is not None}
+    constant = [topics[key] for key, stamps in stamped.items()
+                if stamps.size > 2 and np.all(stamps == stamps[0])]  # fmt: skip
+    ahead = {key: float(np.median(stamps - logged[key])) for key, stamps in stamped.items()}
+    # without a header the recording is the only clock
+    offsets = {**dict.fromkeys(logged, 0.0), **ahead}
+    apart = max(offsets.values()) - min(offsets.values())
+    if constant:
+        log.guess(path, f'the header stamps of {", ".join(sorted(set(constant)))} are all the '
+                  'same: the times are those of the recording')  # fmt: skip
+        return logged
+    if apart <= CLOCK:
+        return {key: headers.get(key) if headers[key] is not None else logged[key]  # type: ignore[misc]
+                for key in logged}  # fmt: skip
+    named = ', '.join(sorted({topics[key] for key in ahead}))
+    if bare:
+        log.guess(path, f'the header stamps of {named} are of another clock than the recording, '
+                  f'{apart / 1e9:.6g} s apart: the times are those of the recording '
+                  '(--time-from recording states it)')  # fmt: skip
+        return logged
+    raise RecordError(
+        f'{path}: the header stamps of {named} are of two clocks, {apart / 1e9:.6g} s apart; '
+        'state which time counts with --time-from recording or --time-from header'
+    )
 
 
 def _decode(topic: Topic, payload: bytes, path: Path) -> Any:
@@ -191,6 +257,7 @@ def _step(value: Any, step: str, message: Any) -> Any:
     return value[names.index(step)] if step in names else getattr(value, step)
 
 
-def _stamp(message: Any, log_time: int) -> int:
+def _stamp(message: Any) -> int | None:
+    """Return the stamp of the header [ns]; None without a header."""
     stamp = getattr(getattr(message, 'header', None), 'stamp', None)
-    return log_time if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return None if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

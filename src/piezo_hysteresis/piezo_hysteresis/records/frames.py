@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records.columns import UNITS, assigned, meaning
+from piezo_hysteresis.records.columns import UNITS, meaning
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.record import Record, RecordInfo
-from piezo_hysteresis.records.sampling import Track, records_of
-from piezo_hysteresis.records.tabular import in_si
+from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, column
+from piezo_hysteresis.records.options import ReadOptions
+from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.sampling import records_of
+from piezo_hysteresis.records.table_reader import track_of
 
 _WHERE = 'the data'
 
@@ -52,7 +54,7 @@ def columns_of_arrays(given: object) -> dict[str, Any] | None:
     return dict(zip(_ORDER[-len(arrays) :], arrays, strict=True))
 
 
-def frame_records(given: Columns, name: str, dt: float | None, log: DamageLog) -> list[Record]:
+def frame_records(given: Columns, name: str, log: DamageLog, options: ReadOptions) -> list[Record]:
     """Return columns in memory as one record, or as its intact pieces when salvaging.
 
     Parameters
@@ -61,10 +63,10 @@ def frame_records(given: Columns, name: str, dt: float | None, log: DamageLog) -
         Columns named as in a CSV file; a quantity without its unit is in SI units.
     name : str
         Name of the record.
-    dt : float or None
-        Sampling interval [s], for columns without a time.
     log : DamageLog
         Where damage is listed, or raised.
+    options : ReadOptions
+        Its interval is the time of columns without one.
 
     Raises
     ------
@@ -72,31 +74,25 @@ def frame_records(given: Columns, name: str, dt: float | None, log: DamageLog) -
         If the columns are no record.
     """
     columns = _columns_of(given)
-    names = [_with_unit(each) for each in columns]
-    timed = any(meaning(each).what == 'time' for each in names)
-    if timed and dt is not None:
+    timed = any((each.known or meaning(each.name)).what == 'time' for each in columns)
+    if timed and options.interval is not None:
         raise RecordError(f'{_WHERE} have a time; leave dt out')
-    if not timed:
-        names, columns = _timed(names, columns, dt)
-    meanings, guessed = assigned(names, _WHERE, of_file=False)
-    if guessed:
-        log.guess(_WHERE, f'reading {guessed}')
-    found = in_si(dict(enumerate(columns.values())), meanings)
-    info = RecordInfo(input_unit='N') if 'force' in found else RecordInfo()
-    found['voltage'] = found.pop('force', found.get('voltage', np.empty(0)))
-    time = found.pop('time')
-    if dt is not None and not log.salvage:
-        voltage, displacement = found['voltage'], found['displacement']
-        reference = found.get('reference')
-        return [Record(name, float(dt), voltage, displacement, reference=reference, info=info)]
-    track = Track(name, time, found, info=info, rate=0.0 if dt is None else 1.0 / dt)
+    if not timed and options.interval is None:
+        raise RecordError(f'{_WHERE} have no time; name one time_s, or give dt [s]')
+    track = track_of(ColumnTable('', columns), name, _WHERE, log, options, of_file=False)
+    if options.interval is not None and not log.salvage:
+        values = track.columns
+        return [
+            Record(name, float(options.interval), values['voltage'], values['displacement'],
+                   reference=values.get('reference'), info=track.info)
+        ]  # fmt: skip
     return records_of(track, _WHERE, log)
 
 
-def _columns_of(given: Columns) -> dict[str, FloatArray]:
-    """Return all columns of numbers, each of shape (n,)."""
+def _columns_of(given: Columns) -> list[Column]:
+    """Return all columns of numbers or times, each of shape (n,)."""
     if isinstance(given, Mapping):
-        raw: dict[str, Any] = {str(name): column for name, column in given.items()}
+        raw: dict[str, Any] = {str(name): values for name, values in given.items()}
     else:
         known = getattr(given, 'column_names', given.columns)  # of Arrow and of the others
         raw = {str(name): given[name] for name in known}
@@ -104,16 +100,21 @@ def _columns_of(given: Columns) -> dict[str, FloatArray]:
         label = getattr(index, 'name', None)
         if isinstance(label, str) and label not in raw:
             raw[label] = index
-    columns: dict[str, FloatArray] = {}
-    for name, column in raw.items():
-        try:
-            columns[name] = np.asarray(column, dtype=np.float64)
-        except (TypeError, ValueError):
-            if meaning(_with_unit(name)).what:
-                raise RecordError(f'column {name} holds values that are not numbers') from None
-    lengths = {name: column.shape for name, column in columns.items()}
-    if any(len(shape) != 1 for shape in lengths.values()) or len(set(lengths.values())) > 1:
-        listed = ', '.join(f'{name} {shape}' for name, shape in lengths.items())
+        elif label is None and getattr(getattr(index, 'dtype', None), 'kind', '') in ('m', 'M'):
+            raw = {'time': index, **raw}
+    columns = []
+    shapes = {}
+    for name, values in raw.items():
+        array = np.asarray(values)
+        found = column(_with_unit(name), array) if array.ndim == 1 else None
+        if found is None and not meaning(_with_unit(name)).what and array.dtype.kind not in 'biuf':
+            continue
+        if found is None and array.dtype.kind not in 'biuf':
+            raise RecordError(f'column {name} holds values that are not numbers')
+        shapes[name] = array.shape
+        columns.append(found or Column(_with_unit(name), np.asarray(array, np.float64)))
+    if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) > 1:
+        listed = ', '.join(f'{name} {shape}' for name, shape in shapes.items())
         raise RecordError(f'columns must be of equal length, one number a sample; got {listed}')
     return columns
 
@@ -122,16 +123,3 @@ def _with_unit(name: str) -> str:
     """Return the name of a column; a bare quantity is given its SI unit."""
     bare = name.strip().lower()
     return f'{bare}_{next(iter(UNITS[bare]))}' if bare in UNITS else name
-
-
-def _timed(
-    names: list[str], columns: dict[str, FloatArray], dt: float | None
-) -> tuple[list[str], dict[str, FloatArray]]:
-    """Return names and columns with a time in front."""
-    if dt is None:
-        raise RecordError(f'{_WHERE} have no time; name one time_s, or give dt [s]')
-    if not (isinstance(dt, (int, float)) and np.isfinite(dt) and dt > 0):
-        raise RecordError(f'dt must be a positive number [s], got {dt!r}')
-    size = next(iter(columns.values())).size if columns else 0
-    time = np.arange(size, dtype=np.float64) * dt
-    return ['time_s', *names], {'': time, **columns}

@@ -16,7 +16,6 @@ from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import DataNote, RecordError
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
 from piezo_hysteresis.records.bags import bag_records
-from piezo_hysteresis.records.csv_files import csv_records
 from piezo_hysteresis.records.damage import (
     Damage,
     DamageLog,
@@ -24,7 +23,8 @@ from piezo_hysteresis.records.damage import (
     LeftOutWarning,
 )
 from piezo_hysteresis.records.folder_content import content_of, is_csv, is_of_columns, matching
-from piezo_hysteresis.records.formats.reading import FORMATS, table_records
+from piezo_hysteresis.records.foreign import foreign_records
+from piezo_hysteresis.records.formats.reading import FORMATS, tables
 from piezo_hysteresis.records.frames import (
     Arrays,
     Columns,
@@ -32,7 +32,10 @@ from piezo_hysteresis.records.frames import (
     columns_of_arrays,
     frame_records,
 )
+from piezo_hysteresis.records.options import ReadOptions
 from piezo_hysteresis.records.record import Record, RecordList
+from piezo_hysteresis.records.table_reader import file_records
+from piezo_hysteresis.records.text_tables import text_tables
 
 Source: TypeAlias = str | Path | Columns | Arrays | Record
 
@@ -72,6 +75,10 @@ def load(
     fs: float | None = None,
     salvage: bool = False,
     actuator: str | None = None,
+    sign: float = 1.0,
+    unit: str = '',
+    columns: Mapping[str, str] | None = None,
+    time_from: str = '',
 ) -> RecordList:
     """Return records from files, folders, arrays or data frames, in any mix.
 
@@ -87,13 +94,22 @@ def load(
         frame of pandas or polars. Columns are named like those of a file, ``time_s, voltage_V,
         displacement_um``; a quantity without its unit is in SI units.
     dt : float, optional
-        Sampling interval of data in memory without a time [s].
+        Sampling interval of data without a time [s]; of a file, its time is then not used.
     fs : float, optional
         Sampling rate [Hz], in place of `dt`.
     salvage : bool
         Return the readable part of damaged data; each loss or repair gives a `DamageWarning`.
     actuator : str, optional
         Name or namespace of the actuator, if a bag contains several.
+    sign : float
+        -1 for a sensor that measures the distance: the displacement is reversed.
+    unit : str
+        Unit of a displacement that states none: ``m``, ``mm``, ``um``, ``nm``, ...
+    columns : mapping of str to str, optional
+        Columns of files by quantity, ``{'voltage': 'CH1:V', 'displacement': '3:um'}``; of bags of
+        other messages, ``/topic.field:unit``.
+    time_from : str
+        ``header`` or ``recording``: which time of the messages of such a bag counts.
 
     Returns
     -------
@@ -106,7 +122,10 @@ def load(
         If the data are unusable.
     """
     sources = _several([source, *more] if more else source)
-    found = survey(sources, dt=interval(dt, fs), salvage=salvage, actuator=actuator)
+    options = ReadOptions(
+        columns or {}, interval=interval(dt, fs), sign=sign, unit=unit, time_from=time_from
+    )
+    found = survey(sources, salvage=salvage, actuator=actuator, options=options)
     for damage in found.damage:
         warnings.warn(str(damage), DamageWarning, stacklevel=2)
     for record in found.left_out:
@@ -169,10 +188,10 @@ _UNKNOWN = (
 def survey(
     sources: Sequence[Source],
     *,
-    dt: float | None = None,
     salvage: bool = False,
     actuator: str | None = None,
     log: DamageLog | None = None,
+    options: ReadOptions | None = None,
 ) -> Survey:
     """Read like `load`, and also return damage, notes and bags.
 
@@ -186,30 +205,50 @@ def survey(
     if not sources:
         raise RecordError('no data were given; name a bag folder or a CSV file')
     log = DamageLog(salvage) if log is None else log
+    reading = _Reading(log, options or ReadOptions(), actuator)
     records: list[Record] = []
-    bags: list[BagContent] = []
     for given in sources:
         source = columns_of_arrays(given) or given
         if isinstance(source, (str, Path)):
             for path in matching(source):
-                records += _of_path(path, log, bags, actuator)
+                records += _of_path(path, reading)
         elif isinstance(source, Record):
             records.append(source)
         elif isinstance(source, (Mapping, DataFrameLike)):
-            records += frame_records(source, 'record', dt, log)
+            records += frame_records(source, 'record', log, reading.options)
         else:
             raise RecordError(_UNKNOWN.format(type(source).__name__))
+    if reading.options.sign < 0:
+        records = [_reversed(record) for record in records]
     named = _uniquely_named(records)
-    return Survey(named, log.findings, log.notes, bags, log.left_out, log.guesses)
+    return Survey(named, log.findings, log.notes, reading.bags, log.left_out, log.guesses)
 
 
-def _of_path(
-    path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
-) -> list[Record]:
+def _reversed(record: Record) -> Record:
+    """Return a record whose sensor measures the distance; a reference has the same sign."""
+    return replace(
+        record,
+        displacement=-record.displacement,
+        reference=None if record.reference is None else -record.reference,
+    )
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """What all readers share: the log, what the user states, and the bags that were met."""
+
+    log: DamageLog
+    options: ReadOptions
+    actuator: str | None = None
+    bags: list[BagContent] = field(default_factory=list)
+
+
+def _of_path(path: Path, reading: _Reading) -> list[Record]:
+    log = reading.log
     before = len(log.findings)
     try:
         with sentences(path):
-            found = _read(path, log, bags, actuator)
+            found = _read(path, reading)
     except RecordError as error:
         lost = '; '.join(each.what for each in log.findings[before : before + 2])
         raise RecordError(f'{error} ({lost})' if lost else str(error)) from error
@@ -242,25 +281,34 @@ def sentences(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _read(
-    path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
-) -> list[Record]:
+def _read(path: Path, reading: _Reading) -> list[Record]:
+    log, options = reading.log, reading.options
     if path.is_dir() and not content_of(path).is_bag:
-        return _folder(path, log, bags, actuator)
-    if path.is_dir() or path.suffix in READERS:
+        return _folder(path, reading)
+    if path.is_dir() or path.suffix in (*READERS, '.zstd'):
+        if options.columns:
+            return _named_fields(path, log, options)
         content = read_content(path, log)
-        bags.append(content)
-        return bag_records(content, log, actuator)
+        reading.bags.append(content)
+        return bag_records(content, log, reading.actuator)
     if is_of_columns(path):
-        return column_records(path, log)
+        return column_records(path, log, options)
     raise RecordError(unknown_kind(path))
 
 
-def _folder(
-    path: Path, log: DamageLog, bags: list[BagContent], actuator: str | None
-) -> list[Record]:
+def _named_fields(path: Path, log: DamageLog, options: ReadOptions) -> list[Record]:
+    """Return the record of a bag of other messages, by the fields that the user names."""
+    fields = {what: text for what, text in options.columns.items() if what != 'time'}
+    if 'displacement' not in fields or not {'voltage', 'force'} & fields.keys():
+        raise RecordError(
+            'of a bag --displacement and --voltage (or --force) belong together; name both fields'
+        )
+    return foreign_records(path, log, time_from=options.time_from, **fields)
+
+
+def _folder(path: Path, reading: _Reading) -> list[Record]:
     """Return the records of all files and bags in a folder; others are left out with a note."""
-    content = content_of(path)
+    log, content = reading.log, content_of(path)
     if not (content.files or content.bags):
         inside = next((str(each) for each in content.folders), '')
         hint = f'; give the folders in it, such as {inside}' if inside else ''
@@ -270,7 +318,7 @@ def _folder(
     for each in (*content.files, *content.bags):
         known = len(log.findings)
         try:
-            records += _of_path(each, log, bags, actuator)
+            records += _of_path(each, reading)
         except RecordError as error:
             del log.findings[known:]
             errors.append(error)
@@ -292,24 +340,20 @@ def unknown_kind(path: Path) -> str:
     )
 
 
-def column_records(
-    path: Path,
-    log: DamageLog,
-    chosen: Mapping[str, str] | None = None,
-    header_row: int | None = None,
-) -> list[Record]:
-    """Return the records of a file of columns in any format, see `csv_records`.
+def column_records(path: Path, log: DamageLog, options: ReadOptions | None = None) -> list[Record]:
+    """Return the records of a file of columns in any format.
 
     Raises
     ------
     RecordError
         If the file is unusable, or a line of a file that is no text is requested.
     """
+    options = options or ReadOptions()
     if is_csv(path):
-        return csv_records(path, log, chosen, header_row)
-    if header_row is not None:
+        return file_records(path, text_tables(path, log, options), log, options)
+    if options.header_row is not None:
         raise RecordError(f'{path}: --header-row and --skip-rows are for text; leave them out')
-    return table_records(path, log, chosen)
+    return file_records(path, tables(path), log, options)
 
 
 def _uniquely_named(records: list[Record]) -> list[Record]:

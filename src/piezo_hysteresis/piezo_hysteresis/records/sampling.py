@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.common.order import REORDERED
+from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record, RecordInfo
 
@@ -18,6 +19,7 @@ GAP = 1.5  # a longer step, in median steps, is a gap
 UNEVEN = 0.2  # steps may differ from their median by this part
 WANDER = 0.05  # numbered samples: stamps may leave an even rate by this part of the record
 LARGEST_WANDER = 0.25  # and by this one if the rate is the same nearly everywhere
+RARE = 0.05  # part of the stamps that may stand twice
 LOCAL = 32  # window in which the rate is estimated [steps]
 JITTER = 0.05  # jitter below this part of a step is not worth a note
 LARGEST_NUMBER = 1e15  # upper bound of plausible values in any unit; exact in float64
@@ -86,6 +88,12 @@ def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
     if track.sample is not None and track.sample.size and np.all(track.sample == track.sample[0]):
         track = Track(track.name, track.time, track.columns, None, track.info, track.rate)
     track = _finite(track, place, log)
+    return [record for run in _runs(track, place, log) for record in _pieces_of(run, where, log)]
+
+
+def _pieces_of(track: Track, where: str, log: DamageLog) -> list[Record]:
+    """Return one run as a record, or as its intact pieces when salvaging."""
+    place = f'{where}: record {track.name}'
     track = _ordered(track, place, log)
     if track.time.size < 2:
         log.add(place, f'it has {track.time.size} samples, too few to know its rate')
@@ -148,6 +156,65 @@ def restarts(sample: IntArray, log_time: IntArray) -> IntArray:
     return falls if far.all() and min(np.diff(edges)) >= SHORTEST else np.zeros(0, np.int64)
 
 
+def _runs(track: Track, place: str, log: DamageLog) -> list[Track]:
+    """Return the runs of a track whose time starts again, each as a record of its own.
+
+    Runs are never sorted into each other: where that gives an even rate, samples are only out of
+    order, which is damage.
+    """
+    if track.sample is not None or track.time.size < 2 * SHORTEST:
+        return [track]
+    steps = np.diff(track.time)
+    falls = np.flatnonzero(steps < 0) + 1
+    if not falls.size:
+        return [track]
+    runs = [track.take(slice(a, b)) for a, b in pairwise([0, *falls.tolist(), track.time.size])]
+    together = np.diff(np.sort(track.time))
+    median = float(np.median(np.abs(steps)))
+    even = np.all(np.abs(together - median) <= UNEVEN * median)
+    if even or any(run.time.size < SHORTEST or _has_gap(run.time) for run in runs):
+        return [track]
+    first = int(falls[0])
+    log.guess(
+        place, f'its time starts again {falls.size} times, first at sample {first + 1} '
+        f'({track.time[first]:.6g} s after {track.time[first - 1]:.6g} s): read as {len(runs)} '
+        'records',
+    )  # fmt: skip
+    return [replace(run, name=f'{track.name}.{k}') for k, run in enumerate(runs, 1)]
+
+
+def _has_gap(time: FloatArray) -> bool:
+    steps = np.diff(time)
+    return bool(np.any(steps > GAP * np.median(steps)))
+
+
+def _refuse_two_senders(track: Track, place: str) -> None:
+    """Refuse samples of two senders between each other, which no order makes one record.
+
+    Every second sample is even by itself, and the displacement is far rougher together than apart.
+
+    Raises
+    ------
+    RecordError
+        Also when salvaging.
+    """
+    time, moved = track.time, track.columns['displacement']
+    if time.size < 2 * SHORTEST:
+        return
+    steps = np.diff(time)
+    every = time[2:] - time[:-2]
+    uneven = np.mean(np.abs(steps - np.median(steps)) > UNEVEN * np.median(steps)) > 0.1
+    if not uneven or np.mean(np.abs(every - np.median(every)) > UNEVEN * np.median(every)) > 0.1:
+        return
+    apart = np.abs(moved[4:] - 2 * moved[2:-2] + moved[:-4])
+    together = np.abs(moved[2:] - 2 * moved[1:-1] + moved[:-2])
+    if np.median(together) > 3 * np.median(apart):
+        raise RecordError(
+            f'{place}: two sequences of samples lie between each other (two senders, or two runs '
+            'sorted by time); record or save each by itself'
+        )
+
+
 def _ordered(track: Track, place: str, log: DamageLog) -> Track:
     """Sort by number, or by time without numbers, and drop duplicate samples."""
     key: FloatArray | IntArray = track.time
@@ -158,6 +225,8 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
         log.add(place, f'{back} samples are out of order', count=back, remedy='sort them by time',
                 done='sorted')  # fmt: skip
         track = track.take(np.argsort(key, kind='stable'))
+    _refuse_two_senders(track, place)
+    track = _spread(track, place, log)
     again = np.zeros(track.time.size, np.bool_)
     if track.sample is None:
         again[1:] = np.diff(track.time) < SAME_TIME
@@ -173,6 +242,24 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
         log.add(place, what, count=doubled, lost=doubled, remedy=remedy, done='kept once')
         track = track.take(~again)
     return track
+
+
+def _spread(track: Track, place: str, log: DamageLog) -> Track:
+    """Return the samples at an even rate if a few stamps stand twice and the numbers agree."""
+    time, size = track.time, track.time.size
+    if track.sample is not None or size < SHORTEST:
+        return track
+    again = np.flatnonzero(np.diff(time) < SAME_TIME)
+    if not 0 < again.size <= RARE * size:
+        return track
+    rows = np.array(list(track.columns.values()))
+    if np.any(np.all(rows[:, again] == rows[:, again + 1], axis=0)):
+        return track  # a sample that was written twice
+    even = time[0] + (time[-1] - time[0]) / (size - 1) * np.arange(size)
+    if np.abs(time - even).max() >= 1.5 * (even[1] - even[0]):
+        return track
+    log.guess(place, f'{again.size} times stand twice with other values: taken at an even rate')
+    return replace(track, time=even)
 
 
 def _without_repeats(

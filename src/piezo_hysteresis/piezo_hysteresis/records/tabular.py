@@ -1,10 +1,10 @@
-"""Records from and to named columns, and metadata in ``records.yaml`` next to a file."""
+"""Records as named columns, and metadata in ``records.yaml`` next to a file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,10 @@ from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records.columns import LENGTHS, UNITS
-from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.columns import LENGTHS
 from piezo_hysteresis.records.record import Record, RecordInfo
-from piezo_hysteresis.records.sampling import Track, records_of
 
 INFO_FILE = 'records.yaml'
-
-
-def in_si(
-    columns: Mapping[int, FloatArray], meanings: Mapping[int, tuple[str, str]]
-) -> dict[str, FloatArray]:
-    """Return columns in SI units by quantity, see `columns.assigned`."""
-    return {what: columns[k] / UNITS[what][unit] for k, (what, unit) in meanings.items()}
 
 
 def columns_of(record: Record, unit: str = 'um') -> dict[str, FloatArray]:
@@ -75,42 +66,7 @@ def new_file(path: Path) -> Iterator[Path]:
         raise RecordError(f'{path}: it cannot be written ({reason_of(error)})') from None
 
 
-def records_from(
-    path: Path, columns: dict[str, FloatArray], log: DamageLog, part: str = ''
-) -> list[Record]:
-    """Return the columns of a file as one record, or as its intact parts when salvaging.
-
-    Parameters
-    ----------
-    path : Path
-        File.
-    columns : dict of ndarray, shape (n,)
-        ``time`` [s], ``voltage`` [V] or ``force`` [N], ``displacement`` [m], perhaps ``reference``
-        [m].
-    log : DamageLog
-        Lists or raises damage.
-    part : str
-        Name of the part of the file (sheet, group, struct) if it has several.
-
-    Raises
-    ------
-    RecordError
-        If no part of it is readable.
-    """
-    info, name, rate = _about(path)
-    columns = dict(columns)
-    if 'force' in columns:
-        columns['voltage'] = columns.pop('force')
-        info = RecordInfo(**{**asdict(info), 'input_unit': 'N'})
-    time = columns.pop('time')
-    track = Track(f'{name}_{part}' if part else name, time, columns, info=info, rate=rate)
-    records = records_of(track, str(path), log)
-    if not records:
-        raise RecordError(f'{path}: nothing of it is readable as a record')
-    return records
-
-
-def _about(path: Path) -> tuple[RecordInfo, str, float]:
+def about(path: Path) -> tuple[RecordInfo, str, float]:
     """Return metadata, name and rate of a file from ``records.yaml`` next to it."""
     notes = path.with_name(INFO_FILE)
     entry: Any = None

@@ -1,19 +1,18 @@
-"""Tables of named columns, as the readers of all formats give them."""
+"""Tables of columns, as the readers of all formats give them."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records.columns import meaning
+from piezo_hysteresis.records.columns import Meaning, stamped, with_unit
 
-#: More rows than columns, and no more columns than this: an array of columns.
+#: No more columns than this: an array of columns.
 MOST_COLUMNS = 64
 # Scalars that state the sampling interval [s] or the rate [Hz].
 _INTERVALS = ('dt', 'ts', 'sample_time', 'sampletime', 'sampling_interval')
@@ -21,19 +20,56 @@ _RATES = ('fs', 'rate', 'sample_rate', 'samplerate', 'sampling_rate')
 
 
 @dataclass(frozen=True)
-class ColumnTable:
-    """Columns of equal length.
+class Column:
+    """One column, or one channel with a clock of its own.
 
     Attributes
     ----------
     name : str
-        Of the part of the file (sheet, group, struct); empty for the file itself.
-    columns : dict of ndarray, shape (n,)
-        By their names.
+        With its unit, if the file states one.
+    values : ndarray, shape (n,)
+        Numbers; NaN where there is none.
+    time : ndarray, shape (n,), or None
+        Its own times [s]; None if the table has a time.
+    known : Meaning or None
+        What it is by the format of the file.
     """
 
     name: str
-    columns: dict[str, FloatArray]
+    values: FloatArray
+    time: FloatArray | None = None
+    known: Meaning | None = None
+
+
+@dataclass(frozen=True)
+class ColumnTable:
+    """Columns of one part of a file.
+
+    Attributes
+    ----------
+    name : str
+        Of the part of the file (sheet, group, struct, segment); empty for the file itself.
+    columns : list of Column
+        In the order of the file.
+    interval : float
+        Sampling interval that the file states [s]; 0 if none.
+    count : int
+        Number of samples that the file states; 0 if none.
+    assumed : tuple of str
+        What it was recognised as, and what was assumed, one sentence each.
+    repeats : tuple of int
+        Rows in front of which the line of names stands again.
+    sparse : bool
+        A row may hold one signal only; the others hold their value.
+    """
+
+    name: str
+    columns: list[Column]
+    interval: float = 0.0
+    count: int = 0
+    assumed: tuple[str, ...] = field(default=())
+    repeats: tuple[int, ...] = field(default=())
+    sparse: bool = False
 
 
 def vector(value: Any) -> FloatArray | None:
@@ -41,24 +77,65 @@ def vector(value: Any) -> FloatArray | None:
     array = np.squeeze(np.asarray(value))
     if array.ndim != 1 or array.size < 2:
         return None
+    if array.dtype.kind == 'O':
+        return _of_objects(array)
     if array.dtype.kind == 'M':
-        return np.asarray((array - array[0]) / np.timedelta64(1, 'ns') / 1e9, np.float64)
+        array = array - array[0]
+    if array.dtype.kind == 'm':
+        return np.asarray(array / np.timedelta64(1, 'ns') / 1e9, np.float64)
     if array.dtype.kind not in 'biuf':
         return None
     return np.asarray(array, np.float64)
 
 
-def tables_of(entries: Mapping[str, Any], name: str = '') -> Iterator[ColumnTable]:
+def is_time(value: Any) -> bool:
+    """Return whether a column holds dates or durations, which `vector` converts to seconds."""
+    array = np.asarray(value)
+    if array.dtype.kind == 'O' and array.size:
+        first = array.reshape(-1)[0]
+        return hasattr(first, 'timestamp') or isinstance(first, timedelta)
+    return array.dtype.kind in 'mM'
+
+
+def _of_objects(array: Any) -> FloatArray | None:
+    """Return numbers, dates or durations of Python as floats; None for others."""
+    try:
+        if is_time(array):
+            first = array[0] if hasattr(array[0], 'timestamp') else timedelta(0)
+            return np.array([(each - first).total_seconds() for each in array])
+        return np.array([np.nan if each is None else float(each) for each in array])
+    except (TypeError, ValueError, AttributeError):
+        return None
+
+
+def column(name: str, value: Any, unit: str = '') -> Column | None:
+    """Return a column of numbers or times; None for others."""
+    found = vector(value)
+    if found is None:
+        return None
+    if is_time(value):  # in seconds, whatever its name says
+        return Column(name, found, known=stamped(name))
+    return Column(with_unit(name, unit), found)
+
+
+def tables_of(
+    entries: Mapping[str, Any], name: str = '', units: Mapping[str, str] | None = None
+) -> Iterator[ColumnTable]:
     """Yield the tables of nested mappings of arrays and scalars, such as structs and groups.
 
     Columns of arrays are numbered from 1. A scalar ``dt`` [s] or ``fs`` [Hz] defines the time.
+    An array of more dimensions is one table for each of its first indices.
 
-    Raises
-    ------
-    RecordError
-        If assigned columns differ in length.
+    Parameters
+    ----------
+    entries : mapping
+        Arrays, scalars, mappings and lists of mappings by name.
+    name : str
+        Of the table.
+    units : mapping of str to str, optional
+        Units that the file states beside its arrays, by their names.
     """
-    columns: dict[str, FloatArray] = {}
+    columns: list[Column] = []
     for key, value in entries.items():
         if isinstance(value, Mapping):
             yield from tables_of(value, _below(name, key))
@@ -68,69 +145,72 @@ def tables_of(entries: Mapping[str, Any], name: str = '') -> Iterator[ColumnTabl
                 if isinstance(each, Mapping):
                     yield from tables_of(each, _below(name, f'{key}_{k}'))
             continue
-        columns.update(_columns(key, value, len(entries) == 1))
-    columns = _of_one_length(columns)
-    if len(columns) >= 2:
-        yield ColumnTable(name, _with_time(columns, entries))
+        array = np.asarray(value)
+        if array.ndim == 3 and array.dtype.kind in 'biuf':
+            for k, each in enumerate(array, 1):
+                found = _columns(key, each, True, '')
+                if len(found) >= 2:
+                    yield ColumnTable(_below(name, f'{key}_{k}'), found, interval_of(entries))
+            continue
+        columns += _columns(key, value, len(entries) == 1, (units or {}).get(key, ''))
+    if columns:
+        yield ColumnTable(name, columns, interval_of(entries))
+
+
+def united(tables: Sequence[ColumnTable]) -> ColumnTable:
+    """Return the columns of all tables as one: a file with one channel in each group."""
+    names = [each.name for table in tables for each in table.columns]
+    columns = [
+        Column(
+            each.name if names.count(each.name) == 1 else _below(table.name, each.name),
+            each.values,
+            each.time if each.time is not None else _clock(table, each),
+            each.known,
+        )
+        for table in tables
+        for each in table.columns
+    ]
+    assumed = dict.fromkeys(sentence for table in tables for sentence in table.assumed)
+    return ColumnTable('', columns, assumed=tuple(assumed))
+
+
+def _clock(table: ColumnTable, each: Column) -> FloatArray | None:
+    if table.interval <= 0.0:
+        return None
+    return np.asarray(table.interval * np.arange(each.values.size), np.float64)
 
 
 def _below(name: str, key: str) -> str:
     return f'{name}_{key}' if name else key
 
 
-def _columns(key: str, value: Any, alone: bool) -> dict[str, FloatArray]:
+def _columns(key: str, value: Any, alone: bool, unit: str) -> list[Column]:
     """Return the columns of one entry: a vector, fields of a structured array, or an array."""
     array = np.asarray(value)
     if array.dtype.names:
-        found = {field: vector(array[field]) for field in array.dtype.names}
-        return {field: column for field, column in found.items() if column is not None}
-    if (column := vector(array)) is not None:
-        is_time = array.dtype.kind == 'M' and not meaning(key).unit
-        return {f'{key}_s' if is_time else key: column}
+        found = [column(field, array[field]) for field in array.dtype.names]
+        return [each for each in found if each is not None]
+    if (single := column(key, value, unit)) is not None:
+        return [single]
     if array.ndim != 2 or array.dtype.kind not in 'biuf' or min(array.shape) > MOST_COLUMNS:
-        return {}
+        return []
     rows = array if array.shape[0] >= array.shape[1] else array.T
     if rows.shape[0] < 2:
-        return {}
-    numbers = range(1, rows.shape[1] + 1)
-    return {
-        (str(k) if alone else f'{key}_{k}'): np.asarray(rows[:, k - 1], np.float64)
-        for k in numbers
-    }
-
-
-def _of_one_length(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the columns as long as those that mean something, else as long as most."""
-    known = {key: column.size for key, column in columns.items() if meaning(key).what}
-    if len(set(known.values())) > 1:
-        listed = ', '.join(f'{key} {size}' for key, size in known.items())
-        raise RecordError(
-            f'its columns differ in length ({listed}): two rates are no record; save those of one '
-            'rate together'
+        return []
+    return [
+        Column(
+            with_unit(str(k) if alone else f'{key}_{k}', unit),
+            np.asarray(rows[:, k - 1], np.float64),
         )
-    sizes = list(known.values()) or [column.size for column in columns.values()]
-    if not sizes:
-        return {}
-    length = Counter(sizes).most_common(1)[0][0]
-    return {key: column for key, column in columns.items() if column.size == length}
-
-
-def _with_time(
-    columns: dict[str, FloatArray], entries: Mapping[str, Any]
-) -> dict[str, FloatArray]:
-    """Return the columns with a time from the given interval or rate."""
-    if any(meaning(key).what == 'time' for key in columns):
-        return columns
-    dt = interval_of(entries)
-    if dt <= 0.0:
-        return columns
-    time = np.asarray(dt * np.arange(next(iter(columns.values())).size), np.float64)
-    return {'time_s': time, **columns}
+        for k in range(1, rows.shape[1] + 1)
+    ]
 
 
 def interval_of(entries: Mapping[str, Any]) -> float:
     """Return the sampling interval [s] from scalars; 0 if none states it."""
     for key, value in entries.items():
+        if isinstance(value, Mapping | list):
+            continue
         array = np.asarray(value)
         if array.size != 1 or array.dtype.kind not in 'iuf':
             continue

@@ -1,0 +1,270 @@
+"""Tables of text files: any dialect, any decimal mark, quotes, dates; each cell counts."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records import csv_columns
+from piezo_hysteresis.records.columns import Meaning, assigned, stamped
+from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.dialects import Layout, dialect_of, plain
+from piezo_hysteresis.records.formats.column_table import Column, ColumnTable
+from piezo_hysteresis.records.options import ReadOptions
+from piezo_hysteresis.records.text_cells import (
+    decimal_mark,
+    is_number,
+    is_stamp,
+    numbers,
+    seconds,
+    split,
+)
+
+# Characters of a large file that are searched for the column names.
+_HEAD = 100_000
+
+
+def text_tables(path: Path, log: DamageLog, options: ReadOptions) -> list[ColumnTable]:
+    """Return the tables of a text file.
+
+    Raises
+    ------
+    RecordError
+        If it is no text, has no columns, or cells are no numbers and the log does not salvage.
+    """
+    large = path.stat().st_size > csv_columns.LARGE
+    lines = _lines(path, log, most=_HEAD if large else -1)
+    layouts = _layouts(lines, path, options)
+    if large and len(layouts) == 1 and _is_simple(layouts[0], lines):
+        found = _at_once(path, layouts[0], options)
+        if found is not None:
+            return [found]
+    if large:
+        lines = _lines(path, log)
+        layouts = _layouts(lines, path, options)
+    tables: list[ColumnTable] = []
+    for layout in layouts:
+        tables += _tables(path, lines, layout, log, options)
+    if len(tables) > 1 and not any(table.name for table in tables):
+        tables = [replace(table, name=str(k)) for k, table in enumerate(tables, 1)]
+    return tables
+
+
+def _layouts(lines: Sequence[str], path: Path, options: ReadOptions) -> list[Layout]:
+    if options.header_row is None:
+        dialect = dialect_of(lines)
+        if dialect is not None:
+            try:
+                return dialect.read(lines)
+            except (StopIteration, IndexError, ValueError) as error:
+                reason = str(error) or 'its header is cut off or changed'
+                raise RecordError(f'{path}: it looks like a {dialect.name} but {reason}; give '
+                                  'the line of the names with --header-row') from None  # fmt: skip
+            except RecordError as error:
+                raise RecordError(f'{path}: {dialect.name}: {error}') from None
+    return [plain(lines, options.header_row, path)]
+
+
+def _lines(path: Path, log: DamageLog, most: int = -1) -> list[str]:
+    """Return the lines of a file in UTF-8, UTF-16 (with its mark) or Windows-1252."""
+    with path.open('rb') as file:
+        data = file.read(most)
+    wide = data[:2] in (b'\xff\xfe', b'\xfe\xff')
+    text = None
+    for encoding in ('utf-16',) if wide else ('utf-8-sig', 'cp1252'):
+        try:  # the last character of a piece may be cut
+            text = codecs.getincrementaldecoder(encoding)().decode(data, most < 0)
+            break
+        except UnicodeDecodeError:
+            continue
+    head = (text or '')[:_HEAD]
+    letters = sum('\t' <= letter < '\x7f' for letter in head)
+    if text is None or any(letter < '\t' for letter in head) or 2 * letters < len(head):
+        raise RecordError(f'{path} is not a text file; save it as CSV in UTF-8')
+    if encoding == 'cp1252':
+        log.guess(path, 'read as Windows-1252, since it is no UTF-8')
+    return text.splitlines()
+
+
+def _is_simple(layout: Layout, lines: Sequence[str]) -> bool:
+    """Return whether plain numbers with decimal points follow, as far as the head shows."""
+    body = ''.join(lines[layout.first : -1])
+    commas = layout.separator != ',' and ',' in body
+    return bool(layout.separator) and not (commas or '"' in body or layout.clock or layout.sparse)
+
+
+def _at_once(path: Path, layout: Layout, options: ReadOptions) -> ColumnTable | None:
+    """Return the columns of a large file that mean something, by pyarrow; None if it cannot."""
+    timed = options.interval or layout.interval
+    try:
+        meanings, _ = assigned(
+            layout.names, path, chosen=options.columns, hints=layout.known, length=options.unit,
+            needed=() if timed else ('time', 'voltage', 'displacement'),
+        )  # fmt: skip
+    except RecordError:
+        return None
+    values = csv_columns.columns(path, layout.first - 1, layout.separator, list(meanings))
+    if values is None:
+        return None
+    taken = dict(zip(meanings, values.T, strict=True))
+    nothing = np.zeros(0)
+    columns = [
+        Column(name, taken.get(k, nothing), known=layout.known.get(k))
+        for k, name in enumerate(layout.names)
+    ]
+    return _table(layout, columns)
+
+
+def _table(layout: Layout, columns: list[Column], repeats: tuple[int, ...] = ()) -> ColumnTable:
+    notes = [layout.assumed] if layout.assumed else []
+    if layout.head:
+        notes.append(
+            f'the {layout.head} lines in front of the column names are not read; they may state '
+            'units, factors or an interval'
+        )
+    if layout.names and all(name.isdigit() for name in layout.names) and not layout.assumed:
+        notes.append('no line of names: its columns are 1, 2, 3, ...')
+    return ColumnTable(
+        layout.title, columns, layout.interval, layout.count, tuple(notes), repeats, layout.sparse
+    )
+
+
+@dataclass
+class _Rows:
+    """Rows of cells with the numbers of their lines, from 1."""
+
+    cells: list[list[str]]
+    numbers: list[int]
+    repeats: list[int]
+    next: Layout | None = None
+
+
+def _tables(
+    path: Path, lines: Sequence[str], layout: Layout, log: DamageLog, options: ReadOptions
+) -> list[ColumnTable]:
+    """Return the table of a layout, and those of other column names further down."""
+    last = len(lines) if layout.last < 0 else layout.last
+    rows = _rows(lines, layout, last)
+    if not rows.cells:
+        raise RecordError(f'{path}: it has column names but no samples; export it again')
+    width = max(len(layout.names), 1)
+    columns = _columns(path, rows, layout, width, log, options)
+    found = [_table(layout, columns, tuple(rows.repeats))]
+    if rows.next is not None:
+        found += _tables(path, lines, rows.next, log, options)
+    return found
+
+
+def _rows(lines: Sequence[str], layout: Layout, last: int) -> _Rows:
+    rows = _Rows([], [], [])
+    bare = [name.partition(' (')[0] for name in layout.names]
+    for k in range(layout.first, last):
+        line = lines[k]
+        if not line.strip() or line.lstrip()[:1] == '#':
+            continue
+        cells = split(line, layout.separator)
+        if _is_text(cells):
+            if [cell.partition(' (')[0].strip('"\'') for cell in cells[: len(bare)]] == bare:
+                rows.repeats.append(len(rows.cells))
+                continue
+            if len(cells) >= 2 and rows.cells and _has_table(lines, k):
+                below = plain(lines, k + 1, '')
+                rows.next = replace(below, assumed='', last=last)
+                break
+        rows.cells.append(cells)
+        rows.numbers.append(k + 1)
+    return rows
+
+
+def _is_text(cells: Sequence[str]) -> bool:
+    filled = [cell for cell in cells if cell]
+    return len(filled) >= 2 and not any(is_number(c) or is_stamp(c) for c in filled)
+
+
+def _has_table(lines: Sequence[str], k: int) -> bool:
+    """Return whether a line of text within the numbers is one of column names."""
+    cells = [cell for mark in ('\t', ';', ',') for cell in lines[k].split(mark)]
+    return any(each in line.lower() for line in cells for each in ('time', 'zeit', 'volt', 'disp'))
+
+
+def _columns(
+    path: Path,
+    rows: _Rows,
+    layout: Layout,
+    width: int,
+    log: DamageLog,
+    options: ReadOptions,
+) -> list[Column]:
+    """Return the numbers of all columns; wrong rows and cells are damage.
+
+    Only columns that mean something can be wrong: others are ignored.
+    """
+    hints = dict(layout.known)
+    if layout.clock == 'sec_nanosec':
+        hints |= {0: Meaning('time', 's', 1), 1: Meaning()}
+    timed = options.interval or layout.interval
+    try:
+        meanings, _ = assigned(
+            layout.names, path, chosen=options.columns, hints=hints, length=options.unit,
+            needed=() if timed else ('time', 'voltage', 'displacement'),
+        )  # fmt: skip
+        places = sorted(meanings)
+    except RecordError:
+        places = []
+    wrong = {k: f'line {rows.numbers[k]} has {len(cells)} cells for {width} columns'
+             for k, cells in enumerate(rows.cells)
+             if any(cells[width:])}  # fmt: skip
+    if len(wrong) > 0.5 * len(rows.cells):
+        raise RecordError(
+            f'{path}: its rows have {len(rows.cells[0])} cells but {width} columns have a name; '
+            'commas separate and stand in numbers, too, or names are missing: save it with '
+            'semicolons, or name the line with --header-row'
+        )
+    cells = {k: [row[k] if k < len(row) else '' for row in rows.cells] for k in range(width)}
+    mark = options.decimal or layout.decimal
+    if not mark:
+        chosen = places or list(cells)
+        mark, grouped = decimal_mark((c for k in chosen for c in cells[k]), path)
+        if grouped:
+            other = '.' if mark == ',' else ','
+            log.guess(path, f'{other!r} groups thousands, {mark!r} is the decimal mark')
+    found = []
+    for k, name in enumerate(layout.names):
+        values, known = _values(cells[k], name, mark, path)
+        if k in places and not layout.sparse:
+            for row in np.flatnonzero(np.isnan(values)).tolist():
+                cell = cells[k][row]
+                if cell.lower() != 'nan':
+                    said = f'line {rows.numbers[row]} has {cell!r} in column {name}'
+                    wrong.setdefault(row, said)
+        found.append(Column(name, values, known=hints.get(k) or known))
+    if layout.clock == 'index':
+        start = float(layout.names[0].partition(' ')[2])
+        found[0] = replace(found[0], values=start + layout.interval * found[0].values)
+    if layout.clock == 'sec_nanosec':
+        whole = found[0].values - found[0].values[0]
+        found[0] = replace(found[0], values=whole + found[1].values / 1e9)
+    if wrong:
+        first = wrong[min(wrong)]
+        log.add(path, f'{len(wrong)} lines are not numbers, {first}', count=len(wrong),
+                lost=len(wrong), remedy='mend them')  # fmt: skip
+        good = np.ones(len(rows.cells), np.bool_)
+        good[list(wrong)] = False
+        found = [replace(each, values=each.values[good]) for each in found]
+    return found
+
+
+def _values(
+    cells: Sequence[str], name: str, mark: str, path: Path
+) -> tuple[FloatArray, Meaning | None]:
+    """Return a column as numbers, and what it is if it holds dates."""
+    dates = sum(map(is_stamp, cells[:50]))
+    if dates and 2 * dates >= len(cells[:50]):
+        return seconds(cells, path), stamped(name)
+    return numbers(cells, mark), None
