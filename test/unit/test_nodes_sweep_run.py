@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.runtime.consumer_progress import Progress
 from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord, narrowed, parse_options
 from piezo_hysteresis.runtime.sweep_run import MOST_REPEATS, SweepRun, kept_message
@@ -30,8 +31,9 @@ class World:
     def mark(self, record: SweepRecord, sample: int) -> None:
         self.said.append((record.name, 'begins', sample))
 
-    def end(self, judged: str, verdict: str, sample: int) -> None:
+    def end(self, judged: str, verdict: str, sample: int) -> int:
         self.said.append((judged, verdict or 'ends', sample))
+        return sample
 
     def step(self, *, heard: bool = True, kept: bool = True) -> float | None:
         """One answer of the sweep, and the state that it brings about."""
@@ -150,3 +152,29 @@ def test_a_drive_out_of_range_is_refused_with_the_range() -> None:
     assert 'smaller amplitude' in narrowed(-80.0, 80.0, 0.0, 100.0)
     shifted = Sweep([5.0], [48.0], 0.5, 1000.0, options=parse_options('{offset: 50}'))
     assert 0.0 <= shifted.extremes[0] < shifted.extremes[1] <= 100.0
+
+
+def test_a_record_beyond_what_was_written_does_not_count() -> None:
+    world = World()
+    world.finish()
+    first, second = world.run.kept
+    assert world.run.drop_unwritten(second.queued) == []
+    assert world.run.drop_unwritten(second.queued - 1) == NAMES[1:]
+    assert [each.record.name for each in world.run.kept] == NAMES[:1]
+    assert world.run.drop_unwritten(first.queued - 1) == NAMES[:1]
+    assert world.run.kept == []
+
+
+@pytest.mark.parametrize(
+    ('changes', 'word'),
+    [
+        ({'pause': 1e300}, 'samples'),
+        ({'frequencies': [1.0] * 2000}, 'records'),
+        ({'warm_up': 5.0}, 'warm-up'),
+        ({'seconds': float('nan')}, 'finite'),
+    ],
+)
+def test_a_goal_that_cannot_be_planned_is_refused(changes: dict[str, object], word: str) -> None:
+    goal = {'frequencies': [1.0], 'amplitudes': [1.0], 'seconds': 2.0, 'rate': 1000.0, **changes}
+    with pytest.raises(RecordError, match=word):
+        Sweep(**goal)  # type: ignore[arg-type]

@@ -341,3 +341,37 @@ def test_a_flush_that_is_waited_for_has_it_all_in_the_bag(tmp_path: Path) -> Non
         assert recorder.status.written == 0
         recorder.flush(timeout=30.0)
         assert recorder.status.written == 10
+
+
+@pytest.mark.parametrize('room', [1000, 3000, 5000, 20_000, 40_000])
+def test_written_is_what_rosbags_finds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    """A disk that is full at any stage, metadata and second file included."""
+    left = [room]
+
+    def pwrite(file: int, data: Any, at: int) -> int:
+        left[0] -= len(data)
+        if left[0] < 0:
+            raise OSError(28, 'No space left on device')
+        return write(file, data, at)
+
+    def write_text(self: Path, text: str, *_: Any) -> int:
+        left[0] -= len(text)
+        if left[0] < 0:
+            raise OSError(28, 'No space left on device')
+        return int(put(self, text, 'utf-8'))
+
+    recorder = Recorder(tmp_path / 'bag', flush_interval=0.01, split=1 << 14)
+    write, put = os.pwrite, Path.write_text
+    monkeypatch.setattr(os, 'pwrite', pwrite)
+    monkeypatch.setattr(Path, 'write_text', write_text)
+    topic = recorder.add_topic(NAME, STATE, definition=definition_of(STATE)[0])
+    messages = payloads(1000)
+    for first in range(0, 1000, 100):
+        feed(recorder, topic, messages[first : first + 100], first)
+        recorder.flush(1.0)
+    status = recorder.close()
+    assert status.written + status.dropped == 1000
+    assert status.dropped == 0 or status.problem
+    assert by_rosbags(tmp_path / 'bag') == messages[: status.written]

@@ -6,8 +6,7 @@ import sys
 import threading
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.node import Node
+from rclpy.action import GoalResponse
 from rclpy.task import Future
 
 from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
@@ -20,6 +19,7 @@ from piezo_hysteresis.parameters.node_tables import DISCOVERY
 from piezo_hysteresis.process_setup import number_of_workers
 from piezo_hysteresis.reporting.folder import check_folder
 from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.guarded import GuardedNode, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.action import Discover
@@ -27,7 +27,7 @@ from piezo_interfaces.action import Discover
 SENTENCES: dict[str, Finding] = {'refused': (Level.WARN, 'a discovery was refused: see its log')}
 
 
-class DiscoveryNode(Node):
+class DiscoveryNode(GuardedNode):
     """Runs one discovery or investigation at a time in a separate thread."""
 
     def __init__(self) -> None:
@@ -40,14 +40,7 @@ class DiscoveryNode(Node):
         self._counts = {'runs': 0, 'failed': 0, 'refused': 0}
         self._watch = CounterWatch(SENTENCES)
         Diagnostics(self, self._health)
-        self._server = ActionServer(
-            self,
-            Discover,
-            'discover',
-            execute_callback=self._execute,
-            goal_callback=self._judge,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self._server = serve_action(self, Discover, 'discover', self._judge, self._execute)
         self._investigations = InvestigationServer(
             self, self._params, self._begin, self._log, self._end
         )
@@ -144,7 +137,7 @@ class DiscoveryNode(Node):
                 raise
         finally:
             if not self._closing:
-                self.executor.create_task(done.set_result, True)
+                self.run_later(done.set_result, True)
 
     def _discover(self, goal: Any, result: Discover.Result) -> None:
         # Heavy imports stay out of the start of the node.

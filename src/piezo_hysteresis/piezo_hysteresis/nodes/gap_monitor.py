@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from math import isfinite
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
@@ -20,6 +19,7 @@ from piezo_hysteresis.nodes.model_parameters import ModelParameters
 from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.parameters.node_tables import GAP_MONITOR
 from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.running import run_node
@@ -35,7 +35,7 @@ SENTENCES: dict[str, Finding] = {
 }
 
 
-class GapMonitorNode(Node):
+class GapMonitorNode(GuardedNode):
     """Compares every tick with the model and publishes the gap window by window."""
 
     def __init__(self) -> None:

@@ -10,8 +10,7 @@ from concurrent import futures
 from pathlib import Path
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.node import Node
+from rclpy.action import GoalResponse
 from rclpy.task import Future
 
 from piezo_hysteresis.common import topics
@@ -29,6 +28,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.paths import new_inside
 from piezo_hysteresis.parameters.node_tables import GCS_DRIVER
 from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.guarded import GuardedNode, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import run_node
@@ -40,7 +40,7 @@ from piezo_interfaces.msg import ActuatorState
 _KEPT = 100
 
 
-class GcsDriver(Node):
+class GcsDriver(GuardedNode):
     """Serves ``run_sweep``, one goal at a time, and publishes the state of the actuator."""
 
     def __init__(self) -> None:
@@ -49,6 +49,7 @@ class GcsDriver(Node):
         if not self._params.text('controller'):
             self.get_logger().fatal(f'no controller is given: controller:={FORMS}')
             raise SystemExit(2)
+        self._bag = Path()
         self._folder = Path(self._params.text('folder')).expanduser()
         self._is_busy, self._last = False, ''
         self._counts = dict.fromkeys(('sweeps', 'sweeps_refused', 'sweeps_failed'), 0)
@@ -59,14 +60,7 @@ class GcsDriver(Node):
         every = 1.0 / self._params.number('monitor_rate')
         self._thread = ControllerThread(self._opened, self._note, every)
         self._params.serve(lambda changes: None)
-        self._server = ActionServer(
-            self,
-            RunSweep,
-            'run_sweep',
-            execute_callback=self._execute,
-            goal_callback=self._judge_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self._server = serve_action(self, RunSweep, 'run_sweep', self._judge_goal, self._execute)
         Diagnostics(self, self._judge)
         wall_timer(self, every, self._publish)
 
@@ -108,7 +102,8 @@ class GcsDriver(Node):
             reason = 'another one is running; cancel it first'
         else:
             try:
-                reason = self._thread.check(self._order(goal, self._bag_of(goal)))
+                self._bag = self._bag_of(goal)
+                reason = self._thread.check(self._order(goal, self._bag))
             except PiezoError as error:
                 reason = str(error)
         if reason:
@@ -133,22 +128,26 @@ class GcsDriver(Node):
         )
 
     async def _execute(self, goal: Any) -> RunSweep.Result:
-        done, bag = Future(), self._bag_of(goal.request)
+        done, bag = Future(), self._bag
         self._counts['sweeps'] += 1
-        running = self._thread.run(
-            self._order(goal.request, bag),
-            self._progress_callback(goal),
-            lambda: goal.is_cancel_requested,
-        )
-        running.add_done_callback(lambda ended: self._hand_over(done, ended))
-        outcome: SweepOutcome = await done
-        self._is_busy = False
+        try:
+            running = self._thread.run(
+                self._order(goal.request, bag),
+                self._progress_callback(goal),
+                lambda: goal.is_cancel_requested,
+            )
+            running.add_done_callback(lambda ended: self._hand_over(done, ended))
+            outcome: SweepOutcome = await done
+        finally:
+            self._is_busy = False
         return self._result(goal, outcome, bag)
 
     def _hand_over(self, done: Future, ended: futures.Future[SweepOutcome]) -> None:
         """Pass a result to the thread that spins the node."""
-        if self.executor is not None:
-            self.executor.create_task(done.set_result, ended.result())
+        if error := ended.exception():
+            self.run_later(done.set_exception, error)
+        else:
+            self.run_later(done.set_result, ended.result())
 
     def _progress_callback(self, goal: Any) -> Callable[[SweepProgress], None]:
         def report(now: SweepProgress) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
@@ -17,6 +16,7 @@ from piezo_hysteresis.nodes.messages import estimate_into
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.node_tables import IDENTIFICATION
 from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.running import run_node
@@ -46,7 +46,7 @@ SENTENCES: dict[str, Finding] = {
 }
 
 
-class IdentificationNode(Node):
+class IdentificationNode(GuardedNode):
     """Processes every state of the actuator and publishes the estimated model."""
 
     def __init__(self) -> None:

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from rclpy.node import Node
-
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import Model, ModelFile
+from piezo_hysteresis.ros.guarded import Guarded
 from piezo_hysteresis.ros.parameters import NodeParameters
 
 PREFIX = 'model.'
@@ -73,7 +72,7 @@ class ModelParameters:
 
     def __init__(
         self,
-        node: Node,
+        node: Guarded,
         parameters: NodeParameters,
         use: Callable[[ModelFile], None],
         refusal: Callable[[ModelFile], str] = lambda _: '',
@@ -140,8 +139,8 @@ class ModelParameters:
 
     def _change(self) -> None:
         """Update once all parameters of the request are set."""
-        if not self._changed and self._node.executor is not None:
-            self._node.executor.create_task(self._follow_later)
+        if not self._changed:
+            self._node.run_later(self._follow_later)
         self._changed = True
 
     def _follow_later(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_interfaces.srv import LoadModel
@@ -15,10 +16,14 @@ def inside(folder: str, path: str) -> Path:
     Raises
     ------
     PiezoError
-        If it is outside the folder, by ``..``, a link or an absolute path.
+        If it is outside the folder, by ``..``, a link or an absolute path, or no valid path.
     """
     base = Path(folder or '.').expanduser().resolve()
-    target = (base / path).resolve()
+    try:
+        target = (base / path).resolve()
+        target.exists()  # raises where the name is too long
+    except (OSError, ValueError) as error:
+        raise PiezoError(f'{path[:40]!r} is no path: {reason_of(error)}') from None
     if not path or (target != base and base not in target.parents):
         raise PiezoError(f'{path!r} is not inside {base}: give a path below that folder')
     return target

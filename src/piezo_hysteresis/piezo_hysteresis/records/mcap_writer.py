@@ -59,6 +59,8 @@ class PlainFile:
     def finish(self, data: bytes) -> None:
         """Append what closes the file, and close it."""
         self._file.write(data)
+        self._file.flush()
+        os.fsync(self._file.fileno())  # some disks report only then that they are full
         self._file.close()
 
     def abandon(self) -> None:
@@ -132,6 +134,7 @@ class PaddedFile:
         self._write(data, start)
         os.ftruncate(self._fd, start + len(data))
         self._write(mcap.PREFIX.pack(mcap.PADDING, 0), self.end)
+        os.fsync(self._fd)
         self.abandon()
 
     def abandon(self) -> None:

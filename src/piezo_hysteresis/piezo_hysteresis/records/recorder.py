@@ -108,7 +108,7 @@ class Recorder:
         self._waiting = 0
         self._problem = ''
         self._metadata_due = 0.0
-        self._listed = -1
+        self._listed = (0, 0)  # files and topics that the metadata name
         self._files: list[FileSummary] = []
         self._create()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
@@ -116,10 +116,10 @@ class Recorder:
 
     def _create(self) -> None:
         """Make the folder with its first file and metadata; it appears complete or not at all."""
-        if self.path.exists():
-            raise RecordError(f'{self.path} exists already; remove it or choose another name')
         final = self.path
         try:
+            if final.exists():
+                raise RecordError(f'{final} exists already; remove it or choose another name')
             with write_atomically(final) as self.path:
                 self.path.mkdir()
                 self._writer = self._next_file(final.name)
@@ -218,7 +218,8 @@ class Recorder:
     def close(self) -> RecorderStatus:
         """Write the queue, close the bag and return the counters.
 
-        If the disk is full, only the queue is lost.
+        Only `written` messages can be read: the first ones of those that `write` accepted. If the
+        disk is full, the others are lost.
         """
         with self._lock:
             self._closing = True
@@ -238,11 +239,14 @@ class Recorder:
         self.close()
 
     def _run(self) -> None:
-        while not self._closing:
-            self._wake.wait(self._interval)
-            self._wake.clear()
+        try:
+            while not self._closing:
+                self._wake.wait(self._interval)
+                self._wake.clear()
+                self._drain()
             self._drain()
-        self._drain()
+        except Exception as error:  # what is in the bag stays; all else counts as dropped
+            self._problem = f'{type(error).__name__}: {error}'
         self._finish()
 
     def _drain(self) -> None:
@@ -250,7 +254,7 @@ class Recorder:
         try:
             while batch := self._batch():
                 self._add_new_topics()
-                self._append(batch)
+                self._append(batch)  # counted below only where a reader finds it
                 with self._lock:
                     for message in batch:
                         self._queue.popleft()
@@ -293,7 +297,7 @@ class Recorder:
         if not self._writer.write_chunk(data, *columns):
             full, self._writer = self._writer, self._next_file(self.path.name, len(data))
             self._close_file(full)
-            self._write_metadata(RECORDING)
+            self._name_new_parts()
             self._writer.write_chunk(data, *columns)
         self._sum_up()
 
@@ -302,8 +306,11 @@ class Recorder:
             topics = self._topics[len(self._writer.topics) :]
         for topic in topics:
             self._writer.add_topic(topic)
-        if topics:
-            # Plain rosbags finds only the topics that the metadata name.
+        self._name_new_parts()
+
+    def _name_new_parts(self) -> None:
+        """Name new topics and files in the metadata: rosbags finds no others."""
+        if self._listed != (len(self._files), len(self._writer.topics)):
             self._write_metadata(RECORDING)
 
     def _sum_up(self) -> None:
@@ -321,6 +328,7 @@ class Recorder:
         with self._lock:
             metadata = self._metadata(state)
         metadata.write(self.path)
+        self._listed = (len(metadata.files), len(metadata.topics))
         self._metadata_due = time.monotonic() + METADATA_INTERVAL
 
     def _close_file(self, writer: McapWriter) -> None:
@@ -335,6 +343,7 @@ class Recorder:
 
     def _finish(self) -> None:
         with self._lock:
+            self._closing = True
             self._dropped += len(self._queue)
             self._queue.clear()
         self._close_file(self._writer)

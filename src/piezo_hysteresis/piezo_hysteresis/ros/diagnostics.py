@@ -13,7 +13,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from piezo_hysteresis.common.health import Health, Level
+from piezo_hysteresis.common.health import HOLD, Health, Level
+from piezo_hysteresis.ros.guarded import Guarded
 from piezo_hysteresis.ros.readiness import HeartbeatPublisher, Readiness
 from piezo_hysteresis.ros.timers import wall_timer
 
@@ -42,7 +43,7 @@ class Diagnostics:
         Returns the health of the node; called at 5 Hz once the node spins.
     """
 
-    def __init__(self, node: Node, ask: Callable[[], Health]) -> None:
+    def __init__(self, node: Guarded, ask: Callable[[], Health]) -> None:
         self._node = node
         self._ask = ask
         self._level: Level | None = None
@@ -56,12 +57,22 @@ class Diagnostics:
     def look(self) -> None:
         """Publish if the level has changed or one second has elapsed."""
         self._heartbeat.ready()
-        health = self._ask()
         now = time.monotonic()
+        health = self._with_failures(self._ask(), now)
         if health.level == self._level and now - self._reported < PERIOD - 0.5 * LOOK:
             return
         self._level, self._reported = health.level, now
         self._publish(Readiness.READY, health)
+
+    def _with_failures(self, health: Health, now: float) -> Health:
+        """Add failures of callbacks: an error for a while, then a count."""
+        node = self._node
+        if not node.callback_failures:
+            return health
+        values = {**health.values, 'callback_failures': node.callback_failures}
+        if now - node.last_failed > HOLD:
+            return Health(health.level, health.message, values)
+        return Health(Level.ERROR, f'a callback failed: {node.last_failure}', values)
 
     def _starts(self, state: Readiness, message: str) -> None:
         self._publish(state, Health(Level.OK, message))

@@ -19,7 +19,8 @@ from piezo_hysteresis.waveforms import Waveform, WaveformError, from_spec, has_s
 RETURN = 0.1
 
 # Every voltage of a sweep is kept, so it must not be endless.
-LARGEST = 100_000_000
+LARGEST = 20_000_000
+MOST_RECORDS = 1000
 
 
 @dataclass(frozen=True)
@@ -301,5 +302,10 @@ def _check(
         )
     if round(seconds * rate) < 2:
         raise RecordError(f'records of {seconds:g} s at {rate:g} Hz are empty: give more seconds')
-    if seconds * rate * len(frequencies) * len(amplitudes) > LARGEST:
+    if warm_up >= seconds:
+        raise RecordError(f'a warm-up of {warm_up:g} s leaves nothing of records of {seconds:g} s')
+    records = len(frequencies) * len(amplitudes)
+    if records > MOST_RECORDS:
+        raise RecordError(f'a sweep of more than {MOST_RECORDS} records: give fewer')
+    if (seconds + pause + RETURN) * rate * records > LARGEST:
         raise RecordError(f'a sweep of more than {LARGEST} samples: give fewer or shorter records')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REPEATED
@@ -24,16 +24,20 @@ class Markers(Protocol):
     def mark(self, record: SweepRecord, sample: int) -> None:
         """Mark that a record begins at tick `sample`."""
 
-    def end(self, judged: str, verdict: str, sample: int) -> None:
-        """Mark the end of a record at tick `sample`, or reject the record `judged` and why."""
+    def end(self, judged: str, verdict: str, sample: int) -> int:
+        """Mark the end of a record at tick `sample`, or reject the record `judged` and why.
+
+        Return the number of messages that the recording has accepted so far.
+        """
 
 
 @dataclass(frozen=True)
 class Running:
-    """A record, and the tick of the loop at which it begins."""
+    """A record, the tick of the loop at which it begins, and its last message in the bag."""
 
     record: SweepRecord
     first: int
+    queued: int = 0
 
     @property
     def last(self) -> int:
@@ -90,8 +94,8 @@ class SweepRun:
             elif sweep.over(sample):
                 return None
         elif self._open is not None and sweep.ending(sample):
-            self._markers.end('', '', sample)
-            self._closed = (self._open, self._is_whole(self._open))
+            queued = self._markers.end('', '', sample)
+            self._closed = (replace(self._open, queued=queued), self._is_whole(self._open))
             self._open = None
         return sweep.voltage(sample)
 
@@ -110,6 +114,12 @@ class SweepRun:
         for each in [each for each in self.kept if each.last > since]:
             self.kept.remove(each)
             self._markers.end(each.record.name, why, sample)
+
+    def drop_unwritten(self, written: int) -> list[str]:
+        """Do not count records beyond the `written` messages of the bag; return their names."""
+        lost = [each for each in self.kept if each.queued > written]
+        self.kept = [each for each in self.kept if each.queued <= written]
+        return [each.record.name for each in lost]
 
     def _judge(self, sample: int) -> None:
         """Accept the previous record, or repeat it if samples were lost."""

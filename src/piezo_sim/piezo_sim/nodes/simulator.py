@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Mapping
 
-from rclpy.node import Node
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
@@ -19,6 +18,7 @@ from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import NANOSECONDS, StampValidator, tick_nanoseconds
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.flat import FlatCodec, head_of, nanoseconds_of_head
+from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
@@ -42,7 +42,7 @@ CATCH_UP = 50
 SHORTEST_WAIT = 2e-4
 
 
-class Simulator(Node):
+class Simulator(GuardedNode):
     """Node of a plant with two topics; all of its settings are ROS parameters."""
 
     def __init__(self) -> None:

@@ -30,6 +30,7 @@ from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
 from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
 from piezo_hysteresis.parameters.dashboard_table import DASHBOARD, configure
 from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.running import run_node
@@ -76,7 +77,7 @@ def silent_node(node: Node, name: str, namespace: str = '') -> Node:
     )
 
 
-class Dashboard(Node):
+class Dashboard(GuardedNode):
     """Serves the page and implements its `Backend`; callable from any thread."""
 
     def __init__(self) -> None:

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.task import Future
 from std_msgs.msg import Float64
@@ -25,6 +24,7 @@ from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer
 from piezo_hysteresis.parameters.node_tables import EXCITATION
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.flat import head_of, nanoseconds_of_head
+from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
@@ -60,7 +60,7 @@ NO_ANSWER = 3
 TakeReference = Callable[[bytes, ReferencePoint, bytes], None]
 
 
-class Excitation(Node):
+class Excitation(GuardedNode):
     """Responds to the state of tick k with the reference (or voltage) of tick k + 1.
 
     It thus follows the clock of the actuator, in lock-step or real time.
@@ -346,6 +346,10 @@ class Excitation(Node):
                 f'no actuator/state for {silent:.0f} s after tick {self._newest_state}: '
                 f'{NOT_RUNNING}'
             )
+        self.go_safe(reason)
+
+    def go_safe(self, reason: str) -> None:
+        """Stop publishing, because a callback fails persistently: the actuator goes to safety."""
         if self._sweeps.active:
             self._sweeps.give_up(reason)
         self._give_up(reason)

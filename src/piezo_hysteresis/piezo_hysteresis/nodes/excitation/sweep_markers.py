@@ -17,7 +17,7 @@ from piezo_hysteresis.nodes.recording.listeners import subscribers
 from piezo_hysteresis.nodes.recording.topic_profiles import offered_as_yaml
 from piezo_hysteresis.records.definitions import MARKER, STATE, definition_of
 from piezo_hysteresis.records.markers import sample_text
-from piezo_hysteresis.records.recorder import Recorder
+from piezo_hysteresis.records.recorder import Recorder, RecorderStatus
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.sweep_plan import SweepRecord
@@ -50,6 +50,7 @@ class SweepMarkers:
         self._publisher = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
         self._recorder: Recorder | None = None
         self._numbers: list[int] = []
+        self._queued = 0
 
     def missing(self) -> str:
         """Return the missing subscribers before the first tick; empty if all are connected."""
@@ -66,7 +67,7 @@ class SweepMarkers:
             If the bag cannot be created.
         """
         recorder = Recorder(bag)
-        self._numbers = []
+        self._numbers, self._queued = [], 0
         for short, kind in ((topics.STATE, STATE), (topics.MARKER, MARKER)):
             definition, type_hash = definition_of(kind)
             name, qos = self._node.resolve_topic_name(short), offered_as_yaml(LOOP)
@@ -81,15 +82,21 @@ class SweepMarkers:
 
     def _write(self, topic: int, payload: bytes) -> bool:
         recorder = self._recorder
-        return recorder is None or recorder.write(self._numbers[topic], payload, time.time_ns())
+        if recorder is None:
+            return True
+        is_queued = recorder.write(self._numbers[topic], payload, time.time_ns())
+        self._queued += is_queued
+        return is_queued
 
-    def close(self, *, empty: bool = False) -> None:
-        """Finish the bag, if there is one; one that is `empty` is removed."""
+    def close(self, *, empty: bool = False) -> RecorderStatus | None:
+        """Finish the bag and return what is in it, if there is one; remove it if it is `empty`."""
         recorder, self._recorder = self._recorder, None
-        if recorder is not None:
-            recorder.close()
-            if empty:
-                shutil.rmtree(recorder.path, ignore_errors=True)
+        if recorder is None:
+            return None
+        status = recorder.close()
+        if empty:
+            shutil.rmtree(recorder.path, ignore_errors=True)
+        return status
 
     def mark(self, record: SweepRecord, sample: int) -> None:
         """Mark that a record begins at tick `sample`."""
@@ -102,11 +109,15 @@ class SweepMarkers:
         marker.input_unit = info.input_unit
         self._publish(marker, sample)
 
-    def end(self, judged: str, verdict: str, sample: int) -> None:
-        """Mark the end of a record at tick `sample`, or reject the record with a reason."""
+    def end(self, judged: str, verdict: str, sample: int) -> int:
+        """Mark the end of a record at tick `sample`, or reject the record with a reason.
+
+        Return the number of messages that the recording has accepted so far.
+        """
         marker = RecordMarker(excitation=verdict)
         marker.header.frame_id = judged
         self._publish(marker, sample)
+        return self._queued
 
     def _publish(self, marker: RecordMarker, sample: int) -> None:
         marker.rate = self._parameters.number('rate')

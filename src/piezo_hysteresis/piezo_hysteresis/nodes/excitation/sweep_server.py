@@ -7,14 +7,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.node import Node
+from rclpy.action import GoalResponse
 from rclpy.task import Future
 
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.excitation.sweep_markers import SweepMarkers
 from piezo_hysteresis.nodes.paths import new_inside
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
+from piezo_hysteresis.records.recorder import RecorderStatus
+from piezo_hysteresis.ros.guarded import Guarded, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.timers import wall_timer
 from piezo_hysteresis.runtime.sweep_plan import Sweep, narrowed, parse_options
@@ -55,7 +57,7 @@ class SweepServer:
 
     def __init__(
         self,
-        node: Node,
+        node: Guarded,
         parameters: NodeParameters,
         begin: Callable[[], None],
         resume: Callable[[], None],
@@ -84,14 +86,7 @@ class SweepServer:
         self._recount = False
         self._refuses = False
         self._markers = SweepMarkers(node, parameters, edge_at)
-        self._server = ActionServer(
-            node,
-            RunSweep,
-            'run_sweep',
-            execute_callback=self._execute,
-            goal_callback=self._judge,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self._server = serve_action(node, RunSweep, 'run_sweep', self._judge, self._execute)
         wall_timer(node, LOOK_EVERY, self._look)
 
     @property
@@ -249,8 +244,7 @@ class SweepServer:
             reason = 'an experiment is running; set mode to idle first'
         else:
             try:
-                self._planned(goal)
-                self._path(goal)
+                self._plan = (self._planned(goal), self._path(goal))
             except PiezoError as error:
                 reason = str(error)
         if reason:
@@ -290,14 +284,17 @@ class SweepServer:
         self._reason, self._refuses = '', False
         self._refused_before = self._refused
         self._done = Future()
-        sweep = self._planned(goal.request)
-        self._bag = self._path(goal.request)
+        sweep, self._bag = self._plan
         self._accepted = time.monotonic()
         self._run = SweepRun(sweep, self._markers, recorded=bool(self._bag))
         self._counts['sweeps'] += 1
-        self._begin()
-        await self._done
-        return self._result(goal)
+        try:
+            self._begin()
+            await self._done
+            return self._result(goal)
+        finally:
+            if self._run is not None:  # it failed: the next goal finds the node free
+                self._finish()
 
     def _result(self, goal: Any) -> RunSweep.Result:
         result = RunSweep.Result()
@@ -324,10 +321,25 @@ class SweepServer:
     def _finish(self) -> None:
         self._ended, self._run = self._run, None
         assert self._done is not None
-        self._markers.close(empty=self._newest < 0)
-        self._recount = self._refused > self._refused_before
-        self._busy = False
-        self._done.set_result(True)
+        try:
+            self._note_stored(self._markers.close(empty=self._newest < 0))
+        finally:
+            self._recount = self._refused > self._refused_before
+            self._busy = False
+            if not self._done.done():
+                self._done.set_result(True)
+
+    def _note_stored(self, status: RecorderStatus | None) -> None:
+        """Keep only records that are in the bag; fail if others were queued for it."""
+        if status is None or self._ended is None:
+            return
+        lost = self._ended.drop_unwritten(status.written)
+        if lost and not self._reason:
+            kept = counted(len(self._ended.kept), 'record')
+            self._reason = (
+                f'{", ".join(lost)} could not be written ({status.problem or "writing stopped"}); '
+                f'{kept} in {self._bag} can be read: free the disk, then run the others again'
+            )
 
     def _look(self) -> None:
         """Continue once the awaited subscribers are connected."""

@@ -8,8 +8,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.node import Node
+from rclpy.action import GoalResponse
 from rclpy.task import Future
 
 from piezo_hysteresis.common import topics
@@ -23,6 +22,7 @@ from piezo_hysteresis.nodes.investigation.node_requests import (
 from piezo_hysteresis.nodes.investigation.sweeper import Circumstances, Sweeper
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.process_setup import number_of_workers
+from piezo_hysteresis.ros.guarded import Guarded, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED
 from piezo_interfaces.action import Investigate
@@ -53,7 +53,7 @@ class InvestigationServer:
 
     def __init__(
         self,
-        node: Node,
+        node: Guarded,
         parameters: NodeParameters,
         begin: Callable[[], str],
         log: Callable[[str], None],
@@ -66,14 +66,7 @@ class InvestigationServer:
         self._sweeper = Sweeper(node, lambda: self._status.sample)
         self._neighbours = Neighbourhood(node)
         node.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
-        self._server = ActionServer(
-            node,
-            Investigate,
-            'investigate',
-            execute_callback=self._execute,
-            goal_callback=self._judge,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self._server = serve_action(node, Investigate, 'investigate', self._judge, self._execute)
 
     def _on_status(self, message: LoopStatus) -> None:
         self._status = message
@@ -132,7 +125,7 @@ class InvestigationServer:
                 raise
         finally:
             if not self._closing:
-                self._node.executor.create_task(done.set_result, True)
+                self._node.run_later(done.set_result, True)
 
     def _investigate(self, goal: Any, result: Investigate.Result) -> None:
         # Heavy imports stay out of the start of the node.

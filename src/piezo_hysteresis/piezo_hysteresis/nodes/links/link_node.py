@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import NoReturn, Protocol
 
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -26,6 +26,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.codecs import voltage_bytes
 from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.guarded import GuardedLifecycleNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.timers import wall_timer
@@ -49,7 +50,7 @@ class Fade(Protocol):
         """Set the duration [s] and the slew [V/s] of transitions."""
 
 
-class LinkNode(LifecycleNode):
+class LinkNode(GuardedLifecycleNode):
     """A managed node that receives a voltage, adds its share and passes it on.
 
     While it is not active its share is zero and the limited voltage passes through. After every
@@ -209,6 +210,12 @@ class LinkNode(LifecycleNode):
     def _become(self, active: bool) -> None:
         self.active = active
         self.cross_fade()
+
+    def go_safe(self, reason: str) -> None:
+        """Deactivate the node, because a callback fails persistently: the voltage passes."""
+        self.get_logger().error(f'the node deactivates itself: {reason}')
+        if self.active:
+            self.trigger_deactivate()
 
     # --- the voltage ---------------------------------------------------------------------------
 

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
@@ -24,6 +23,7 @@ from piezo_hysteresis.parameters.node_tables import PLAYER
 from piezo_hysteresis.records.player import Played, Player
 from piezo_hysteresis.records.storage import Topic
 from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
@@ -51,7 +51,7 @@ SENTENCES: dict[str, Finding] = {
 }
 
 
-class PlayerNode(Node):
+class PlayerNode(GuardedNode):
     """Publishes the bytes of a bag as they were recorded.
 
     In lock-step it waits for the subscribers of ``actuator/state`` that report the number of

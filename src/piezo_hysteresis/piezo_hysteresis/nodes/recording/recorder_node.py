@@ -19,6 +19,7 @@ from piezo_hysteresis.parameters.node_tables import RECORDER
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
 from piezo_hysteresis.ros.diagnostics import Diagnostics
+from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.qos import LOOP
@@ -41,7 +42,7 @@ LONGEST_DRAIN = 5.0
 KNOWN_TYPES = {topics.STATE: STATE, topics.REFERENCE: REFERENCE, topics.MARKER: MARKER}
 
 
-class RecorderNode(Node):
+class RecorderNode(GuardedNode):
     """Subscribes to the given topics at its start, and writes all messages.
 
     Parameters
@@ -52,6 +53,7 @@ class RecorderNode(Node):
 
     def __init__(self, *, wired: bool = True) -> None:
         super().__init__('recorder')
+        self.exit_code = 0
         self._called = () if wired else (topics.STATE, topics.REFERENCE)
         self._take: dict[str, Callable[[bytes], None]] = {}
         Diagnostics(self, self._judge)
@@ -184,9 +186,13 @@ class RecorderNode(Node):
         """Write all received messages and close the bag."""
         self._drain()
         status = self._recorder.close()
-        self.get_logger().info(
-            f'{self._recorder.path}: {status.written} messages, {status.dropped} dropped'
-        )
+        text = f'{self._recorder.path}: {status.written} messages, {status.dropped} dropped'
+        if status.dropped or status.problem:
+            self.exit_code = 1
+            problem = status.problem or 'the disk is too slow'
+            self.get_logger().error(f'{text} ({problem}); what is written can be read')
+        else:
+            self.get_logger().info(text)
 
 
 def create(*, wired: bool = True) -> RecorderNode:
