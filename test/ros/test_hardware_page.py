@@ -139,3 +139,38 @@ def test_the_driver_of_the_page_serves_an_excitation(
     next_to = np.diff(samples) == 1
     displacement = np.array([state.displacement for state in states])
     np.testing.assert_allclose(displacement[1:][next_to], 1.3e-4 * voltage[:-1][next_to])
+
+
+AMPLIFIER = 'of the amplifier to `voltage` in V."""\n'
+
+
+@pytest.mark.parametrize(
+    ('page', 'own', 'high'),
+    [
+        ('LOW, HIGH, SAFE = -1.2, 1.2, 0.0', 'LOW, HIGH, SAFE = -1, 1, 0', 1.0),
+        ('return 1.3e-4 * voltage', 'return __import__("numpy").float32(1.3e-4 * voltage)', 1.2),
+    ],
+)
+def test_the_driver_takes_any_type_of_number(
+    page: str, own: str, high: float, processes: LiveNodes, listener: Listener, tmp_path: Path
+) -> None:
+    """Integers as limits and a sensor in float32; the amplifier is at SAFE after Ctrl-C."""
+    text = PAGE.read_text()
+    assert page in text
+    log = f"    open({str(tmp_path / 'amplifier')!r}, 'w').write(str(voltage))\n"
+    text = text.replace(page, own).replace(AMPLIFIER, AMPLIFIER + log)
+    (tmp_path / 'page.md').write_text(text)
+    driver = start_driver(tmp_path / 'page.md', tmp_path, processes, listener)
+    states = listener.received['actuator/state']
+    commands = listener.node.create_publisher(VoltageCommand, 'voltage/command', LOOP)
+
+    def arrived() -> bool:
+        commands.publish(VoltageCommand(voltage=5.0))
+        assert driver.poll() is None
+        return bool(states) and states[-1].voltage == high
+
+    listener.until(arrived)
+    listener.until(lambda: states[-1].displacement == pytest.approx(1.3e-4 * high, rel=1e-6))
+    driver.send_signal(signal.SIGINT)
+    assert driver.wait(30.0) == 0
+    assert float((tmp_path / 'amplifier').read_text()) == 0.0

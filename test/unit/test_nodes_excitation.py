@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.parameters.node_tables import EXCITATION
 from piezo_hysteresis.runtime.excitation_plan import Experiment
 from piezo_hysteresis.runtime.sweep_plan import Sweep, parse_options, waveform_of
 from piezo_hysteresis.waveforms import KINDS, Sine, from_spec
@@ -128,3 +129,33 @@ def test_a_sweep_begins_at_once_where_it_would_not_jump() -> None:
     sweep = Sweep([10.0], [2.0], 1.0, 1000.0)
     sweep.start(7, 0.01)
     assert sweep.starting(7) is sweep.records[0]
+
+
+@pytest.mark.parametrize('name', ['ramp', 'frequency', 'amplitude', 'offset'])
+def test_no_value_of_the_waveform_leaves_numbers_that_are_not_finite(name: str) -> None:
+    """Each setting at the ends of its range and at the least positive number, then restored."""
+    usual = {'frequency': 10.0, 'amplitude': 5e-5, 'offset': 0.0, 'ramp': 1.0}
+    key = name if name in ('ramp', 'frequency') else f'reference.{name}'
+    spec = EXCITATION.spec(key)
+    assert spec is not None
+    for value in (spec.low, 5e-324, 1e-200, 1e-9, min(spec.high, 499.0)):
+        changed = {**usual, name: value}
+        if name == 'frequency' and value < 1e-6:
+            with pytest.raises(PiezoError):
+                waveform_of('sine', changed, {}, 1000.0)
+            continue
+        experiment = Experiment(waveform_of('sine', usual, {}, 1000.0), 0, 1000.0)
+        experiment.change(waveform_of('sine', changed, {}, 1000.0), 10, changed['ramp'])
+        during = [experiment.point(k) for k in (10, 11, 12, 100, 400)]
+        experiment.change(waveform_of('sine', usual, {}, 1000.0), 500, usual['ramp'])
+        after = [experiment.point(k) for k in (500, 501, 900, 1600, 3000)]
+        assert np.isfinite([*during, *after]).all()
+        direct = Experiment(waveform_of('sine', usual, {}, 1000.0), 0, 1000.0).point(3000)
+        assert after[-1].displacement == pytest.approx(direct.displacement, abs=1.1e-4)
+
+
+def test_a_new_waveform_leaves_one_that_is_not_finite() -> None:
+    broken = Sine(float('nan'), 1.0, 10.0)
+    experiment = Experiment(broken, 0, 1000.0)
+    experiment.change(waveform_of('sine', {'frequency': 1.0, 'amplitude': 1.0}, {}, 1e3), 5, 0.1)
+    assert np.isfinite([experiment.point(k) for k in (5, 6, 50, 500)]).all()

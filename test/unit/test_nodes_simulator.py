@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from piezo_sim.nodes.pacing import AHEAD, CommandQueue, Pace
+from piezo_sim.nodes.pacing import CommandQueue, Pace
 
 DT = 1e-3
 
@@ -19,7 +19,7 @@ def test_each_command_is_counted_once() -> None:
     book.arrive(1, 0.7, tick=3)
     book.arrive(4, math.nan, tick=4)
     book.arrive(5, 1.1, tick=5)
-    book.arrive(5 + AHEAD + 1, 0.1, tick=5)
+    book.arrive(6, 0.1, tick=5)
     assert book.wanted == 0.7
     assert book.counts == {
         'late': 1, 'missed': 0, 'refused': 3, 'doubled': 1, 'timeouts': 0, 'overruns': 0,
@@ -90,3 +90,28 @@ def test_ticks_are_due_at_their_time_at_any_speed() -> None:
     assert pace.due(10.0) == 100
     assert pace.due(10.0 + 5.2 * pace.interval) == 105
     assert pace.interval == pytest.approx(0.5e-3)
+
+
+@pytest.mark.parametrize('ahead', [1, 7, 64, 900, 5000])
+def test_a_stray_command_ahead_is_not_applied_and_hides_none(ahead: int) -> None:
+    book = CommandQueue(-1.0, 1.0, timeout=10.0)
+    for tick in range(10):
+        if tick == 5:
+            book.arrive(tick + ahead, 1.0, tick)
+        book.arrive(tick, 0.01 * tick, tick)
+        book.hold(tick, DT, timeout=0.01)
+        assert book.voltage == 0.01 * tick
+    assert book.counts['refused'] == 1
+
+
+@pytest.mark.parametrize('slew', [0.0, -5.0, -math.inf, math.inf, math.nan])
+def test_what_is_no_slew_limit_leaves_the_one_in_force(slew: float) -> None:
+    book = CommandQueue(-1.0, 1.0, slew=100.0)
+    assert book.limit(50.0)
+    assert not book.limit(slew)
+    book.accept(1.0)
+    book.follow(DT)
+    assert book.voltage == pytest.approx(0.05)
+    assert book.limit(80.0)  # the commanding node may raise its own
+    book.follow(DT)
+    assert book.voltage == pytest.approx(0.13)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
-from urllib.parse import urlencode
+from urllib.parse import unquote, urlencode
 
 from bokeh.server.tornado import BokehTornado
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
@@ -49,6 +49,8 @@ class GuardedApplication(BokehTornado):
         """Return the handler of a request; all requests, WebSockets included, pass here."""
         request.uri = request.path  # the logged part of the address; a token may follow it
         refusal = self._access.refusal(request.headers)
+        if '\0' in unquote(request.path):
+            refusal = Refusal(400, 'the path has a null byte: open / instead')
         if refusal is None and self._shows_token(request):
             cookie = f'{self._access.cookie}={self._access.proof}; HttpOnly; SameSite=Lax; Path=/'
             details = {'cookie': cookie, 'target': _without_token(request)}

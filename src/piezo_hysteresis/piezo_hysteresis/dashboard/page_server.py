@@ -31,12 +31,23 @@ OLDEST = 5000
 _NAMESPACE = re.compile(r'^[A-Za-z]\w*(/[A-Za-z]\w*)*$', re.ASCII)
 
 
+def _in_one_line(record: logging.LogRecord) -> bool:
+    """Log what a client sent by mistake in one line, without a traceback."""
+    record.msg, record.args = record.getMessage().splitlines()[0][:200], ()
+    record.exc_info = record.exc_text = None
+    return True
+
+
 class ReportHandler(StaticFileHandler):
     """Handler that serves only reports from one folder."""
 
     def validate_absolute_path(self, root: str, absolute_path: str) -> str | None:
         """Reject a path that is no report or is outside the folder, with links resolved."""
-        target = Path(absolute_path).resolve()
+        try:
+            target = Path(absolute_path).resolve()
+            target.exists()  # raises where the name is too long
+        except (OSError, ValueError):
+            raise HTTPError(400) from None
         if Path(root).resolve() not in target.parents or target.suffix != '.html':
             raise HTTPError(404)
         return super().validate_absolute_path(root, absolute_path)
@@ -123,6 +134,8 @@ class DashboardServer:
     def _serve(self) -> None:
         # a disconnected client needs no warning
         logging.getLogger('bokeh').setLevel(logging.ERROR)
+        for name in ('bokeh.server.views.ws', 'bokeh.server.protocol_handler'):
+            logging.getLogger(name).addFilter(_in_one_line)
         asyncio.set_event_loop(asyncio.new_event_loop())
         loop = IOLoop.current()
         application = Application(FunctionHandler(self._new_page))

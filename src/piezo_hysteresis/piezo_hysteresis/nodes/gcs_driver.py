@@ -84,7 +84,7 @@ class GcsDriver(GuardedNode):
 
     def _note(self, voltage: float, displacement: float) -> None:
         """Queue a state for publication; called by the thread of the controller."""
-        self._states.append((time.time_ns(), voltage, displacement))
+        self._states.append((time.time_ns(), float(voltage), float(displacement)))
 
     def _publish(self) -> None:
         message = self._message

@@ -9,6 +9,9 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit, leaf
 
+# A shorter rise [s] is a step: the square of its length must not vanish.
+_SHORTEST = 1e-9
+
 #: Its steepest slope, of unit height and length.
 STEEPEST = 1.875
 
@@ -41,7 +44,7 @@ def smooth_ramp(time: FloatArray, length: float) -> tuple[FloatArray, FloatArray
 
     It hardly excites a lightly damped mode.
     """
-    if length <= 0:
+    if length <= _SHORTEST:
         return np.ones_like(time), np.zeros_like(time), np.zeros_like(time)
     value, slope, bend = _quintic(np.clip(time / length, 0.0, 1.0))
     return value, slope / length, bend / length**2

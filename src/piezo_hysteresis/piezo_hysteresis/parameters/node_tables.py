@@ -53,8 +53,8 @@ EXCITATION = ParameterTable(
         ParameterSpec(
             'slew',
             0.0,
-            'Slew limit of sweeps and of mode voltage, also if commands are late; 0 sets no '
-            'limit.',
+            'Slew limit of sweeps and of mode voltage, also if commands are late; the limit of a '
+            'running chain stands too; 0 adds none.',
             'V/s',
             0.0,
             1e12,

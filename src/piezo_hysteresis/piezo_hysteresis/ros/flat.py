@@ -63,6 +63,20 @@ class FlatCodec:
         return head_of(stamp.sec, stamp.nanosec) + self.pack(*numbers)
 
 
+def with_floats(message: Any) -> Any:
+    """Return a message with its numbers of type float64, alone or in arrays, made floats.
+
+    Without its checks (``python -O``) rclpy 7.1 sends the integer 1 as 5e-324, and an
+    ``np.float32`` as another number.
+    """
+    for name, kind in message.get_fields_and_field_types().items():
+        if kind == 'double':
+            setattr(message, name, float(getattr(message, name)))
+        elif kind == 'sequence<double>':
+            setattr(message, name, [float(each) for each in getattr(message, name)])
+    return message
+
+
 def head_of(sec: int, nanosec: int) -> bytes:
     """Return the head of a message with this stamp and no frame."""
     return _HEAD.pack(_LITTLE, sec, nanosec, 1)

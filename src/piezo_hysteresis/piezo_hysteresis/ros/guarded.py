@@ -17,10 +17,12 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.waitable import Waitable
 
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.ros.flat import with_floats
 
 # A callback that fails this many times in succession makes its node go to its safe state.
 PERSISTENT = 10
@@ -42,6 +44,10 @@ class Guarded(Node):
         for service in self.services:  # rclpy adds some without `create_service`
             if not hasattr(service.callback, '__wrapped__'):
                 service.callback = self.guard(service.callback, _refused)
+
+    def create_publisher(self, kind: Any, topic: str, *a: Any, **k: Any):  # type: ignore[no-untyped-def]
+        """As that of rclpy; numbers that it publishes are made floats."""
+        return sends_floats(super().create_publisher(kind, topic, *a, **k))
 
     def create_subscription(self, kind: Any, topic: str, callback: Callback, *a: Any, **k: Any):  # type: ignore[no-untyped-def]
         """As that of rclpy, for a callback that may fail."""
@@ -129,6 +135,17 @@ class GuardedLifecycleNode(Guarded, LifecycleNode):
     """A managed node whose callbacks may fail."""
 
 
+def sends_floats(publisher: Publisher) -> Publisher:
+    """Return a publisher that makes the float64 of its messages floats; bytes pass as they are."""
+    send = publisher.publish
+
+    def publish(message: Any) -> None:
+        send(message if isinstance(message, bytes) else with_floats(message))
+
+    publisher.publish = publish
+    return publisher
+
+
 def serve_action(
     node: Guarded,
     kind: Any,
@@ -143,7 +160,7 @@ def serve_action(
 
     async def executed(goal: Any) -> Any:
         try:
-            return await execute(goal)
+            return with_floats(await execute(goal))
         except Exception as error:
             reason = node.note_failure(name, error)
             if goal.is_active:

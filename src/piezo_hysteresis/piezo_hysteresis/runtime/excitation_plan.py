@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.numerics.smooth import smooth_ramp
 from piezo_hysteresis.waveforms import Sine, Waveform
@@ -68,6 +68,7 @@ class Blend:
         """Return the waveform at `time` [s], any shape."""
         a, b = self.old.sample(time), self.new.sample(time)
         share, rate, bend = smooth_ramp(time - self.start, self.length)
+        a = _replaced(a, b, share >= 1.0)  # the old one is over, whatever it was
         gap, gap_rate = b.value - a.value, b.velocity - a.velocity
         gap_acceleration = b.acceleration - a.acceleration
         return Samples(
@@ -80,6 +81,18 @@ class Blend:
             frequency=b.frequency,
             phase=b.phase,
         )
+
+
+def _replaced(old: Samples, new: Samples, where: BoolArray) -> Samples:
+    """Return the old samples, and the new ones `where` those do not count or are no numbers."""
+    finite = np.isfinite(old.value) & np.isfinite(old.velocity) & np.isfinite(old.acceleration)
+    chosen = where | ~finite
+    return replace(
+        old,
+        value=np.where(chosen, new.value, old.value),
+        velocity=np.where(chosen, new.velocity, old.velocity),
+        acceleration=np.where(chosen, new.acceleration, old.acceleration),
+    )
 
 
 @dataclass

@@ -9,8 +9,6 @@ COUNTS = (
     'late', 'missed', 'refused', 'doubled', 'timeouts', 'overruns', 'slew_limited', 'stamp_jumps',
 )  # fmt: skip
 
-# A command more than this many ticks ahead of the next one belongs to another run of the loop.
-AHEAD = 1000
 # Relative rounding of a command at the slew rate limit that does not violate it.
 _ROUNDING = 1e-9
 
@@ -29,6 +27,8 @@ class CommandQueue:
         Rate of change to the safe voltage [V/s].
     slew : float
         Slew rate limit of the applied command [V/s].
+    commanded_slew : float
+        That of the commanding node [V/s].
     timeout : float
         Delay in ticks from which a late command is counted and not applied.
     wanted : float
@@ -46,6 +46,7 @@ class CommandQueue:
     safe_voltage: float = 0.0
     ramp: float = 1.0
     slew: float = math.inf
+    commanded_slew: float = math.inf
     timeout: float = math.inf
     wanted: float = 0.0
     voltage: float = 0.0
@@ -62,9 +63,18 @@ class CommandQueue:
         self.wanted = voltage
         return True
 
+    def limit(self, slew: float) -> bool:
+        """Apply the slew limit of the commanding node [V/s]; return False if it is none."""
+        if not 0.0 < slew < math.inf:
+            self.counts['refused'] += 1
+            return False
+        self.commanded_slew = slew
+        return True
+
     def follow(self, dt: float) -> None:
         """Apply the latest command to the next tick, within the slew rate limit."""
-        away, step = self.wanted - self.voltage, self.slew * dt
+        away = self.wanted - self.voltage
+        step = min(self.slew, self.commanded_slew) * dt
         if abs(away) > step * (1.0 + _ROUNDING):
             self.voltage += math.copysign(step, away)
             self.counts['slew_limited'] += 1
@@ -79,12 +89,12 @@ class CommandQueue:
         """Process a command for tick `sample`; `tick` is the next simulated tick.
 
         Its value may be rejected. False is returned if its number does not belong to this run of
-        the loop.
+        the loop. A command for a later tick than the next one answers no state: it is a stray.
         """
         if sample <= self._newest:
             self.counts['doubled'] += 1
             return False
-        if sample > tick + AHEAD:
+        if sample > tick:
             self.counts['refused'] += 1
             return False
         self._newest = sample
@@ -104,7 +114,7 @@ class CommandQueue:
         self.timed_out = silence > timeout
         if self.timed_out:
             self.counts['timeouts'] += self._newest >= 0 and silence - dt <= timeout
-            step = min(self.ramp, self.slew) * dt
+            step = min(self.ramp, self.slew, self.commanded_slew) * dt
             away = self.safe_voltage - self.voltage
             self.wanted = self.voltage + max(-step, min(step, away))
         elif 0 <= self._newest < tick:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Mapping
@@ -53,7 +52,6 @@ class Simulator(GuardedNode):
         self._waiting_since: float | None = None
         self._warned = self._refuses = False
         self._newest_command = -1
-        self._commanded_slew = math.inf
         self._table = simulator_table()
         self._params = NodeParameters(self, self._table)
         self._params.serve(self._apply, self._refuse)
@@ -124,12 +122,12 @@ class Simulator(GuardedNode):
             self._step_with(head, sample, voltage)
 
     def _on_slew(self, message: Float64) -> None:
-        """Apply the slew rate limit of the commanding node [V/s]; 0 means unlimited.
-
-        It also limits the change to a late command.
-        """
-        self._commanded_slew = message.data if message.data > 0.0 else math.inf
-        self._set_book()
+        """Apply the slew rate limit of the commanding node [V/s], also to a late command."""
+        if not self._book.limit(message.data):
+            self.get_logger().error(
+                f'{message.data:g} V/s is no slew limit: the one before stays in force',
+                throttle_duration_sec=5.0,
+            )
 
     def _check_stamp(self, head: bytes, sample: int) -> None:
         """Count time stamps that are inconsistent with the sample numbers.
@@ -250,7 +248,7 @@ class Simulator(GuardedNode):
     def _set_book(self) -> None:
         self._book.safe_voltage = self._params.number('safe_voltage')
         self._book.ramp = self._params.number('ramp')
-        self._book.slew = min(self._params.number('command_slew'), self._commanded_slew)
+        self._book.slew = self._params.number('command_slew')
         self._book.timeout = self._params.number('command_timeout') * self._rate
 
     def _become_preset(self) -> None:

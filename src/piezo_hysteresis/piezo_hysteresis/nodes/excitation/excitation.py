@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -97,7 +98,8 @@ class Excitation(GuardedNode):
         )
         slew_topic = topics.slew_of(self._voltage_publisher.topic_name)
         self._slew_publisher = self.create_publisher(Float64, slew_topic, LATCHED)
-        self._published_slew = -1.0
+        self._published_slew, self._chain_slew = 0.0, math.inf
+        self.create_subscription(Float64, slew_topic, self._on_slew, LATCHED)
         if wired:
             self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
@@ -252,14 +254,25 @@ class Excitation(GuardedNode):
         self._last = (self._reference_publisher, payload)
 
     def _publish_voltage(self, sample: int, voltage: float) -> None:
-        slew = self._params.number('slew')
-        if self._last is None or slew != self._published_slew:  # a link may have commanded before
+        if self._last is None:
+            self._forget_ended_chain()
+        slew = min(self._params.number('slew') or math.inf, self._chain_slew)
+        if slew < math.inf and (self._last is None or slew != self._published_slew):
             self._published_slew = slew
             self._slew_publisher.publish(Float64(data=slew))
-        command = self._steady.next(sample, voltage, slew)
+        command = self._steady.next(sample, voltage, slew if slew < math.inf else 0.0)
         payload = voltage_bytes(self._head(sample), sample, command)
         self._voltage_publisher.publish(payload)
         self._last = (self._voltage_publisher, payload)
+
+    def _on_slew(self, message: Float64) -> None:
+        """Note the limit of the voltage chain [V/s]: it stands for sweeps and mode voltage too."""
+        if 0.0 < message.data < math.inf and message.data != self._published_slew:
+            self._chain_slew = message.data
+
+    def _forget_ended_chain(self) -> None:
+        if self.count_publishers(self._slew_publisher.topic_name) <= 1:
+            self._chain_slew = math.inf
 
     def _head(self, sample: int) -> bytes:
         return head_of(*divmod(self._times.time_of(sample), NANOSECONDS))

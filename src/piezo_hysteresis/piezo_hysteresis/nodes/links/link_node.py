@@ -26,7 +26,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.codecs import voltage_bytes
 from piezo_hysteresis.ros.diagnostics import Diagnostics
-from piezo_hysteresis.ros.guarded import GuardedLifecycleNode
+from piezo_hysteresis.ros.guarded import GuardedLifecycleNode, sends_floats
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.timers import wall_timer
@@ -104,7 +104,7 @@ class LinkNode(GuardedLifecycleNode):
 
     def plain_publisher(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
         """Return a publisher that publishes while the node is inactive too."""
-        return Node.create_publisher(self, kind, topic, qos)
+        return sends_floats(Node.create_publisher(self, kind, topic, qos))
 
     def autostart(self) -> None:
         """Serve parameters and activate if configured; to be called at the end of __init__."""
