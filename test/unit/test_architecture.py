@@ -36,10 +36,11 @@ ARROWS = {
     'investigation models parameters records reporting ros runtime waveforms',
     'drivers': 'common compensation models numerics records runtime waveforms',
     'export': 'blocks common compensation models parameters waveforms',
-    'interface': 'common compensation discovery identification models records reporting waveforms',
+    'interface': 'common compensation discovery experiments export identification investigation '
+    'models records reporting waveforms',
     'batch': 'common interface records reporting',
     'papers': 'blocks compensation identification models numerics records waveforms',
-    'cli': 'batch common compensation discovery drivers experiments export identification '
+    'cli': 'batch common compensation discovery drivers experiments identification '
     'interface investigation models nodes papers parameters records reporting ros waveforms',
 }
 # Rooms within `compensation`: what they share imports none of them.
@@ -169,6 +170,7 @@ BY_NAME = {
     '__init__.py': 'names of the whole, loaded when they are used',
     'blocks/__init__.py': 'every file of the room holds blocks',
     'common/results.py': 'plots and reports of results, loaded when a result is shown',
+    'models/model_actions.py': 'inverse and export, loaded when a model is asked for them',
     'common/interrupts.py': 'the command line that a program runs, named by its caller',
     'cli/main.py': 'only the verb that is asked for is loaded',
     'ros/starting.py': 'only the node that is asked for is loaded',

@@ -27,6 +27,8 @@ Only ``nodes`` and ``ros`` import rclpy.
 from __future__ import annotations
 
 import importlib
+import sys
+import types
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
         validate,
     )
     from piezo_hysteresis.interface.compensate_runs import Compensation, compensate
+    from piezo_hysteresis.interface.investigate import investigate
+    from piezo_hysteresis.interface.model_functions import export
     from piezo_hysteresis.interface.verbs import discover, identify
     from piezo_hysteresis.models import EFFECT_NAMES as EFFECTS
     from piezo_hysteresis.models import NAMES as MODELS
@@ -66,7 +70,9 @@ __all__ = [
     'batch',
     'compensate',
     'discover',
+    'export',
     'identify',
+    'investigate',
     'load',
     'simulate',
     'validate',
@@ -89,12 +95,25 @@ _HOMES = {
     'batch': 'batch.run_batch',
     'compensate': 'interface.compensate_runs.compensate',
     'discover': 'interface.verbs.discover',
+    'export': 'interface.model_functions.export',
+    'investigate': 'interface.investigate.investigate',
     'identify': 'interface.verbs.identify',
     'load': 'records.load',
     'simulate': 'identification.simulate',
     'validate': 'identification.validate',
     'write_bag': 'records.write_bag',
 }
+
+
+class _Interface(types.ModuleType):
+    """Keeps the functions of the interface where a room has the same name, such as ``export``."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _HOMES and isinstance(value, types.ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Interface
 
 
 def __getattr__(name: str) -> Any:

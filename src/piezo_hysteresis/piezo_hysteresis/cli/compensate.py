@@ -67,7 +67,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='NAME=VALUE',
         help='parameters and effects of a preset, such as effects.creep=true',
     )
-    add('--reference', required=True, metavar='KIND:...', help='desired displacement [m]')
+    add(
+        '--reference',
+        required=True,
+        metavar='KIND:...|CSV',
+        help='desired displacement [m]; or a file of time_s, reference_um',
+    )
     add_out(parser)
     add('--rate', type=float, help='sampling rate [Hz] (default: that of the model data, or 1000)')
     add('--low', type=float, help='lowest voltage [V] (default: of the preset or the model)')
@@ -85,6 +90,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
+    from piezo_hysteresis.interface.compensate_runs import reference_of
     from piezo_hysteresis.reporting.compensation_report import write_compensation
 
     started = time.perf_counter()
@@ -93,9 +99,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.on is not None:
         return run_on(arguments)
     model = ModelFile.load(arguments.model)
-    controllers = links.controllers_of(arguments, model, 1.0 / rate_of(model, arguments.rate))
+    reference, rate = reference_of(arguments.reference, arguments.rate, model)
+    controllers = links.controllers_of(arguments, model, 1.0 / rate_of(model, rate))
     study, runs = track(
-        controllers, _plant(arguments), arguments.reference, low=arguments.low,
+        controllers, _plant(arguments), reference, low=arguments.low,
         high=arguments.high, slew=arguments.slew, together=arguments.together,
         noise=arguments.noise, seed=arguments.seed, from_seconds=arguments.from_seconds,
         plant_settings=arguments.plant_set,

@@ -5,7 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.results import Reportable
@@ -28,7 +32,10 @@ from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, tra
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
+from piezo_hysteresis.records import load
+from piezo_hysteresis.records.columns import UNITS, meaning
 from piezo_hysteresis.waveforms import Waveform
+from piezo_hysteresis.waveforms.sampled import Sampled
 
 
 @dataclass(frozen=True, repr=False)
@@ -96,9 +103,10 @@ class Compensation(Reportable):
 
 def compensate(
     model: ModelLike,
-    reference: str | Waveform,
+    reference: str | Path | Waveform | ArrayLike,
     plant: ModelLike | None = None,
     *,
+    dt: float | None = None,
     rate: float | None = None,
     low: float | None = None,
     high: float | None = None,
@@ -116,13 +124,18 @@ def compensate(
     ----------
     model : str, Path, ModelFile, Identification or Discovery
         A model with values; its inverse is the feedforward.
-    reference : str or Waveform
-        Desired displacement [m], such as ``'sine:frequency=23,amplitude=80e-6,duration=4'``.
+    reference : str, Path, Waveform or array_like, shape (n,)
+        Desired displacement [m]: in words such as
+        ``'sine:frequency=23,amplitude=80e-6,duration=4'``, an array at `dt`, or a file of columns
+        ``time_s, reference_um``.
     plant : str, Path, ModelFile, Identification or Discovery, optional
         The actuator: a model with values, or ``'preset:NAME'`` for a simulated actuator of
         piezo_sim. By default `model` itself: the error is then that of the inverse alone.
+    dt : float, optional
+        Sampling interval of an array, and of the loop [s].
     rate : float, optional
-        Sampling rate [Hz]; that of the data of the model, or 1000.
+        Sampling rate of the loop [Hz]; that of an array or a file, that of the data of the model,
+        or 1000.
     low, high : float, optional
         Range of the voltage [V]; that of the preset, or of the records of the model.
     slew : float, optional
@@ -154,17 +167,60 @@ def compensate(
     """
     started = time.perf_counter()
     inverted = with_values(model)
+    sampled = 1.0 / dt if rate is None and dt is not None else rate
+    reference, sampled = reference_of(reference, sampled, inverted)
     _require_one_of('law', law, INVERSES)
     controllers = Controllers(
-        1.0 / rate_of(inverted, rate), model=inverted, law=law,
+        1.0 / rate_of(inverted, sampled), model=inverted, law=law,
         attenuation=_attenuation(attenuation), feedback=_feedback(pid),
     )  # fmt: skip
     study, runs = track(
         controllers, _plant(plant, inverted), reference, low=low, high=high, slew=slew,
         together=True, noise=noise, seed=seed, from_seconds=from_seconds,
     )  # fmt: skip
-    shown = reference if isinstance(reference, str) else type(reference).__name__.lower()
+    shown = reference if isinstance(reference, str) else f'a {type(reference).__name__} waveform'
+    if isinstance(reference, Sampled):
+        shown = f'{reference.values.size} samples at {1.0 / reference.dt:g} Hz'
     return Compensation(tuple(runs), shown, study, time.perf_counter() - started)
+
+
+def reference_of(
+    given: object, rate: float | None, model: ModelFile
+) -> tuple[str | Waveform, float | None]:
+    """Return a reference as text or waveform, and the rate of the loop [Hz] that it asks for."""
+    if isinstance(given, Path) or (isinstance(given, str) and ':' not in given and '.' in given):
+        wave = _read_reference(Path(given))
+        return wave, rate or 1.0 / wave.dt
+    if isinstance(given, (np.ndarray, list, tuple)):
+        step = 1.0 / rate_of(model, rate)
+        return Sampled(np.asarray(given, np.float64), step), 1.0 / step
+    if hasattr(given, 'displacement') and hasattr(given, 'dt'):  # a record
+        column = getattr(given, 'reference', None)
+        values = given.displacement if column is None else column
+        return Sampled(values, given.dt), rate or 1.0 / given.dt
+    return cast('str | Waveform', given), rate
+
+
+def _read_reference(path: Path) -> Sampled:
+    """Return the reference of a file: of a record, or of columns of time and displacement."""
+    try:
+        with path.open(encoding='utf-8-sig') as file:
+            names = [meaning(name.strip()) for name in file.readline().split(',')]
+        places = {each.what: k for k, each in enumerate(names) if each.unit}
+        column_name = 'reference' if 'reference' in places else 'displacement'
+        used = [places['time'], places[column_name]]
+        table = np.loadtxt(path, delimiter=',', skiprows=1, usecols=used, ndmin=2)
+    except (OSError, UnicodeDecodeError, ValueError, KeyError):
+        (record,) = load(path)[:1]
+        column = record.displacement if record.reference is None else record.reference
+        return Sampled(column, record.dt)
+    time, values = (
+        table[:, k] / UNITS[names[place].what][names[place].unit] for k, place in enumerate(used)
+    )
+    steps = np.diff(time)
+    if not steps.size or np.ptp(steps) > 0.2 * abs(float(np.median(steps))):
+        raise CompensationError(f'{path}: a reference needs an even rate; resample it')
+    return Sampled(values, float((time[-1] - time[0]) / steps.size))
 
 
 def _plant(given: ModelLike | None, inverted: ModelFile) -> ModelFile | str:

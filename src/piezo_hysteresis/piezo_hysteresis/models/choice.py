@@ -12,11 +12,12 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
+from piezo_hysteresis.models.model_actions import ModelActions
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.named import named
 
 
-class Modelled(ABC):
+class Modelled(ModelActions, ABC):
     """A result that contains a model with its values."""
 
     @abstractmethod

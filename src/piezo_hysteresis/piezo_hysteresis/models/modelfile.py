@@ -20,6 +20,7 @@ from piezo_hysteresis.errors import ModelError, RecordError
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Discrepancy
+from piezo_hysteresis.models.model_actions import ModelActions
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.models.operating_range import OperatingRange
 from piezo_hysteresis.models.plain import (
@@ -81,7 +82,7 @@ class Provenance:
 
 
 @dataclass(frozen=True, repr=False)
-class ModelFile(Plottable):
+class ModelFile(ModelActions, Plottable):
     """A model with the values of its parameters; `piezo_hysteresis.Model` is this class.
 
     Attributes

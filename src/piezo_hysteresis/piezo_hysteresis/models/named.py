@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -191,6 +192,19 @@ FOLLOWED = (
 )
 
 
+#: What the literature calls a model in short.
+_SHORT = {
+    'pi': ('prandtl_ishlinskii',),
+    'mpi': ('prandtl_ishlinskii',),
+    'play': ('prandtl_ishlinskii',),
+    'prandtl': ('prandtl_ishlinskii',),
+    'bw': ('classical', 'bouc_wen_mode'),
+    'bouc_wen': ('classical', 'bouc_wen_mode'),
+    'boucwen': ('classical', 'bouc_wen_mode'),
+    'linear': ('linear_mode',),
+}
+
+
 def named(name: str) -> Model:
     """Return the model called `name`: one of `NAMES`, with further blocks after a ``+``.
 
@@ -203,14 +217,22 @@ def named(name: str) -> Model:
         raise ModelError(
             f'the name of a model is text such as classical, not of type {type(name).__name__}'
         )
-    first, *blocks = name.split('+')
+    first, *blocks = (_plain(each) for each in name.split('+'))
     if first not in RECIPES:
+        if meant := _SHORT.get(first):
+            raise ModelError(f'there is no model {name}; did you mean {" or ".join(meant)}?')
         raise ModelError(f'there is no model {first}{choices(first, NAMES)}')
     recipe = RECIPES[first]
     model = Model(first, tuple(named_block(each) for each in recipe.blocks), recipe.held)
     for block in blocks:
         model = model.with_block(named_block(block))
     return model
+
+
+def _plain(name: str) -> str:
+    """Return a name in the spelling of the suite: 'Bouc-Wen mode' is bouc_wen_mode."""
+    plain = re.sub(r'[\s\-]+', '_', name.strip())
+    return plain if plain in RECIPES or '|' in plain else plain.lower()
 
 
 def name_of(model: Model) -> str:

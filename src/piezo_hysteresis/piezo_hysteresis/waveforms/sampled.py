@@ -1,0 +1,99 @@
+"""A waveform given by its samples, such as a reference from a file or an array."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.waveforms.waveform import Samples, WaveformError
+
+# Correlation with itself a period later, from which samples count as periodic.
+_PERIODIC = 0.99
+# Difference below which two correlations are equal.
+_EQUAL = 3e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Samples at a constant rate, with derivatives by central differences.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+        In the unit of the signal (V or m); the last one is held.
+    dt : float
+        Sampling interval [s].
+
+    Raises
+    ------
+    WaveformError
+        If there are fewer than two samples, or one of them is no finite number.
+    """
+
+    values: FloatArray
+    dt: float
+
+    def __post_init__(self) -> None:
+        values = np.ascontiguousarray(self.values, np.float64)
+        if values.ndim != 1 or values.size < 2 or not np.all(np.isfinite(values)):
+            raise WaveformError(
+                f'samples are a series of finite numbers, got an array of shape {values.shape}'
+            )
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise WaveformError(f'the sampling interval must be positive, got {self.dt!r} s')
+        object.__setattr__(self, 'values', values)
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return self.values.size * self.dt
+
+    @property
+    def frequency(self) -> float:
+        """Frequency of the shortest period with which the samples repeat [Hz]; 0 if they do not.
+
+        A period must lie twice in the samples.
+        """
+        centered = self.values - self.values.mean()
+        size = centered.size
+        spectrum = np.fft.rfft(centered, 2 * size)
+        lags = np.arange(size // 2 + 1)
+        both = np.fft.irfft(np.abs(spectrum) ** 2)[lags]
+        energy = np.concatenate([[0.0], np.cumsum(centered**2)])
+        norm = np.sqrt(energy[size - lags] * (energy[size] - energy[lags]))
+        alike = np.divide(both, norm, out=np.zeros_like(both), where=norm > 0)
+        apart = np.flatnonzero(alike < 0.5)
+        if not apart.size:
+            return 0.0
+        inner = np.arange(max(int(apart[0]), 1), alike.size - 1)
+        tops = inner[(alike[inner] >= alike[inner - 1]) & (alike[inner] > alike[inner + 1])]
+        places, heights = _summits(alike, tops)
+        best = np.flatnonzero(heights > max(_PERIODIC, heights.max(initial=0.0) - _EQUAL))
+        if not best.size:
+            return 0.0
+        period = places[best[0]]
+        # several periods give the length of one to a fraction of a sample
+        last = best[-1]
+        return float(round(places[last] / period) / (places[last] * self.dt))
+
+    def sample(self, time: FloatArray) -> Samples:
+        """Return the waveform and its derivatives at `time` [s]."""
+        time = np.asarray(time, np.float64)
+        velocity = np.gradient(self.values, self.dt)
+        acceleration = np.gradient(velocity, self.dt)
+        place = np.clip(time / self.dt, 0.0, self.values.size - 1.0)
+        ticks = np.arange(self.values.size)
+        value, rate, curve = (
+            np.interp(place, ticks, each) for each in (self.values, velocity, acceleration)
+        )
+        frequency = np.full(time.shape, self.frequency)
+        return Samples(value, rate, curve, frequency, 2.0 * np.pi * frequency * time)
+
+
+def _summits(values: FloatArray, tops: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return place and height of the parabolas through local maxima and their neighbours."""
+    left, middle, right = values[tops - 1], values[tops], values[tops + 1]
+    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
+    return tops + shift, middle - 0.25 * (left - right) * shift
