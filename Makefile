@@ -25,8 +25,10 @@ dev:
 setup-demo:
 	@bash tools/setup.sh demo
 
+# results of own data are in a folder named after them
 demo: $(if $(DATA),setup,setup-demo)
-	@$(run) python -m piezo_hysteresis demo $(if $(DATA),--data '$(DATA)') --out out/demo
+	@$(run) python -m piezo_hysteresis demo $(if $(DATA),--data '$(DATA)') \
+	    --out 'out/$(if $(DATA),$(basename $(notdir $(firstword $(DATA)))),demo)'
 
 lint: dev
 	@$(run) ruff check . && ruff format --check . && mypy
