@@ -269,3 +269,107 @@ def test_a_damaged_file_is_refused_in_a_sentence(
     path.write_bytes(damage(whole.read_bytes(), place, length))
     sentence = refused(path)
     assert sentence is None or (str(path) in sentence and '\n' not in sentence)
+
+
+def test_channels_that_start_apart_are_joined_by_time(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip('nptdms')
+    path = tmp_path / 'apart.tdms'
+    channels = [
+        nptdms.ChannelObject('run', 'Voltage', VOLTAGE, {'wf_increment': 1e-3, 'unit_string': 'V'}),  # noqa: E501
+        nptdms.ChannelObject(
+            'run', 'Position', MOVED[7:],
+            {'wf_increment': 1e-3, 'wf_start_offset': 7e-3, 'unit_string': 'um'},
+        ),
+        nptdms.ChannelObject('run', 'Room', MOVED[:4], {'wf_increment': 1.0, 'unit_string': 'K'}),
+    ]  # fmt: skip
+    with nptdms.TdmsWriter(str(path)) as file:
+        file.write_segment(channels)
+    with pytest.warns(DataNote, match='starts -7 ms after displacement'):
+        (record,) = load(path)
+    np.testing.assert_array_equal(record.voltage, VOLTAGE[7:])
+    np.testing.assert_allclose(record.displacement, 1e-6 * MOVED[7:], rtol=1e-12, atol=1e-20)
+
+
+def test_a_written_tdms_file_has_times_for_its_library(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip('nptdms')
+    write_table(tmp_path / 'x.tdms', RECORD)
+    channel = nptdms.TdmsFile.read(str(tmp_path / 'x.tdms'))['record']['voltage_V']
+    np.testing.assert_allclose(channel.time_track(), TIME, atol=1e-12)
+
+
+def test_structs_of_simulink_and_controldesk(tmp_path: Path) -> None:
+    signals = [{'values': VOLTAGE, 'label': 'u [V]'}, {'values': MOVED, 'label': 'weg [um]'}]
+    path = matlab(tmp_path / 'a.mat', out={'time': TIME, 'signals': signals})
+    with pytest.warns(DataNote, match='Simulink structure with time'):
+        holds(load(path)[0])
+    signals = [{'Name': 'M/Voltage', 'Data': VOLTAGE, 'Unit': 'V'},
+               {'Name': 'M/Position', 'Data': MOVED, 'Unit': 'um'}]  # fmt: skip
+    path = matlab(tmp_path / 'b.mat', run={'X': {'Name': 't', 'Data': TIME}, 'Y': signals})
+    with pytest.warns(DataNote, match='ControlDesk recording'):
+        holds(load(path)[0])
+    fields = {'voltage_V': {'Time': TIME, 'Data': VOLTAGE},
+              'displacement_um': {'Time': TIME, 'Data': MOVED}}  # fmt: skip
+    with pytest.warns(DataNote, match='Dataset as struct'):
+        holds(load(matlab(tmp_path / 'c.mat', logsout=fields))[0])
+
+
+def test_words_and_formulas_of_excel(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip('openpyxl')
+    book = openpyxl.Workbook()
+    rows = list(zip(TIME.tolist(), VOLTAGE.tolist(), MOVED.tolist(), strict=True))
+    book.active.append(['time_s', 'voltage_V', 'displacement_um', None, 'Mean', 50])
+    for k, row in enumerate(rows):
+        book.active.append([*row, None, 'Max' if k == 0 else None, 100 if k == 0 else None])
+    book.save(tmp_path / 'side.xlsx')
+    holds(load(tmp_path / 'side.xlsx')[0])
+    book.active['B2'] = 1
+    for k in range(2, 402):
+        book.active[f'B{k}'] = '=A2'
+    book.save(tmp_path / 'formula.xlsx')
+    with pytest.raises(RecordError, match='formulas count by those that Excel stored'):
+        load(tmp_path / 'formula.xlsx')
+    far = openpyxl.Workbook()
+    far.active['A1'] = far.active['XFD1048576'] = 1
+    far.save(tmp_path / 'far.xlsx')
+    with pytest.raises(RecordError, match='1048576 rows of 16384 cells'):
+        load(tmp_path / 'far.xlsx')
+
+
+def test_an_archive_is_judged_before_it_is_expanded(tmp_path: Path, monkeypatch: Any) -> None:
+    from piezo_hysteresis.records.formats import sizes
+
+    monkeypatch.setattr(sizes, 'LARGEST', 5000)
+    np.savez_compressed(tmp_path / 'x.npz', **COLUMNS)
+    np.save(tmp_path / 'x.npy', np.zeros((400, 3)))
+    path = matlab(tmp_path / 'x.mat', **COLUMNS)
+    for each in (tmp_path / 'x.npz', tmp_path / 'x.npy', path):
+        with pytest.raises(RecordError, match=r'would take .* save time'):
+            load(each)
+
+
+def test_hdf5_reads_its_own_file_only(tmp_path: Path) -> None:
+    h5py = pytest.importorskip('h5py')
+    with h5py.File(tmp_path / 'other.h5', 'w') as file:
+        file['displacement_um'] = MOVED
+    with h5py.File(tmp_path / 'x.h5', 'w') as file:
+        file['time_s'], file['voltage_V'] = TIME, VOLTAGE
+        file['displacement_um'] = h5py.ExternalLink('other.h5', 'displacement_um')
+    with pytest.raises(RecordError, match='no column of displacement'):
+        load(tmp_path / 'x.h5')
+    with h5py.File(tmp_path / 'y.h5', 'w') as file:
+        for key, values in (('t', TIME), ('u', VOLTAGE), ('pos', MOVED)):
+            file[key] = values
+            file[key].attrs['units'] = {'t': 's', 'u': 'V', 'pos': 'um'}[key]
+        file['nowhere'] = h5py.ExternalLink('none.h5', 'x')
+    with pytest.warns(DataNote, match='/nowhere lies in another file'):
+        holds(load(tmp_path / 'y.h5')[0])
+
+
+def test_records_of_an_array_of_three_dimensions(tmp_path: Path) -> None:
+    np.save(tmp_path / 'runs.npy', np.array([list(COLUMNS.values())] * 2))
+    records = load(
+        tmp_path / 'runs.npy', columns={'time': '1:s', 'voltage': '2:V', 'displacement': '3:um'}
+    )
+    for record in records:
+        holds(record)
+    assert len(records) == 2

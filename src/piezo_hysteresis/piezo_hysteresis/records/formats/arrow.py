@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.records.formats import sizes
 from piezo_hysteresis.records.formats.column_table import ColumnTable, tables_of
 
 
@@ -22,7 +23,9 @@ def read(path: Path) -> Iterator[ColumnTable]:
 
         # as a file: a path would be taken for a data set, with columns by the names of folders
         with path.open('rb') as file:
-            table = parquet.ParquetFile(file).read()
+            opened = parquet.ParquetFile(file)
+            sizes.judge(8 * opened.metadata.num_rows * opened.metadata.num_columns)
+            table = opened.read()
     yield from tables_of({name: table.column(name).to_numpy() for name in table.column_names})
 
 

@@ -118,9 +118,7 @@ def column(name: str, value: Any, unit: str = '') -> Column | None:
     return Column(with_unit(name, unit), found)
 
 
-def tables_of(
-    entries: Mapping[str, Any], name: str = '', units: Mapping[str, str] | None = None
-) -> Iterator[ColumnTable]:
+def tables_of(entries: Mapping[str, Any], name: str = '') -> Iterator[ColumnTable]:
     """Yield the tables of nested mappings of arrays and scalars, such as structs and groups.
 
     Columns of arrays are numbered from 1. A scalar ``dt`` [s] or ``fs`` [Hz] defines the time.
@@ -132,8 +130,6 @@ def tables_of(
         Arrays, scalars, mappings and lists of mappings by name.
     name : str
         Of the table.
-    units : mapping of str to str, optional
-        Units that the file states beside its arrays, by their names.
     """
     columns: list[Column] = []
     for key, value in entries.items():
@@ -148,11 +144,11 @@ def tables_of(
         array = np.asarray(value)
         if array.ndim == 3 and array.dtype.kind in 'biuf':
             for k, each in enumerate(array, 1):
-                found = _columns(key, each, True, '')
+                found = _columns(key, each, True)
                 if len(found) >= 2:
                     yield ColumnTable(_below(name, f'{key}_{k}'), found, interval_of(entries))
             continue
-        columns += _columns(key, value, len(entries) == 1, (units or {}).get(key, ''))
+        columns += _columns(key, value, len(entries) == 1)
     if columns:
         yield ColumnTable(name, columns, interval_of(entries))
 
@@ -184,13 +180,13 @@ def _below(name: str, key: str) -> str:
     return f'{name}_{key}' if name else key
 
 
-def _columns(key: str, value: Any, alone: bool, unit: str) -> list[Column]:
+def _columns(key: str, value: Any, alone: bool) -> list[Column]:
     """Return the columns of one entry: a vector, fields of a structured array, or an array."""
     array = np.asarray(value)
     if array.dtype.names:
         found = [column(field, array[field]) for field in array.dtype.names]
         return [each for each in found if each is not None]
-    if (single := column(key, value, unit)) is not None:
+    if (single := column(key, value)) is not None:
         return [single]
     if array.ndim != 2 or array.dtype.kind not in 'biuf' or min(array.shape) > MOST_COLUMNS:
         return []
@@ -199,7 +195,7 @@ def _columns(key: str, value: Any, alone: bool, unit: str) -> list[Column]:
         return []
     return [
         Column(
-            with_unit(str(k) if alone else f'{key}_{k}', unit),
+            str(k) if alone else f'{key}_{k}',
             np.asarray(rows[:, k - 1], np.float64),
         )
         for k in range(1, rows.shape[1] + 1)

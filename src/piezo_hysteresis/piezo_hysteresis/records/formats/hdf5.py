@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records.formats.column_table import ColumnTable, tables_of
+from piezo_hysteresis.records.columns import with_unit
+from piezo_hysteresis.records.formats import sizes
+from piezo_hysteresis.records.formats.column_table import ColumnTable
+from piezo_hysteresis.records.formats.structs import struct_tables
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
@@ -22,11 +28,16 @@ def read(path: Path) -> Iterator[ColumnTable]:
     import h5py
 
     with h5py.File(path, 'r') as file:
-        found = list(tables_of(_entries(file, h5py)))
-        objects = [name for name, item in file.items() if _is_object(item)]
+        left: list[str] = []
+        found = list(struct_tables(_entries(file, file, h5py, set(), left)))
+        objects = [name for name in file if _is_object(file.get(name))]
     if not found and objects:
         raise object_refused(objects)
-    yield from found
+    note = f'{", ".join(left)} lies in another file and is not read' if left else ''
+    if left and not found:
+        raise RecordError(f'{note}; copy it into this one')
+    yield from (replace(table, assumed=(*table.assumed, note)) if note else table
+                for table in found)  # fmt: skip
 
 
 def object_refused(names: Sequence[str]) -> RecordError:
@@ -39,19 +50,75 @@ def object_refused(names: Sequence[str]) -> RecordError:
 
 
 def _is_object(item: Any) -> bool:
-    return 'MATLAB_object_decode' in item.attrs
+    return item is not None and 'MATLAB_object_decode' in item.attrs
 
 
-def _entries(group: Any, h5py: Any) -> dict[str, Any]:
-    found: dict[str, Any] = dict(group.attrs)
-    for name, item in group.items():
+def _entries(file: Any, group: Any, h5py: Any, seen: set[Any], left: list[str]) -> dict[str, Any]:
+    """Return the content of a group by name; what lies in other files is left out.
+
+    A unit among the attributes of a data set stands behind its name.
+    """
+    found: dict[str, Any] = {key: group.attrs[key] for key in group.attrs}
+    for name in group:
+        link = group.get(name, getlink=True)
         if name.startswith('#'):  # what MATLAB refers to
             continue
-        if isinstance(item, h5py.Group):
-            found[name] = _entries(item, h5py)
+        item = None if isinstance(link, h5py.ExternalLink) else group.get(name)
+        if item is None:
+            left.append(f'{group.name.rstrip("/")}/{name}')
+        elif isinstance(item, h5py.Group):
+            if item.id not in seen:
+                seen.add(item.id)
+                inner = _entries(file, item, h5py, seen, left)
+                found[name] = _structs(file, item, inner, h5py)
         elif isinstance(item, h5py.Dataset) and item.shape is not None and not _is_object(item):
-            found[name] = item[()]
+            if item.is_virtual or item.external:
+                left.append(item.name)
+                continue
+            if item.dtype.kind in 'biufSUO' and item.dtype.names is None:
+                sizes.judge(item.size * item.dtype.itemsize, item.name)
+            found[_label(name, item.attrs)] = _value(item)
     return found
+
+
+def _value(item: Any) -> Any:
+    """Return the content of a data set; characters of MATLAB as text."""
+    value = item[()]
+    if _attribute(item.attrs, 'MATLAB_class') == 'char':
+        return ''.join(map(chr, np.asarray(value).reshape(-1)))
+    return value
+
+
+def _label(name: str, attributes: Any) -> str:
+    """Return the name of a data set with the unit of its attributes; PyMoDAQ has a label too."""
+    unit = next((_attribute(attributes, key) for key in ('units', 'unit', 'Units') if
+                 key in attributes), '')  # fmt: skip
+    label = _attribute(attributes, 'label') if unit else ''
+    return with_unit(label or name, unit)
+
+
+def _attribute(attributes: Any, key: str) -> str:
+    """Return an attribute as text; PyMoDAQ writes JSON."""
+    value = attributes.get(key, '')
+    text = value.decode('utf-8', 'replace') if isinstance(value, bytes) else str(value)
+    return text.strip().strip('"') if text[:1] not in '[{' else ''
+
+
+def _structs(file: Any, group: Any, entries: dict[str, Any], h5py: Any) -> Any:
+    """Return an array of structs as a list: each field holds references to the values."""
+    fields = {
+        name: group[name][()].reshape(-1)
+        for name in group
+        if isinstance(group.get(name), h5py.Dataset)
+        and h5py.check_ref_dtype(group[name].dtype) is h5py.Reference
+    }
+    if not fields or len({values.size for values in fields.values()}) != 1:
+        return entries
+    return [
+        {name: _value(file[each]) for name, each in zip(fields, row, strict=True)
+         if each and isinstance(file[each], h5py.Dataset)}
+        for row in zip(*fields.values(), strict=True)
+    ]  # fmt: skip
 
 
 def write(path: Path, columns: dict[str, FloatArray]) -> None:

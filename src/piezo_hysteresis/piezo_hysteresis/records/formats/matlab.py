@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.records.formats import hdf5
-from piezo_hysteresis.records.formats.column_table import ColumnTable, tables_of
+from piezo_hysteresis.records.formats import hdf5, sizes
+from piezo_hysteresis.records.formats.column_table import ColumnTable
+from piezo_hysteresis.records.formats.structs import struct_tables
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
@@ -21,13 +22,21 @@ def read(path: Path) -> Iterator[ColumnTable]:
     """
     from scipy.io import loadmat
 
+    with path.open('rb') as file:
+        new = b'MATLAB 7.3' in file.read(20)
+    if new:
+        yield from hdf5.read(path)
+        return
+    sizes.judge_matlab(path)
     try:
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError:
         yield from hdf5.read(path)
         return
     entries = {key: value for key, value in content.items() if not key.startswith('__')}
-    found = list(tables_of({key: value for key, value in entries.items() if not _opaque(value)}))
+    found = list(
+        struct_tables({key: value for key, value in entries.items() if not _opaque(value)})
+    )
     objects = [key for key, value in entries.items() if _opaque(value)]
     if not found and objects:
         raise hdf5.object_refused(objects)

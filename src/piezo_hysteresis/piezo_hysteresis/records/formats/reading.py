@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.formats import (
@@ -10,13 +11,14 @@ from piezo_hysteresis.records.formats import (
     excel,
     hdf5,
     matlab,
+    measurement_files,
     numpy_files,
     tdms,
 )
 from piezo_hysteresis.records.formats.column_table import ColumnTable
 
 #: Module of each ending, and what its files are called.
-FORMATS = {
+FORMATS: dict[str, tuple[Any, str]] = {
     '.mat': (matlab, 'MATLAB file'),
     '.npz': (numpy_files, 'NumPy archive'),
     '.npy': (numpy_files, 'NumPy array'),
@@ -27,6 +29,11 @@ FORMATS = {
     '.xlsx': (excel, 'Excel file'),
     '.xlsm': (excel, 'Excel file'),
     '.tdms': (tdms, 'TDMS file'),
+    '.mf4': (measurement_files.MDF, 'MDF file'),
+    '.mdf': (measurement_files.MDF, 'MDF file'),
+    '.uff': (measurement_files.UFF, 'UFF file'),
+    '.unv': (measurement_files.UFF, 'UFF file'),
+    '.ibw': (measurement_files.IGOR, 'Igor binary wave'),
 }
 
 
