@@ -86,7 +86,7 @@ def meaning(name: str) -> Meaning:
     bare, unit = _parts(name)
     stems = [stem for stem in re.split(r'[\W\d_]+', bare.lower()) if stem]
     meant = [what for stem in stems for what in MEANT if stem == what or stem in MEANT[what]]
-    for what in meant:  # the unit tells an output voltage from an output
+    for what in meant:  # the unit distinguishes an output voltage from an output
         if known := _unit(unit, what):
             return Meaning(what, known, NAMED)
     if stems and meant and (stems[0] == meant[0] or stems[0] in MEANT[meant[0]]):
@@ -311,7 +311,7 @@ def stamped(name: str) -> Meaning:
 
 
 def with_unit(name: str, unit: str) -> str:
-    """Return the name of a column with the unit that its file states beside it."""
+    """Return the name of a column with the unit that its file states next to it."""
     unit = unit.strip().strip('()[]{}<>').strip()
     if not unit or meaning(name).unit:
         return name

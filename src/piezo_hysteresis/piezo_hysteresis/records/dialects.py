@@ -1,6 +1,6 @@
 """The text files that instruments and programs write, one entry each: what is where in the head.
 
-A dialect finds the names of the columns, the first row of numbers, and what the head states beside
+A dialect finds the names of the columns, the first row of numbers, and what the head states for
 them: interval, number of samples, units. `text_tables` does the rest for all of them.
 """
 

@@ -215,6 +215,11 @@ def _times(
 def _decode(topic: Topic, payload: bytes, path: Path) -> Any:
     from rosbags.serde import SerdeError
 
+    if not topic.definition and topic.msgtype not in typestore().fielddefs:
+        raise RecordError(
+            f'{path}: it holds no definition of {topic.msgtype} (sqlite3 bags hold none); '
+            'convert it to mcap with `ros2 bag convert` where the type is installed'
+        )
     try:
         return _store(topic).deserialize_cdr(payload, topic.msgtype)
     except (SerdeError, KeyError, ValueError, IndexError, AssertionError, struct.error) as error:

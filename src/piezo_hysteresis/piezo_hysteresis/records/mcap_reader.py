@@ -124,7 +124,8 @@ class McapFile:
             name, encoding, definition = self._schemas.get(cursor.number('H'), ('', '', ''))
             topic, serialisation, extra = cursor.text(), cursor.text(), cursor.map()
             if serialisation != 'cdr':
-                self.log.add(self.path, f'topic {topic} is stored as {serialisation!r}, not cdr')
+                what = f'topic {topic} is stored as {serialisation!r}, not cdr: it is left out'
+                self.log.guess(self.path, what)
             self.topics[number] = Topic(
                 topic,
                 name,

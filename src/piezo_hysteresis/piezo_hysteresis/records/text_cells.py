@@ -74,7 +74,7 @@ def decimal_mark(cells: Iterable[str], where: object) -> tuple[str, bool]:
     Raises
     ------
     RecordError
-        If the cells do not tell it.
+        If the cells do not show it.
     """
     certain: set[str] = set()
     doubtful: dict[str, str] = {}

@@ -59,7 +59,7 @@ def _rows(sheet: Any) -> Iterator[Cells]:
 
 
 def _columns(rows: Sequence[Cells], sheet: str) -> list[Column]:
-    """Return the columns below the line of names; words beside the numbers do not count."""
+    """Return the columns below the line of names; words next to the numbers do not count."""
     head = _first_data(rows)
     if head is None:
         return []

@@ -1,4 +1,4 @@
-"""Structs of Simulink and ControlDesk: signals beside their times, in any container."""
+"""Structs of Simulink and ControlDesk: signals next to their times, in any container."""
 
 from __future__ import annotations
 

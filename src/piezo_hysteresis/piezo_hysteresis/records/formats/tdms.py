@@ -29,7 +29,7 @@ def read(path: Path) -> Iterator[ColumnTable]:
 
     # it warns of a file that is cut off, which is refused here
     nptdms.log.log_manager.set_level(logging.ERROR)
-    # opened as a file: by its name the index beside it would be believed
+    # opened as a file: by its name the index next to it would be believed
     with path.open('rb') as opened, nptdms.TdmsFile.open(opened) as file:
         if file.file_status.incomplete_final_segment or not file.groups():
             raise RecordError('it ends before its last sample: it was cut off; save it again')
