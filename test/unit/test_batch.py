@@ -237,7 +237,8 @@ def test_by_default_there_is_a_worker_per_core(
             asked.append(workers)
             super().__init__(workers)
 
-    monkeypatch.setattr('piezo_hysteresis.batch.run.ProcessPoolExecutor', Threads)
+    module = sys.modules['piezo_hysteresis.batch.run']
+    monkeypatch.setattr(module, 'ProcessPoolExecutor', Threads)
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: range(3))
     words = ['batch', 'identify', str(data / 'bad.csv'), '--model', 'classical']
     assert main([*words, '--out', str(tmp_path / 'out')]) == 2  # its only file is refused
