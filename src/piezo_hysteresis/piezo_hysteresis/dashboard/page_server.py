@@ -9,6 +9,7 @@ import re
 import threading
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
@@ -16,7 +17,7 @@ from bokeh.document import Document
 from bokeh.server.server import BaseServer
 from bokeh.server.util import bind_sockets
 from tornado.httpserver import HTTPServer
-from tornado.ioloop import IOLoop
+from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.web import HTTPError, StaticFileHandler
 
 from piezo_hysteresis.common.wording import reason_of
@@ -26,9 +27,37 @@ from piezo_hysteresis.dashboard.guard import GuardedApplication
 from piezo_hysteresis.dashboard.live_page import Page
 from piezo_hysteresis.errors import PiezoError
 
+# A client that reads nothing for this time is disconnected [s].
+STALLED_AFTER = 15.0
 # Time after which the session of a disconnected client is removed [ms].
 OLDEST = 5000
 _NAMESPACE = re.compile(r'^[A-Za-z]\w*(/[A-Za-z]\w*)*$', re.ASCII)
+
+
+class StalledClients:
+    """Disconnects clients that stopped reading: what is queued for them would grow forever.
+
+    Parameters
+    ----------
+    application : GuardedApplication
+        Its connections are watched.
+    """
+
+    def __init__(self, application: Any) -> None:
+        self._application = application
+        self._seen: dict[Any, int] = {}
+
+    def look(self) -> None:
+        """Close each connection whose queue made no progress since the last call."""
+        before, self._seen = self._seen, {}
+        for connection in list(self._application._clients):
+            stream = getattr(connection._socket.ws_connection, 'stream', None)
+            if stream is None or not stream.writing():
+                continue
+            done = stream._total_write_done_index
+            self._seen[stream] = done
+            if before.get(stream) == done:
+                stream.close()
 
 
 def _in_one_line(record: logging.LogRecord) -> bool:
@@ -152,6 +181,8 @@ class DashboardServer:
         http.add_sockets(self._sockets)
         server = BaseServer(loop, tornado, http)
         server.start()
+        stalled = StalledClients(tornado)
+        PeriodicCallback(stalled.look, 1000.0 * STALLED_AFTER).start()
         self._loop = loop
         self._ready.set()
         try:

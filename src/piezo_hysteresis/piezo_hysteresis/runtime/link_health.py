@@ -32,6 +32,10 @@ _SENTENCES: dict[str, Finding] = {
     'out_of_stroke': (Level.WARN, 'the reference lies beyond the stroke of the model'),
     'clamped_slopes': (Level.WARN, 'the model has no inverse here: its slope is clamped'),
     'frozen': (Level.WARN, 'the sensor repeats the same reading'),
+    'stuck_sensor': (
+        Level.ERROR,
+        'the sensor is stuck: its reading is constant while the voltage moves; check the sensor',
+    ),
     'backed_off': (Level.ERROR, 'the correction increased the error: it restarts from 0'),
     'reverted': (Level.WARN, 'a step of the correction made the error larger and was taken back'),
 }

@@ -42,6 +42,9 @@ from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCo
 # The last message is repeated after this time without a state [s].
 REPEAT_AFTER = 0.2
 
+# Slew limit that limits nothing [V/s]: published to lift a limit of the node itself.
+UNLIMITED = 1e12
+
 # Parameters that shape the waveform.
 _SHAPE = (
     'waveform',
@@ -256,11 +259,12 @@ class Excitation(GuardedNode):
     def _publish_voltage(self, sample: int, voltage: float) -> None:
         if self._last is None:
             self._forget_ended_chain()
-        slew = min(self._params.number('slew') or math.inf, self._chain_slew)
-        if slew < math.inf and (self._last is None or slew != self._published_slew):
+        slew = min(self._params.number('slew') or UNLIMITED, self._chain_slew)
+        is_new = self._last is None or slew != self._published_slew
+        if is_new and (slew < UNLIMITED or self._published_slew):
             self._published_slew = slew
             self._slew_publisher.publish(Float64(data=slew))
-        command = self._steady.next(sample, voltage, slew if slew < math.inf else 0.0)
+        command = self._steady.next(sample, voltage, slew if slew < UNLIMITED else 0.0)
         payload = voltage_bytes(self._head(sample), sample, command)
         self._voltage_publisher.publish(payload)
         self._last = (self._voltage_publisher, payload)

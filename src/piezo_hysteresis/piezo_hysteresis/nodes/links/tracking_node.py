@@ -20,6 +20,7 @@ from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.ros.flat import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.laws import LawMaker
+from piezo_hysteresis.runtime.stuck_sensor import StuckSensor
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_interfaces.srv import LoadModel
@@ -64,6 +65,7 @@ class TrackingNode(LinkNode):
             self._install(self._built({}))
         except PiezoError as error:
             self.give_up(str(error))
+        self._sensor = StuckSensor(self.dt)
         self._book: SampleSynchronizer[bytes] = SampleSynchronizer()
         self._started = False
         self._law_resets = self._refused_references = self._dropped = 0
@@ -102,6 +104,7 @@ class TrackingNode(LinkNode):
             'law_reset': self._law_resets,
             'refused_references': self._refused_references,
             'dropped': self._dropped + self._book.dropped,
+            'stuck_sensor': self._sensor.ticks,
         }
         return {**own, **law}
 
@@ -164,6 +167,7 @@ class TrackingNode(LinkNode):
         """Take the measurement of one tick."""
         if self._states.take(measured.sample):
             self.stamps.true_time(measured.sample, nanoseconds_of_head(head))
+            self._sensor.update(measured.voltage, measured.displacement)
             self._book.add_measured(measured)
             self._advance()
             self.watch(head, measured.sample)
