@@ -29,7 +29,7 @@ def read(path: Path) -> Iterator[ColumnTable]:
 
     # it warns of a file that is cut off, which is refused here
     nptdms.log.log_manager.set_level(logging.ERROR)
-    # opened as a file: by its name the index next to it would be believed
+    # opened as a file: by its name the index next to it would be read
     with path.open('rb') as opened, nptdms.TdmsFile.open(opened) as file:
         if file.file_status.incomplete_final_segment or not file.groups():
             raise RecordError('it ends before its last sample: it was cut off; save it again')
@@ -53,9 +53,9 @@ def _column(channel: Any, zero: Any) -> Column | None:
     if found is None or step <= 0.0 or (found.known or meaning(found.name)).what == 'time':
         return found
     start = float(channel.properties.get('wf_start_offset', 0.0))
-    begun = channel.properties.get('wf_start_time')
-    if isinstance(begun, np.datetime64) and zero is not None:
-        start += float((begun - zero) / np.timedelta64(1, 'ns')) / 1e9
+    begins = channel.properties.get('wf_start_time')
+    if isinstance(begins, np.datetime64) and zero is not None:
+        start += float((begins - zero) / np.timedelta64(1, 'ns')) / 1e9
     return replace(found, time=np.asarray(start + step * np.arange(found.values.size), np.float64))
 
 
