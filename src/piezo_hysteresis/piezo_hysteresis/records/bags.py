@@ -95,7 +95,8 @@ def _no_states(content: BagContent) -> str:
     some = ', '.join(sorted(held)[:4]) + (', ...' if len(held) > 4 else '')
     return (
         f'{content.path}: it holds no {STATE} but {some}; '
-        'name its fields: import BAG --voltage /topic.field:V --displacement /topic.field:um'
+        'record the topic actuator/state, or name its fields: import BAG '
+        '--voltage /topic.field:V --displacement /topic.field:um'
     )
 
 
