@@ -395,7 +395,7 @@ def test_gains_of_mode_and_recursion() -> None:
     'wrong',
     [
         {'method': 'magic'},
-        {'orders': (3, -1)},
+        {'orders': (3, -2)},
         {'step_size': 0.0},
         {'gain': math.nan},
         {'forgetting': 0.5},

@@ -111,7 +111,11 @@ def test_bounds_of_the_attenuation_follow_the_range() -> None:
     assert (large.largest_step, large.largest_correction) == pytest.approx((5.0, 25.0))
     assert AttenuationSettings(largest_step=0.3).within(Limits()).largest_step == 0.3
     chain = Controllers(1e-3, Limits(20.0, 140.0, 1.0), stage(), attenuation=settings)
-    assert chain.attenuate().settings == large  # type: ignore[attr-defined]
+    decay = 1.0 / (2.0 * np.pi * 180.0 * 0.05)
+    made = chain.attenuate().settings  # type: ignore[attr-defined]
+    assert made == settings.within(chain.limits, decay)
+    assert made.largest_correction == large.largest_correction
+    assert made.settle == pytest.approx(2.5 * decay)
 
 
 def test_what_is_limited_is_the_same_sentence_in_python_and_in_diagnostics() -> None:

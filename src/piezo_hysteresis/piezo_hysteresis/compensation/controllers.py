@@ -183,7 +183,16 @@ class Controllers:
         if gain is None:
             gain = ModeGain(GUESS, dt=self.dt)
             settings = replace(settings, first_step=min(settings.first_step, UNKNOWN_PLANT))
-        return HarmonicAttenuation(settings, gain, self.dt, self.limits)
+        return HarmonicAttenuation(settings, gain, self.dt, self.limits, self._decay())
+
+    def _decay(self) -> float:
+        """Return the time constant of the mode [s], infinite for an unknown plant."""
+        mode = self.mode()
+        if mode is None:
+            return math.inf
+        if mode.natural_frequency == 0.0:
+            return 0.0
+        return 1.0 / (2.0 * math.pi * mode.natural_frequency * mode.damping_ratio)
 
     def feed_back(self) -> Link:
         """Return the law on the error.

@@ -4,6 +4,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.waveforms.chirp import Chirp
 from piezo_hysteresis.waveforms.corners import (
     Lines,
+    Raster,
     Triangle,
     rest,
     reversal_curves,
@@ -24,6 +25,7 @@ __all__ = [
     'Lines',
     'Multisine',
     'PiezoError',
+    'Raster',
     'Samples',
     'Sequence',
     'Setting',

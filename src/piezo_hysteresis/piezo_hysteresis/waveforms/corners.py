@@ -10,29 +10,69 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.waveforms.waveform import Samples, Shape, Shaped, WaveformError
 
+# Share of a period by which a time may miss a corner that it is meant to hit: rounding must not
+# decide on which side of the corner a sample lies.
+_AT_CORNER = 1e-9
+
 
 @dataclass(frozen=True)
-class Triangle(Shaped):
-    """A triangle that starts at its middle and rises; the voltage rate is ``4 a f``.
+class Raster(Shaped):
+    """The fast axis of a scan: a trace, a retrace, and a turn-around at either end.
+
+    The trace rises at a constant rate from the lower corner to the upper one, the retrace falls.
+    Within a turn-around the acceleration is a raised cosine, so that the motion stays smooth; the
+    straight parts lie on the lines through the corners at -1 and 1. It starts in the middle of the
+    trace. Without a turn-around the corners are sharp.
 
     Attributes
     ----------
     frequency : float
-        Frequency [Hz].
+        Lines per second, each with trace and retrace [Hz].
     phase : float
-        Phase at time 0 [rad]; -pi/2 starts at the lower corner.
+        Phase at time 0 [rad]; -pi times `trace` starts at the lower corner.
+    trace : float
+        Share of the period for the trace, 0..1; 0.5 is a triangle, 0.9 a saw tooth whose flyback
+        takes a tenth of the period.
+    turn : float
+        Share of the period for each turn-around; at most the shorter of trace and retrace.
     """
 
     frequency: float = 1.0
     phase: float = 0.0
+    trace: float = 0.5
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.trace < 1.0:
+            raise WaveformError(f'the trace takes a share of the period, got {self.trace:g}')
+        if not 0.0 <= self.turn <= min(self.trace, 1.0 - self.trace) + _AT_CORNER:
+            raise WaveformError(
+                f'a turn-around of {self.turn:g} periods does not fit between trace and retrace: '
+                f'it lasts at most {min(self.trace, 1.0 - self.trace):g}'
+            )
 
     def shape(self, time: FloatArray) -> Shape:
-        """Return the triangle between -1 and 1."""
-        turn = np.mod(self.frequency * time + self.phase / (2.0 * np.pi) + 0.25, 1.0)
-        rising = turn < 0.5
-        value = np.where(rising, 4.0 * turn - 1.0, 3.0 - 4.0 * turn)
-        rate = np.where(rising, 4.0, -4.0) * self.frequency
-        return value, rate, np.zeros_like(time)
+        """Return the scan between -1 and 1."""
+        turn = np.mod(self.frequency * time + self.phase / (2.0 * np.pi) + 0.5 * self.trace, 1.0)
+        turn = np.where(turn >= 1.0 - _AT_CORNER, 0.0, turn)
+        rising = turn < self.trace - _AT_CORNER
+        up, down = 2.0 / self.trace, -2.0 / (1.0 - self.trace)
+        value = np.where(rising, up * turn - 1.0, 1.0 + down * (turn - self.trace))
+        rate, bend = np.where(rising, up, down), np.zeros_like(turn)
+        if self.turn > 0.0:
+            for corner, change in ((0.0, up - down), (self.trace, down - up)):
+                after = np.mod(turn - corner + 0.5, 1.0) - 0.5
+                near = np.abs(after) < 0.5 * self.turn
+                x = after / self.turn
+                later = after >= -_AT_CORNER
+                wave = 2.0 * np.pi * x
+                swept = 0.5 * (x + 0.5) ** 2 - (np.cos(wave) + 1.0) / (4.0 * np.pi**2)
+                swept = self.turn * (swept - np.where(later, x, 0.0))
+                share = x + 0.5 + np.sin(wave) / (2.0 * np.pi) - later
+                value = value + np.where(near, change * swept, 0.0)
+                rate = rate + np.where(near, change * share, 0.0)
+                bend = bend + np.where(near, change * (1.0 + np.cos(wave)) / self.turn, 0.0)
+        return value, rate * self.frequency, bend * self.frequency**2
 
     def fundamental(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return frequency and phase of the fundamental."""
@@ -40,6 +80,10 @@ class Triangle(Shaped):
             np.full_like(time, self.frequency),
             2.0 * np.pi * self.frequency * time + self.phase,
         )
+
+
+class Triangle(Raster):
+    """A raster whose trace and retrace last the same; the voltage rate is ``4 a f``."""
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,18 @@ _ROWS = (
     Kind('sine', 'Sinusoid.', (*_COMMON, _FREQUENCY, _PHASE), Sine),
     Kind('triangle', 'Triangle.', (*_COMMON, _FREQUENCY, _PHASE), corners.Triangle),
     Kind(
+        'raster',
+        'Fast axis of a scan: trace, retrace, and a smooth turn-around at either end.',
+        (
+            *_COMMON,
+            _FREQUENCY,
+            _PHASE,
+            Setting('trace', '1', 0.5, 'Share of the period for the trace.', 1e-3, 0.999),
+            Setting('turn', '1', 0.1, 'Share of the period for each turn-around.', 0.0, 0.5),
+        ),
+        corners.Raster,
+    ),
+    Kind(
         'multisine',
         'Harmonics of one frequency with random phases; the amplitude is the peak.',
         (

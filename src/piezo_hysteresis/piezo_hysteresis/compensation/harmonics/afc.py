@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+    AUTOMATIC,
     FIRST_STEP,
     ORDERS,
     RESONANCE,
@@ -27,6 +28,7 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     MOST,
     Harmonic,
     accumulate,
+    fill_followed,
     fill_resonant,
     fill_separable,
     folded,
@@ -74,21 +76,26 @@ _FEWEST = 16.0
 _LESS, _MORE = 0.1, 3.0
 _LEAST_SHARE = 1e-4
 
+# Largest number of orders that are chosen by themselves.
+_CHOSEN = 64
+
 # Places in the memory: the window, its orders, what was counted, then the mean as a line, the
 # other lines, the orders that are fitted, the basis and the normal equations.
 _FREQUENCY, _TICKS, _SKIP, _LENGTH, _COUNT, _FITTED = range(6)
 WINDOWS, RESTARTS, BOUNDED, REVERTED = range(6, 10)
 # The share of a step at an uncertain gain; mean square error [m^2] of the last window, 0 for
 # none; since the last step the sum of squares, its ticks and the turn it began with.
-_SHARE, _POWER, _SQUARES, _SQUARED, _TURN = range(10, 15)
-_MEAN = 15
+# The frequency for which orders and gains were chosen last [Hz].
+_SHARE, _POWER, _SQUARES, _SQUARED, _TURN, _SCHEDULED = range(10, 16)
+_MEAN = 16
 _LINES = _MEAN + LINE_SIZE
 
 
 @leaf
 def room(p: FloatArray) -> int:
     """Return for how many orders there is room."""
-    return p.size - ORDERS + (MOST if p[RESONANCE] > 0.0 else 0)
+    own = p.size - ORDERS if p[AUTOMATIC] == 0.0 else _CHOSEN
+    return own + (MOST if p[RESONANCE] > 0.0 else 0)
 
 
 @leaf
@@ -259,21 +266,29 @@ def drop_window(
     memory[_TICKS] = memory[_SQUARES] = memory[_SQUARED] = 0.0
     if not kept:
         memory[_POWER] = 0.0
-    choose_orders(frequency, memory, p, dt)
-    reschedule(frequency, kept, memory, p, g, dt)
+    # At an unchanged frequency the orders are the same; the gain of many takes long to evaluate.
+    if not (kept and frequency == memory[_SCHEDULED]):
+        choose_orders(frequency, memory, p, g, dt)
+        reschedule(frequency, kept, memory, p, g, dt)
     fit = fit_of(int(memory[_FITTED]), p)
     for k in range(fit.normal, fit.end):
         memory[k] = 0.0
 
 
 @leaf
-def choose_orders(frequency: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
+def choose_orders(
+    frequency: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
+) -> None:
     """Choose the orders that are cancelled and the additional fitted ones."""
     most, own = room(p), p.size - ORDERS
-    count, span = own, memory[_LENGTH] * dt
+    span = memory[_LENGTH] * dt
     every, kept = scratch(most + _EXTRA + 1), scratch(most + _EXTRA + 1)
-    for i in range(own):
-        every[i] = p[ORDERS + i]
+    if p[AUTOMATIC] > 0.0:
+        own = fill_followed(frequency, g, dt, every[:_CHOSEN])
+    else:
+        for i in range(own):
+            every[i] = p[ORDERS + i]
+    count = own
     if p[RESONANCE] > 0.0:
         count += fill_resonant(frequency, p[RESONANCE], dt, HIGHEST, every[own : own + MOST])
     number = count
@@ -319,6 +334,7 @@ def reschedule(
     frequency: float, kept: bool, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> None:
     """Carry each line to `frequency`: the correction stays, the gain moves as modelled."""
+    memory[_SCHEDULED] = frequency
     for i in range(int(memory[_COUNT])):
         line = memory[_LINES + LINE_SIZE * i : _LINES + LINE_SIZE * (i + 1)]
         gain = gain_at(folded(line[ORDER] * frequency, dt), g)

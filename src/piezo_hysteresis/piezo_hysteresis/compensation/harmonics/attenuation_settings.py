@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -18,6 +19,10 @@ Fit = Literal['recursion', 'sines']
 
 # Bounds on a step and on a correction as shares of the voltage range.
 _STEP, _CORRECTION = 1.0 / 24.0, 5.0 / 24.0
+# Time constants of the mode that a step settles, and bounds of that time [s].
+_DECAYS, _SHORTEST, _LONGEST = 2.5, 0.02, 0.3
+#: The order that stands for all that the plant follows.
+EVERY = -1
 
 METHODS: tuple[str, ...] = get_args(Method)
 
@@ -42,9 +47,10 @@ class AttenuationSettings:
     )
     orders: tuple[int, ...] = setting(
         (0, 1, 2, 3, 5),
-        'Harmonic orders to attenuate; 0 is the mean, which only afc supports.',
+        'Harmonic orders to attenuate; 0 is the mean and -1 all that the plant follows, up to a '
+        'quarter of the rate, which only afc supports.',
         '1',
-        low=0,
+        low=-1,
         high=99,
     )
     resonance: float = setting(
@@ -56,10 +62,11 @@ class AttenuationSettings:
         high=1e5,
     )
     settle: float = setting(
-        0.3,
-        'afc: waiting time after each step of the correction; two time constants of the mode.',
+        0.0,
+        'afc: waiting time after each step of the correction; 0 takes two and a half time '
+        'constants of the mode, at most 0.3 s, which holds without a model too.',
         's',
-        above=0.0,
+        low=0.0,
         high=60.0,
     )
     span: float = setting(
@@ -134,11 +141,20 @@ class AttenuationSettings:
         if reason:
             raise CompensationError(f'attenuation: {reason}')
 
-    def within(self, limits: Limits) -> AttenuationSettings:
-        """Return the settings with bounds on step and correction that suit a voltage range."""
+    def within(self, limits: Limits, decay: float = math.inf) -> AttenuationSettings:
+        """Return the settings with all that is chosen by itself.
+
+        Parameters
+        ----------
+        limits : Limits
+            Of the voltage, for the bounds on step and correction.
+        decay : float
+            Time constant of the mode [s], infinite for an unknown one.
+        """
         span = limits.high - limits.low
         return replace(
             self,
+            settle=self.settle or min(max(_DECAYS * decay, _SHORTEST), _LONGEST),
             largest_step=self.largest_step or _STEP * span,
             largest_correction=self.largest_correction or _CORRECTION * span,
         )
@@ -147,9 +163,9 @@ class AttenuationSettings:
         """Return '' if the method uses all given settings, else the remedy."""
         if self.method == 'afc':
             return ''
-        if 0 in self.orders:
+        if 0 in self.orders or EVERY in self.orders:
             return (
-                f'method {self.method} cannot suppress the mean, order 0; omit it in orders, '
+                f'method {self.method} has neither the mean, order 0, nor order -1; omit it, '
                 'as in [3], before the method is chosen, or take method afc'
             )
         if self.resonance > 0.0:
@@ -160,13 +176,18 @@ class AttenuationSettings:
         return ''
 
     @property
+    def automatic(self) -> bool:
+        """Whether the orders are all that the plant follows."""
+        return EVERY in self.orders
+
+    @property
     def packed(self) -> FloatArray:
         """Numbers that the kernels of the laws read, by the places below; the orders come last."""
         own = [
             self.settle, self.span, self.step_size, self.largest_step, self.largest_correction,
             self.forgetting, self.gain, float(self.fit == 'recursion'),
             float(get_args(SignRule).index(self.sign_rule)), self.switch_frequency, self.resonance,
-            float(0 in self.orders), self.first_step,
+            float(0 in self.orders or self.automatic), self.first_step, float(self.automatic),
         ]  # fmt: skip
         return np.array([*own, *(order for order in self.orders if order > 0)], dtype=np.float64)
 
@@ -174,6 +195,6 @@ class AttenuationSettings:
 # Places in the packed settings.
 (
     SETTLE, SPAN, STEP_SIZE, LARGEST_STEP, LARGEST, FORGETTING, ERROR_GAIN, RECURSIVE, SIGN_RULE,
-    SWITCH, RESONANCE, WITH_MEAN, FIRST_STEP, ORDERS,
-) = range(14)  # fmt: skip
+    SWITCH, RESONANCE, WITH_MEAN, FIRST_STEP, AUTOMATIC, ORDERS,
+) = range(15)  # fmt: skip
 COMPUTED, PRINTED = 0.0, 1.0

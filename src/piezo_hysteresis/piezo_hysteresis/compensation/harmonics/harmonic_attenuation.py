@@ -203,6 +203,8 @@ class HarmonicAttenuation:
         Sampling interval [s].
     limits : Limits
         Range of the voltage, which bounds the correction where the settings do not.
+    decay : float
+        Time constant of the mode of the plant [s], infinite where it is unknown.
 
     Raises
     ------
@@ -216,8 +218,9 @@ class HarmonicAttenuation:
         gain: LinearGain,
         dt: float,
         limits: Limits = Limits(),  # noqa: B008
+        decay: float = math.inf,
     ) -> None:
-        self.settings = settings = settings.within(limits)
+        self.settings = settings = settings.within(limits, decay)
         self.dt = float(dt)
         #: Settings and gain, as the kernels read them.
         self.packed, self.packed_gain = settings.packed, gain.packed

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.linear_gain import gain_at
 from piezo_hysteresis.jit import jit, leaf, scratch
 
 
@@ -35,6 +36,9 @@ class Harmonic(NamedTuple):
 
 # Highest order near a resonance, and largest number of orders that it adds.
 HIGHEST, MOST = 75, 6
+# Highest frequency of an order that is chosen by itself, as a share of the rate, and the smallest
+# gain there, as a share of that at 0 Hz.
+_SHARE_OF_RATE, _FOLLOWED = 0.25, 0.025
 
 
 @leaf
@@ -71,6 +75,25 @@ def fill_resonant(
         for k in range(count - 1, place, -1):
             distances[k], orders[k] = distances[k - 1], orders[k - 1]
         distances[place], orders[place] = distance, order
+    return count
+
+
+@jit
+def fill_followed(frequency: float, g: FloatArray, dt: float, orders: FloatArray) -> int:
+    """Fill the lowest orders that a plant of packed gain `g` follows; return their number.
+
+    Above a quarter of the rate the gain of a held voltage falls to 0, and its inverse would turn
+    noise into voltage; the same holds where the plant answers little.
+    """
+    count, order = 0, 1
+    least = _FOLLOWED * abs(gain_at(0.0, g))
+    while count < orders.size and order * frequency <= _SHARE_OF_RATE / dt:
+        if abs(gain_at(order * frequency, g)) >= least:
+            orders[count] = order
+            count += 1
+        order += 1
+        if order > 10 * orders.size:
+            break
     return count
 
 

@@ -29,6 +29,9 @@ _CLEAR = 0.9
 # Share of the voltage by which all other orders move that may act on one order: the shape of the
 # hysteresis loop, and with it every harmonic, depends on all of the drive.
 _CROSS = 0.02
+# Share of the largest move of an order below which a move says nothing about the gain: the error
+# that remains then changes for other reasons, such as creep.
+_SLIGHT = 0.02
 # Share of a change that dies out only after its window, of which the next change consists in part.
 _UNSETTLED = 0.1
 # So many windows of growth in a row, up to what the correction itself does, are divergence.
@@ -36,11 +39,11 @@ _RISES = 3
 
 # Places in the memory of a line. Complex numbers take two: correction theta [V], last error [m],
 # gain as modelled [m/V] and ratio of the estimated to the modelled gain, last move of
-# theta [V], whether a clear observation has confirmed the gain since its last doubt, and the
-# size of the last change of the error [m].
+# theta [V], whether a clear observation has confirmed the gain since its last doubt, the size of
+# the last change of the error [m], and the largest move so far [V].
 ORDER, THETA, ERROR, MODELLED, RATIO, WEIGHT, MOVED, RISES, SEEN = 0, 1, 3, 5, 7, 9, 10, 12, 13
-CONFIRMED, CHANGED = 14, 15
-LINE_SIZE = 16
+CONFIRMED, CHANGED, FURTHEST = 14, 15, 16
+LINE_SIZE = 17
 
 
 @leaf
@@ -67,7 +70,7 @@ def observe(line: FloatArray, change: complex, clearness: float) -> None:
         return
     seen = -change / moved / modelled
     before = complex(line[RATIO], line[RATIO + 1])
-    kept = _MEMORY * line[WEIGHT]
+    kept = (1.0 - (1.0 - _MEMORY) * clearness) * line[WEIGHT]
     apart = abs(seen - before) > _CONTRADICTION * max(abs(seen), abs(before))
     if clearness > _CLEAR:
         line[CONFIRMED] = 1.0
@@ -120,7 +123,10 @@ def move(
         change = error - before_error
         expected = max(abs(change), abs(gain_estimate(line) * moved))
         unclear = math.hypot(foreign, _UNSETTLED * line[CHANGED])
-        clearness = clearness_of(expected, unclear) * clearness_of(abs(moved), _CROSS * others)
+        line[FURTHEST] = max(line[FURTHEST], abs(moved))
+        clearness = clearness_of(expected, unclear) * clearness_of(
+            abs(moved), math.hypot(_CROSS * others, _SLIGHT * line[FURTHEST])
+        )
         observe(line, change, clearness)
         line[CHANGED] = abs(change)
     grown = seen and abs(error) > 1.1 * abs(before_error) + 3.0 * deviation
