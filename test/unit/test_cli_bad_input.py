@@ -13,8 +13,9 @@ import pytest
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError, RecordError
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.checks import require_each_usable
 from piezo_hysteresis.identification.method_settings import driven_at, held_at, warmed
-from piezo_hysteresis.identification.units import require_plausible, unit_findings
+from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, load
 from piezo_hysteresis.records.record import RecordInfo
@@ -192,7 +193,7 @@ def record(dt: float = 1e-3, volts: float = 1.0, metres: float = 1.0, unit: str 
     ],
 )
 def test_what_is_off_by_a_thousand_is_doubted(changed: dict[str, Any], says: str) -> None:
-    problems = require_plausible([record(**changed)])
+    problems = require_each_usable([record(**changed)])
     assert len(problems) == 1
     assert problems[0].startswith('record mine: ')
     assert says in problems[0]
@@ -201,7 +202,7 @@ def test_what_is_off_by_a_thousand_is_doubted(changed: dict[str, Any], says: str
 @pytest.mark.parametrize(('metres', 'says'), [(1e-7, 'less than an atom'), (1e3, 'no piezo act')])
 def test_what_no_actuator_does_is_refused(metres: float, says: str) -> None:
     with pytest.raises(IdentificationError, match=says):
-        require_plausible([record(metres=metres)])
+        require_each_usable([record(metres=metres)])
 
 
 def test_usual_actuators_are_not_doubted() -> None:

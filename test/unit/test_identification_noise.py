@@ -115,7 +115,7 @@ def test_slow_noise_has_a_colour() -> None:
 
 
 def test_records_that_show_no_noise_are_refused() -> None:
-    short = [record(100, seconds=0.03)]
+    short = [record(100, seconds=0.015)]
     with pytest.raises(IdentificationError, match='no record shows the noise'):
         split(short)
 

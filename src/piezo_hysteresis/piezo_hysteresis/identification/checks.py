@@ -6,18 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import measured_without_outliers, stroke_of
+from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.records import Record
 
 _SAMPLES_PER_PERIOD = 10
-_COMMON = 0.3  # correlation below which displacement and input have nothing in common
 _OPPOSED = -0.5  # correlation below which displacement and input have opposite signs
+_COMMON = 0.3  # correlation or coherence from which displacement and input belong together
 _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
 
 
@@ -46,19 +47,18 @@ def check_records(records: Sequence[Record]) -> list[Finding]:
     Parameters
     ----------
     records : sequence of Record
-        The records to fit.
+        The records to fit or to compare with.
 
     Returns
     -------
     list of Finding
-        Empty without a problem. A record at rest (voltage 0) is useful with others.
+        Empty without a problem. A record at rest (constant voltage) is useful with others.
     """
-    found = []
-    moving = [r for r in records if float(np.ptp(r.voltage)) > 0]
-    for record in records:
-        for fatal, sentence in _judge(record, alone=not moving):
-            found.append(Finding(record.name, fatal, f'record {record.name}: {sentence}'))
-    return found
+    return [
+        Finding(record.name, fatal, f'record {record.name}: {sentence}')
+        for record in records
+        for fatal, sentence in _judge(record)
+    ]
 
 
 def require_consistent(records: Sequence[Record]) -> None:
@@ -119,7 +119,7 @@ def _kind(record: Record) -> str:
 
 
 def require_usable(records: Sequence[Record]) -> list[str]:
-    """Return the warnings about `records`, or refuse them.
+    """Return the warnings about records to fit together, or refuse them.
 
     Raises
     ------
@@ -127,6 +127,17 @@ def require_usable(records: Sequence[Record]) -> list[str]:
         If they are inconsistent or one is unusable; the message names the first such record.
     """
     require_consistent(records)
+    return require_each_usable(records)
+
+
+def require_each_usable(records: Sequence[Record]) -> list[str]:
+    """Return the warnings about records, or refuse them: the same judgement for every verb.
+
+    Raises
+    ------
+    IdentificationError
+        If a record is unusable; the message names the first.
+    """
     findings = check_records(records)
     for finding in findings:
         if finding.fatal:
@@ -142,14 +153,12 @@ def _uncertain(sentence: str) -> list[tuple[bool, str]]:
     return [(False, sentence)]
 
 
-def _judge(record: Record, *, alone: bool) -> list[tuple[bool, str]]:
+def _judge(record: Record) -> list[tuple[bool, str]]:
     u, y = record.voltage, measured_without_outliers(record)
     kind = _kind(record)
     if len(record) < 20:
-        return _fatal(f'only {len(record)} samples; record at least two periods of the excitation')
+        return _fatal(f'only {len(record)} samples; record more of the excitation')
     if float(np.ptp(u)) == 0.0:
-        if alone:
-            return _fatal(f'the {kind} is constant; record a sine over the range you will use')
         return []
     if float(np.ptp(y)) == 0.0:
         return _fatal('the displacement is constant; check sensor and cable, then record again')
@@ -192,42 +201,7 @@ def _coverage(record: Record) -> list[tuple[bool, str]]:
             f'{per_period:.1f} samples per period of {frequency:.4g} Hz are too few; sample '
             f'at {20 * frequency:.4g} Hz or more'
         )
-    periods = record.duration * frequency
-    if periods < 0.95:
-        return _fatal(
-            f'{periods:.2f} of a period of {frequency:.4g} Hz is too short; record at least two'
-        )
-    if periods < 1.95:
-        return _uncertain(
-            f'less than two periods of {frequency:.4g} Hz: the noise floor stays unknown'
-        )
     return []
-
-
-def main_frequency(record: Record) -> float:
-    """Return the strongest frequency of the voltage [Hz] if it is a sine, else 0."""
-    u = record.voltage - record.voltage.mean()
-    power = np.abs(np.fft.rfft(u * np.hanning(u.size))) ** 2
-    peak = int(np.argmax(power))
-    near = power[max(peak - 2, 0) : peak + 3].sum()
-    if peak < 1 or near < 0.8 * power.sum():
-        return 0.0
-    return _between_lines(u, record.dt, peak)
-
-
-def _between_lines(u: FloatArray, dt: float, peak: int) -> float:
-    """Return where the windowed spectrum of a signal is largest near one of its lines [Hz].
-
-    With a frequency that is half a line off, the phase of its harmonics drifts over the record.
-    """
-    windowed = u * np.hanning(u.size)
-    turn = -2j * np.pi * np.arange(u.size) / u.size
-
-    def size(place: float) -> float:
-        return -float(np.abs(windowed @ np.exp(place * turn)))
-
-    found = minimize_scalar(size, bounds=(peak - 1.0, peak + 1.0), method='bounded')
-    return float(found.x) / (u.size * dt)
 
 
 def _synchrony(record: Record, kind: str) -> list[tuple[bool, str]]:
@@ -235,13 +209,15 @@ def _synchrony(record: Record, kind: str) -> list[tuple[bool, str]]:
     measured = measured_without_outliers(record)
     y = measured - measured.mean()
     strength, even = _likeness(u, y), _likeness(u**2 - np.mean(u**2), y)
+    if strength < _COMMON:
+        strength = max(strength, _coherence(u, y))
     if max(strength, even) < _COMMON:
         return _fatal(
             f'displacement and {kind} have nothing in common (correlation {strength:.2f}, with '
             f'the square of the {kind} {even:.2f}); record both with one clock and check the '
             'channels'
         )
-    if even > strength:
+    if even > strength + 0.01:  # of two levels the square is a straight line
         sentence = (
             f'the displacement rises towards both ends of the {kind} (correlation '
             f'{strength:.2f}, with the square of the {kind} {even:.2f}): a butterfly, driven '
@@ -262,6 +238,20 @@ def _likeness(x: FloatArray, y: FloatArray) -> float:
     size = next_fast_len(2 * x.size - 1, real=True)
     both = irfft(rfft(y, size) * np.conj(rfft(x, size)), size)
     return float(np.max(np.abs(both))) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
+
+
+def _coherence(u: FloatArray, y: FloatArray) -> float:
+    """Return the share of the power of `y` that follows `u` linearly, by Welch's method.
+
+    A resonance delays each frequency differently, so that the signals correlate at no delay.
+    """
+    length = max(u.size // 16, 8)
+    segments = [sliding_window_view(x, length)[:: length // 2] for x in (u, y)]
+    window = np.hanning(length)
+    a, b = (np.fft.rfft(window * (x - x.mean(axis=1, keepdims=True))) for x in segments)
+    cross, power = np.sum(b * np.conj(a), axis=0), np.sum(np.abs(a) ** 2, axis=0)
+    shared = np.abs(cross[power > 0.0]) ** 2 / power[power > 0.0]
+    return float(np.sum(shared) / max(float(np.sum(np.abs(b) ** 2)), 1e-300))
 
 
 def _phase(

@@ -15,7 +15,7 @@ from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError, ModelError
-from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.checks import require_each_usable, require_usable
 from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.measurement import as_measured
@@ -403,7 +403,7 @@ def evaluated_on(found: Identification, records: Sequence[Record]) -> Identifica
         If the records are unusable.
     """
     records, _ = as_measured(records)
-    require_usable(records)
+    require_each_usable(records)
     late = found.sampling_offset
     views = views_of(found.chain, found.values, records, late)
     _, left = _errors_and_discrepancy(

@@ -10,7 +10,6 @@ from math import isfinite, nan, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.drive_lines import (
     PERIODS,
     amplitudes,
@@ -20,6 +19,7 @@ from piezo_hysteresis.identification.drive_lines import (
     varies,
 )
 from piezo_hysteresis.identification.noise import density
+from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Condition, Discrepancy
 from piezo_hysteresis.numerics.harmonics import (

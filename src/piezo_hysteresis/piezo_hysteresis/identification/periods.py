@@ -1,20 +1,26 @@
-"""Period of a drive, and the first sample from which it is periodic."""
+"""Period of a drive, the first sample from which it is periodic, and its main frequency."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import sqrt
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.records import Record
 
 Result = TypeVar('Result')
 
-PERIODIC = 1e-3  # scatter of the voltage over its rms up to which it counts as periodic
+#: Difference of the voltage a period apart, over its rms, up to which it is periodic.
+PERIODIC = 1e-3
+# Square of that difference, over the power, near a period of a fractional number of samples.
+_NEARLY = 0.1
+# Share of the power in the strongest line from which one frequency dominates, and mean square of
+# the difference a period apart over that half a period apart up to which it has periods.
+_DOMINANT, _ALIKE = 0.8, 0.5
 
 
 def cached_per_record(function: Callable[[Record], Result]) -> Callable[[Record], Result]:
@@ -34,22 +40,62 @@ def cached_per_record(function: Callable[[Record], Result]) -> Callable[[Record]
 def period_of(record: Record) -> int:
     """Return the smallest period of the voltage in samples, 0 if it is not periodic.
 
-    Uses the second half of the record, so that a start-up does not hide the period.
+    The end of the record must be periodic for half of it, for three quarters, or from its first
+    sample, so that a start-up does not hide the period.
     """
-    u = record.voltage[len(record) // 2 :]
-    n = u.size
-    power = float(np.mean((u - u.mean()) ** 2))
-    if n < 8 or power <= 1e-30 * max(1.0, float(np.max(np.abs(u))) ** 2):
-        return 0
-    centred = u - u.mean()
-    lags = 1 + np.flatnonzero(mean_changes(centred) < PERIODIC**2 * power)
-    exact = _smallest(centred, lags, 1e-9 * sqrt(power))
-    return exact or _smallest(centred, lags, PERIODIC * sqrt(power))
+    u = record.voltage
+    for first in (u.size // 2, u.size // 4, 0):
+        period = _whole_period(u[first:], several=first == u.size // 2)
+        if period:
+            return period
+    return 0
 
 
-def mean_changes(centred: FloatArray) -> FloatArray:
-    """Return the mean square of ``u(k + lag) - u(k)`` for the lags 1 to n // 2 of a signal."""
-    n = centred.size
+def _whole_period(u: FloatArray, *, several: bool) -> int:
+    """Return the smallest whole period of a signal all of whose periods are alike, or 0.
+
+    Where `several` is false, multiples of a fractional period do not count.
+    """
+    change, power = mean_changes(u), float(np.var(u))
+    lags = like_lags(change, power, PERIODIC**2)
+    if not several:
+        lags = [lag for lag in like_lags(change, power, _NEARLY)[:1] if lag in lags]
+    for lag in lags:
+        # a part of a sample by which the period is wrong adds up from period to period
+        if float(np.max(change[lag - 1 :: lag])) < PERIODIC**2 * power:
+            return lag
+    return 0
+
+
+def like_lags(change: FloatArray, power: float, share: float) -> list[int]:
+    """Return lags at which a signal resembles itself and in between does not, smallest first.
+
+    Half a period apart a periodic signal differs by more than its power, a period apart by less
+    than a `share` of it. A slow signal resembles itself from each sample to the next, which is
+    no period.
+
+    Parameters
+    ----------
+    change : ndarray, shape (m,)
+        From `mean_changes`.
+    power : float
+        Variance of the signal.
+    share : float
+        Largest mean square of the difference over the power.
+    """
+    differs = np.flatnonzero(change > power)
+    if not differs.size or not power > 0.0:
+        return []
+    alike = change < share * power
+    alike[: differs[0]] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], alike, [False]]))).reshape(-1, 2)
+    return [int(first + np.argmin(change[first:last])) + 1 for first, last in edges]
+
+
+def mean_changes(signal: FloatArray) -> FloatArray:
+    """Return the mean square of ``x(k + lag) - x(k)`` for the lags 1 to n // 2 of a signal."""
+    n = signal.size
+    centred = signal - signal.mean()
     size = 1 << (2 * n - 1).bit_length()
     correlation = np.fft.irfft(np.abs(np.fft.rfft(centred, size)) ** 2, size)
     squares = np.concatenate([[0.0], np.cumsum(centred**2)])
@@ -58,16 +104,48 @@ def mean_changes(centred: FloatArray) -> FloatArray:
     return np.asarray((energy - 2.0 * correlation[lags]) / (n - lags))
 
 
-def _smallest(u: FloatArray, lags: IntArray, limit: float) -> int:
-    for lag in lags:
-        if sqrt(float(np.mean((u[lag:] - u[:-lag]) ** 2))) < limit:
-            return int(lag)
-    return 0
-
-
 def periodic_from(u: FloatArray, period: int) -> int:
     """Return the first sample from which the voltage is periodic to the end."""
     change = np.abs(u[period:] - u[:-period])
     limit = 6 * PERIODIC * float(np.std(u[u.size // 2 :]))
     broken = np.flatnonzero(change > limit)
     return int(broken[-1]) + 1 if broken.size else 0
+
+
+@cached_per_record
+def main_frequency(record: Record) -> float:
+    """Return the frequency [Hz] of a drive that one frequency dominates, also as its size varies.
+
+    It is 0 for any other drive: two successive periods must be more alike than half periods.
+    """
+    u = record.voltage - record.voltage.mean()
+    power = np.abs(np.fft.rfft(u * np.hanning(u.size))) ** 2
+    peak = int(np.argmax(power))
+    if peak < 1 or float(power[max(peak - 2, 0) : peak + 3].sum()) < _DOMINANT * power.sum():
+        return 0.0
+    frequency = _between_lines(u, record.dt, peak)
+    half, period = round(0.5 / (frequency * record.dt)), round(1.0 / (frequency * record.dt))
+    if 2 * period > u.size or _change(u, period) > _ALIKE * _change(u, max(half, 1)):
+        return 0.0
+    whole = period_of(record) * record.dt
+    # the leakage of few periods shifts the line; a whole period is exact
+    return round(frequency * whole) / whole if whole else frequency
+
+
+def _change(u: FloatArray, lag: int) -> float:
+    return float(np.mean((u[lag:] - u[:-lag]) ** 2))
+
+
+def _between_lines(u: FloatArray, dt: float, peak: int) -> float:
+    """Return where the windowed spectrum of a signal is largest near one of its lines [Hz].
+
+    With a frequency that is half a line off, the phase of its harmonics drifts over the record.
+    """
+    windowed = u * np.hanning(u.size)
+    turn = -2j * np.pi * np.arange(u.size) / u.size
+
+    def size(place: float) -> float:
+        return -float(np.abs(windowed @ np.exp(place * turn)))
+
+    found = minimize_scalar(size, bounds=(peak - 1.0, peak + 1.0), method='bounded')
+    return float(found.x) / (u.size * dt)

@@ -14,7 +14,12 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.periods import PERIODIC, cached_per_record, mean_changes
+from piezo_hysteresis.identification.periods import (
+    PERIODIC,
+    cached_per_record,
+    like_lags,
+    mean_changes,
+)
 from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
 
@@ -60,9 +65,9 @@ def repeat_of(record: Record) -> Repeat | None:
     """Return the longest section with a periodic drive, None if there is none."""
     u = record.voltage
     spread = float(np.std(u))
-    if u.size < 4 * _HALF or spread <= 1e-15 * max(1.0, float(np.max(np.abs(u)))):
+    if u.size < 4 * _HALF or spread <= 1e-15 * float(np.max(np.abs(u))):
         return None
-    for lag in _near_lags(u - u.mean(), spread):
+    for lag in like_lags(mean_changes(u), spread**2, 2.0 * _NEAR)[:_TRIED]:
         period = _refined(u, lag)
         found = _longest(u, period, spread)
         if found is not None:
@@ -104,14 +109,6 @@ def _taps(period: float) -> tuple[FloatArray, int]:
     place = np.arange(-_HALF, _HALF + 1) - (period - lag)
     taps = np.sinc(place) * np.kaiser(2 * _HALF + 1, _SHAPE)
     return np.asarray(taps / taps.sum()), lag
-
-
-def _near_lags(centred: FloatArray, spread: float) -> list[int]:
-    """Return whole lags near which the drive may repeat, the smallest first."""
-    change = mean_changes(centred)
-    middle = change[1:-1]
-    dips = 1 + np.flatnonzero((middle < change[:-2]) & (middle < change[2:]))
-    return [int(k) + 1 for k in dips if change[k] < 2.0 * _NEAR * spread**2][:_TRIED]
 
 
 def _refined(u: FloatArray, lag: int) -> float:

@@ -34,6 +34,10 @@ from piezo_hysteresis.records import Record
 
 #: Ticks for which the last voltage is held: the largest sampling offset of a recording.
 LEAD_OUT = 2
+# Share of the range of the voltage that a mean period covers: a step before it is not lost.
+_WHOLE = 0.9
+# Smallest number of periods: fewer save no time, and hide a transient in their noise.
+_FEWEST = 4
 #: Suffix of the name of a record: its transient before the steady state.
 WAY_IN = ' (start)'
 
@@ -150,7 +154,7 @@ class Target:
 
 
 def fold(record: Record, settling: float = SETTLING) -> list[Target]:
-    """Average the steady periods of a record; return nothing if there are fewer than two.
+    """Average the steady periods of a record; return nothing if there are too few.
 
     The transient before the steady state is a second target, ``NAME (start)``, where the record
     begins near 0 V, so that folding loses no information. The transient of a record that begins
@@ -160,7 +164,9 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     over all periods is not folded, because no model has such a mean period.
     """
     period = period_of(record)
-    if period == 0:
+    if period == 0 or len(record) < _FEWEST * period:
+        return []
+    if np.ptp(record.voltage[-period:]) < _WHOLE * np.ptp(record.voltage):
         return []
     same = periodic_from(record.voltage, period)
     first = max(same, record.warm_up_samples)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.records import Record
 
@@ -42,23 +39,6 @@ def unit_findings(record: Record) -> list[tuple[bool, str]]:
     if record.info.input_unit == 'V':
         found += _voltage(record, stroke / swing)
     return found + _rate(record)
-
-
-def require_plausible(records: Sequence[Record]) -> list[str]:
-    """Return warnings on unlikely units, or raise an error for impossible ones.
-
-    Raises
-    ------
-    IdentificationError
-        If a record has values that no piezo actuator reaches; the message names it.
-    """
-    problems = []
-    for record in records:
-        for impossible, sentence in unit_findings(record):
-            problems.append(f'record {record.name}: {sentence}')
-            if impossible:
-                raise IdentificationError(problems[-1])
-    return problems
 
 
 def _stroke(stroke: float) -> list[tuple[bool, str]]:

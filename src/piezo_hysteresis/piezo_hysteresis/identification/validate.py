@@ -11,6 +11,7 @@ from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.identification.checks import require_each_usable
 from piezo_hysteresis.identification.clock import clock_of
 from piezo_hysteresis.identification.comparison import (
     Comparison,
@@ -29,7 +30,6 @@ from piezo_hysteresis.identification.model_discrepancy import (
 )
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.prediction import predictions
-from piezo_hysteresis.identification.units import require_plausible
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import Modelled, ModelLike, with_values
 from piezo_hysteresis.records import Record, listed
@@ -57,7 +57,7 @@ class Validation(Reportable, Modelled):
     comparisons : tuple of Comparison
         The error on each record and the error that the discrepancy of the model predicts.
     warnings : tuple of str
-        Warnings on units.
+        Warnings on the records.
     seconds : float
         Computing time [s].
     data : tuple of Record
@@ -160,7 +160,7 @@ def validate(
     RecordError
         If there is no record, or `records` are not records.
     IdentificationError
-        If the values of the records are impossible for a piezo actuator.
+        If a record is unusable, for the same reasons as in a fit.
     """
     started = time.perf_counter()
     records = listed(records)
@@ -168,7 +168,7 @@ def validate(
         raise RecordError('there is no record to validate with; give at least one')
     given = with_values(model)
     records, warnings = as_measured(records)
-    warnings += require_plausible(records)
+    warnings += require_each_usable(records)
     late = given.sampling_offset
     views = views_of(given.model, given.values, records, late, Choices(begins, zero))
     late = clock_of(given, views)
@@ -195,7 +195,7 @@ def validate(
         noise_floor=floor_of(records).rms,
         sampling_offset=late,
         comparisons=tuple(known),
-        warnings=tuple(map(str, warnings)),
+        warnings=tuple(warnings),
         seconds=time.perf_counter() - started,
         data=tuple(records),
     )

@@ -14,6 +14,7 @@ from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import Identification
 from piezo_hysteresis.identification import identify as identify_in
+from piezo_hysteresis.identification.checks import require_each_usable
 from piezo_hysteresis.identification.identify import evaluated_on
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
@@ -103,6 +104,10 @@ def identify(
     records = driven_at(warmed(records, warm_up), frequency)
     if before:
         records = [preceded(record, before) for record in records]
+    unseen = []
+    if _given(held_out):
+        unseen = driven_at(warmed(_read(held_out, dt, fs, actuator, salvage), warm_up), frequency)
+        require_each_usable(unseen)  # before a fit of minutes
     if start:
         options['start'] = dict(start)
     if chosen_model is None:
@@ -112,10 +117,7 @@ def identify(
         progress=progress,
         **options,
     )  # fmt: skip
-    if _given(held_out):
-        unseen = warmed(_read(held_out, dt, fs, actuator, salvage), warm_up)
-        found = evaluated_on(found, driven_at(unseen, frequency))
-    return found
+    return evaluated_on(found, unseen) if unseen else found
 
 
 def discover(

@@ -10,8 +10,7 @@ import numpy as np
 from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.checks import check_records, require_consistent
-from piezo_hysteresis.identification.units import require_plausible
+from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.records import Record
 
 FEWEST_SAMPLES = 200
@@ -52,18 +51,12 @@ def check(records: Sequence[Record]) -> Check:
     IdentificationError
         If the records cannot be evaluated; the message states the reason and what to record.
     """
-    _refuse(records)
-    findings = tuple(finding.sentence for finding in check_records(records))
-    return Check(findings, tuple(_confounded(records)))
-
-
-def _refuse(records: Sequence[Record]) -> None:
-    require_consistent(records)
-    require_plausible(records)
+    findings = require_usable(records)
     if max(len(r) for r in records) < FEWEST_SAMPLES:
         raise IdentificationError(
             f'no record has {FEWEST_SAMPLES} samples: record several periods of each excitation'
         )
+    return Check(tuple(findings), tuple(_confounded(records)))
 
 
 def _confounded(records: Sequence[Record]) -> list[tuple[tuple[str, ...], str]]:

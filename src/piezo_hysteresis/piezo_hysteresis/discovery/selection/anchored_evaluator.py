@@ -43,11 +43,11 @@ from piezo_hysteresis.discovery.selection.score_ascent import ScoreAscent
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.checks import main_frequency
 from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
 from piezo_hysteresis.identification.noise import stroke_of
+from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import (
