@@ -74,7 +74,6 @@ setup(
         'dashboard': ['tornado>=6.3,<7'],
         'dask': ['distributed>=2024.1'],
         'formats': ['h5py>=3,<4', 'npTDMS>=1.7,<2', 'openpyxl>=3.1,<4', 'pyarrow>=14'],
-        'measurement': ['asammdf>=8.8,<9', 'igor2>=0.5,<1', 'pyuff>=2.5,<3'],  # MDF, Igor, UFF
         'pandas': ['pandas>=2,<4'],  # data frames of results
         'serial': ['pyserial>=3.5,<4'],  # controllers on a serial port
         'test': ['hypothesis>=6', 'pytest>=8', 'pytest-xdist>=3'],

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('bokeh')
 
-from piezo_hysteresis.dashboard.page_server import StalledClients, _in_one_line
+from piezo_hysteresis.dashboard.page_server import StalledClients, in_one_line
 
 
 class Stream:
@@ -47,5 +47,5 @@ def test_rubbish_is_logged_in_one_line() -> None:
     except ValueError as error:
         details: Any = (ValueError, error, error.__traceback__)
     record = logging.LogRecord('a', logging.ERROR, '', 1, 'bad\n%s', ('x' * 999,), details)
-    assert _in_one_line(record)
+    assert in_one_line(record)
     assert logging.Formatter().format(record) == 'bad'

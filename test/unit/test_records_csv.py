@@ -22,7 +22,7 @@ from piezo_hysteresis.records import (
 )
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.load import column_records
-from piezo_hysteresis.records.options import ReadOptions
+from piezo_hysteresis.records.read_options import ReadOptions
 
 
 def write(path: Path, text: Any) -> Path:

@@ -7,7 +7,7 @@ from typing import Any
 
 from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
 from piezo_hysteresis.identification.initial_conditions.revision import ZEROS
-from piezo_hysteresis.records.options import CLOCKS, ReadOptions
+from piezo_hysteresis.records.read_options import CLOCKS, ReadOptions
 
 __all__ = [
     'SALVAGE_HELP',

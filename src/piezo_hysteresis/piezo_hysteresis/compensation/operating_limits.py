@@ -56,9 +56,9 @@ def operating_limits(
 ) -> OperatingLimits:
     """Return the limits of the voltage for a model.
 
-    A value of the user comes first, then that of a plant that knows its own, then what the records
-    of the model covered. Without any of them the limits are those of `Limits`, for a small
-    actuator.
+    A value of the user has priority, then that of a plant that knows its own, then what the
+    records of the model covered. Without any of them the limits are those of `Limits`, for a
+    small actuator.
 
     Parameters
     ----------

@@ -139,8 +139,8 @@ def track(
 
 def remarks(study: Study, runs: Sequence[Run]) -> tuple[str, ...]:
     """Return every sentence about the settings and the runs, each once."""
-    said = (sentence for run in runs for sentence in run.words)
-    return tuple(dict.fromkeys((*study.warnings, *said)))
+    remarks = (sentence for run in runs for sentence in run.words)
+    return tuple(dict.fromkeys((*study.warnings, *remarks)))
 
 
 def waveform_of(reference: str | Waveform, usual: Mapping[str, float] | None = None) -> Waveform:

@@ -60,7 +60,7 @@ class StalledClients:
                 stream.close()
 
 
-def _in_one_line(record: logging.LogRecord) -> bool:
+def in_one_line(record: logging.LogRecord) -> bool:
     """Log what a client sent by mistake in one line, without a traceback."""
     record.msg, record.args = record.getMessage().splitlines()[0][:200], ()
     record.exc_info = record.exc_text = None
@@ -164,7 +164,7 @@ class DashboardServer:
         # a disconnected client needs no warning
         logging.getLogger('bokeh').setLevel(logging.ERROR)
         for name in ('bokeh.server.views.ws', 'bokeh.server.protocol_handler'):
-            logging.getLogger(name).addFilter(_in_one_line)
+            logging.getLogger(name).addFilter(in_one_line)
         asyncio.set_event_loop(asyncio.new_event_loop())
         loop = IOLoop.current()
         application = Application(FunctionHandler(self._new_page))

@@ -106,17 +106,17 @@ def out_of_range(voltage: FloatArray, displacement: FloatArray) -> BoolArray:
 def _pulsed(u: FloatArray, y: FloatArray, beyond: BoolArray, far: bool) -> bool:
     """Return whether the voltage explains that readings lie apart: it was pulsed then.
 
-    Most runs of such readings begin or end with a voltage beside that of the other readings, or
+    Most runs of such readings begin or end with a voltage outside that of the other readings, or
     with the record: a stage that has not moved yet.
     """
     reached = np.percentile(u[~beyond], (1.0, 99.0))
     covered = float(np.ptp(reached)) > 0.5 * float(np.ptp(u))
     if far and covered and np.count_nonzero(beyond) > 1 and float(np.ptp(y[beyond])) == 0.0:
         return False  # one value far away, at voltages next to the others: a code
-    beside = (u < reached[0]) | (u > reached[1])
+    outside = (u < reached[0]) | (u > reached[1])
     runs = _runs(beyond)
     explained = [
-        begin == 0 or end == y.size or bool(np.any(beside[max(begin - _LAG, 0) : end]))
+        begin == 0 or end == y.size or bool(np.any(outside[max(begin - _LAG, 0) : end]))
         for begin, end in runs
     ]
     return sum(explained) > 0.5 * len(runs)

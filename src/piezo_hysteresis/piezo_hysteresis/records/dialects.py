@@ -19,7 +19,7 @@ _SAMPLE = 200  # lines of numbers that decide what separates the cells
 
 
 @dataclass(frozen=True)
-class Layout:
+class TextLayout:
     """Where the columns of one table stand in the lines of a text file.
 
     Attributes
@@ -86,10 +86,10 @@ class Dialect:
     interval: str = ''
     count: str = ''
     known: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    layouts: Callable[[Dialect, Sequence[str]], list[Layout]] | None = None
+    layouts: Callable[[Dialect, Sequence[str]], list[TextLayout]] | None = None
     sparse: bool = False
 
-    def read(self, lines: Sequence[str]) -> list[Layout]:
+    def read(self, lines: Sequence[str]) -> list[TextLayout]:
         """Return the tables of a file of this dialect."""
         found = (self.layouts or _general)(self, lines)
         return [
@@ -119,7 +119,7 @@ def dialect_of(lines: Sequence[str]) -> Dialect | None:
     return next((each for each in DIALECTS if re.search(each.mark, head, re.MULTILINE)), None)
 
 
-def plain(lines: Sequence[str], header_row: int | None, path: object) -> Layout:
+def plain(lines: Sequence[str], header_row: int | None, path: object) -> TextLayout:
     """Return the table of a file of no dialect: names, perhaps their units, then numbers.
 
     Raises
@@ -205,7 +205,7 @@ def _all_units(cells: Sequence[str]) -> bool:
     return bool(filled) and all(unit_known(cell) or cell[0] in '([' for cell in filled)
 
 
-def _below(lines: Sequence[str], head: int) -> Layout:
+def _below(lines: Sequence[str], head: int) -> TextLayout:
     """Return the table below a line of names, or of numbers that begin there."""
     line = lines[head].lstrip('#').strip() if lines[head][:1] == '#' else lines[head]
     rows = [k for k in range(head + 1, min(head + 1 + 3 * _SAMPLE, len(lines)))
@@ -219,7 +219,7 @@ def _below(lines: Sequence[str], head: int) -> Layout:
         bare = split(line, separator)
     if all(is_number(cell) or is_stamp(cell) or not cell for cell in bare):
         names = [str(k) for k in range(1, len(bare) + 1)]
-        return Layout(names, head, separator=separator)
+        return TextLayout(names, head, separator=separator)
     names = [name.strip().strip('"\'') for name in bare]
     while names and not names[-1]:
         names.pop()
@@ -233,10 +233,10 @@ def _below(lines: Sequence[str], head: int) -> Layout:
         cells += [''] * (len(names) - len(cells))
         names = [with_unit(name, unit) for name, unit in zip(names, cells, strict=False)]
         first = k + 1
-    return Layout(names, first, separator=separator)
+    return TextLayout(names, first, separator=separator)
 
 
-def _general(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _general(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """Return the one table below a head of metadata; the head states interval and count."""
     head = '\n'.join(lines[:200])
     layout = plain(lines, None, dialect.name)
@@ -268,7 +268,7 @@ def _seconds(pattern: str, head: str) -> float:
 _VALUE = r'[-+]?[\d.]+(?:[eE][-+]?\d+)?'
 
 
-def _pi_recorder(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _pi_recorder(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """``# KEY = value`` up to ``# END_HEADER``; names in ``NAME0``, ``NAME1``, ..."""
     end = next((k for k, line in enumerate(lines) if re.match(r'#\s*END_HEADER', line)), None)
     if end is None:
@@ -283,11 +283,11 @@ def _pi_recorder(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
     names = [keys.get(f'NAME{k}', str(k + 1)) for k in range(width)]
     separator = '' if code == 32 else chr(code)
     interval = float(keys.get('SAMPLE_TIME', '0'))
-    return [Layout(names, end + 1, separator=separator, interval=interval,
+    return [TextLayout(names, end + 1, separator=separator, interval=interval,
                    count=int(keys.get('NDATA', '0')))]  # fmt: skip
 
 
-def _labview(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _labview(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """One file header, then a header for each segment; ``X_Columns`` One, Multi or No."""
     ends = [k for k, line in enumerate(lines) if line.startswith('***End_of_Header***')]
     top = _labview_keys(lines[: ends[0]], '\t')
@@ -325,7 +325,7 @@ def _labview_segment(
     style: str,
     keys: Mapping[str, list[str]],
     title: str,
-) -> Layout:
+) -> TextLayout:
     head, last = span
     while head < last and not lines[head].strip():
         head += 1
@@ -345,7 +345,7 @@ def _labview_segment(
         known = {k: Meaning() for k, name in enumerate(names) if name == 'X_Value'}
         if len(steps) > 1:
             raise RecordError(f'segment {title}: its channels have different Delta_X')
-    return Layout(
+    return TextLayout(
         names, head + 1, end, separator,
         interval=steps.pop() if len(steps) == 1 else 0.0,
         count=counts.pop() if len(counts) == 1 and title + style != '' and not known else
@@ -354,17 +354,19 @@ def _labview_segment(
     )  # fmt: skip
 
 
-def _rigol(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _rigol(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """``X,CH1,CH2,Start,Increment``; below it units, start and increment."""
     names, units = (split(line, ',') for line in lines[:2])
     names, begin = names[: names.index('Start')], names.index('Start')
     start, step = float(units[begin]), float(units[begin + 1])
     named = [with_unit(name, unit) for name, unit in zip(names, units, strict=False)]
     named[0] = f'X {start!r}'
-    return [Layout(named, 2, interval=step, clock='index', known={0: Meaning('time', 's', NAMED)})]
+    return [
+        TextLayout(named, 2, interval=step, clock='index', known={0: Meaning('time', 's', NAMED)})
+    ]
 
 
-def _rigol_without_times(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _rigol_without_times(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """``CH1V,CH2V,t0 = -0.005, tInc = 1e-06,``; the rows hold the channels only."""
     cells = split(lines[0], ',')
     step = next(float(c.partition('=')[2]) for c in cells if c.replace(' ', '').startswith('tInc'))
@@ -373,10 +375,10 @@ def _rigol_without_times(dialect: Dialect, lines: Sequence[str]) -> list[Layout]
     width = len([cell for cell in split(lines[1], ',') if cell])
     timed = width == len(names) and bool(re.match('Time', names[0]))
     known = {0: Meaning('time', 's', NAMED)} if timed else {}
-    return [Layout(names, 1, interval=step, known=known)]
+    return [TextLayout(names, 1, interval=step, known=known)]
 
 
-def _siglent(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _siglent(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """Metadata, ``Source,CH1,CH2``, ``Second,Value,Value``, numbers."""
     (layout,) = _general(dialect, lines)
     head = next(k for k, line in enumerate(lines) if re.match(r'(Second|Time),', line))
@@ -391,7 +393,7 @@ def _siglent(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
     return [replace(layout, names=names, first=head + 1, separator=',')]
 
 
-def _lecroy(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _lecroy(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """``Segments,2,SegmentSize,500``, trigger times, then ``Time,Ampl`` and all segments."""
     (layout,) = _general(dialect, lines)
     found = re.match(r'Segments,(\d+),SegmentSize,(\d+)', lines[1])
@@ -410,7 +412,7 @@ def _lecroy(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
     ]
 
 
-def _graphtec(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _graphtec(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """Channels, then ``Data``, names, units, numbers such as ``+ 0.081``."""
     mark = next(k for k, line in enumerate(lines) if re.match(r'"?Data"?,?\s*$', line))
     names, units = (split(lines[mark + k], ',') for k in (1, 2))
@@ -419,18 +421,18 @@ def _graphtec(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
     known = {k: Meaning() for k, name in enumerate(names)
              if re.match(r'Number|Date|Time|ms$|us$|Alarm', name)}  # fmt: skip
     head = '\n'.join(lines[:mark])
-    return [Layout(named, mark + 3, separator=',', interval=_seconds(dialect.interval, head),
+    return [TextLayout(named, mark + 3, separator=',', interval=_seconds(dialect.interval, head),
                    count=int(_found(dialect.count, head)), known=known)]  # fmt: skip
 
 
-def _nanonis(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _nanonis(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """Metadata, ``[DATA]``, names with units, numbers; all between tabs."""
     mark = next(k for k, line in enumerate(lines) if line.startswith('[DATA]'))
     names = [name.strip() for name in lines[mark + 1].split('\t')]
-    return [Layout(names, mark + 2, separator='\t')]
+    return [TextLayout(names, mark + 2, separator='\t')]
 
 
-def _aixacct(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _aixacct(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """Blocks of ``key: value``, each with a table that begins with ``Time [s]``."""
     heads = [k for k, line in enumerate(lines) if line.startswith('Time [')]
     layouts = []
@@ -440,14 +442,14 @@ def _aixacct(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
         while last < len(lines) and is_number(lines[last].split('\t')[0]):
             last += 1
         title = str(number + 1) if len(heads) > 1 else ''
-        layouts.append(Layout(names, head + 1, last, '\t', title=title))
+        layouts.append(TextLayout(names, head + 1, last, '\t', title=title))
     return layouts
 
 
-def _ros_echo(dialect: Dialect, lines: Sequence[str]) -> list[Layout]:
+def _ros_echo(dialect: Dialect, lines: Sequence[str]) -> list[TextLayout]:
     """No names; seconds and nanoseconds of the header first."""
     names = [str(k) for k in range(1, len(split(lines[0], ',')) + 1)]
-    return [Layout(names, 0, separator=',', clock='sec_nanosec')]
+    return [TextLayout(names, 0, separator=',', clock='sec_nanosec')]
 
 
 _TIME = 'time from its column'

@@ -32,7 +32,7 @@ from piezo_hysteresis.records.frames import (
     columns_of_arrays,
     frame_records,
 )
-from piezo_hysteresis.records.options import ReadOptions
+from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.record import Record, RecordList
 from piezo_hysteresis.records.table_reader import file_records
 from piezo_hysteresis.records.text_tables import text_tables

@@ -14,7 +14,7 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import UNITS, Meaning, assigned
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, united
-from piezo_hysteresis.records.options import ReadOptions
+from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.record import Record, RecordInfo
 from piezo_hysteresis.records.sampling import Track, records_of
 from piezo_hysteresis.records.tabular import about

@@ -14,9 +14,9 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import csv_columns
 from piezo_hysteresis.records.columns import Meaning, assigned, stamped
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.dialects import Layout, dialect_of, plain
+from piezo_hysteresis.records.dialects import TextLayout, dialect_of, plain
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable
-from piezo_hysteresis.records.options import ReadOptions
+from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.text_cells import (
     decimal_mark,
     is_number,
@@ -56,7 +56,7 @@ def text_tables(path: Path, log: DamageLog, options: ReadOptions) -> list[Column
     return tables
 
 
-def _layouts(lines: Sequence[str], path: Path, options: ReadOptions) -> list[Layout]:
+def _layouts(lines: Sequence[str], path: Path, options: ReadOptions) -> list[TextLayout]:
     if options.header_row is None:
         dialect = dialect_of(lines)
         if dialect is not None:
@@ -92,14 +92,14 @@ def _lines(path: Path, log: DamageLog, most: int = -1) -> list[str]:
     return text.splitlines()
 
 
-def _is_simple(layout: Layout, lines: Sequence[str]) -> bool:
+def _is_simple(layout: TextLayout, lines: Sequence[str]) -> bool:
     """Return whether plain numbers with decimal points follow, as far as the head shows."""
     body = ''.join(lines[layout.first : -1])
     commas = layout.separator != ',' and ',' in body
     return bool(layout.separator) and not (commas or '"' in body or layout.clock or layout.sparse)
 
 
-def _at_once(path: Path, layout: Layout, options: ReadOptions) -> ColumnTable | None:
+def _at_once(path: Path, layout: TextLayout, options: ReadOptions) -> ColumnTable | None:
     """Return the columns of a large file that mean something, by pyarrow; None if it cannot."""
     timed = options.interval or layout.interval
     try:
@@ -121,7 +121,9 @@ def _at_once(path: Path, layout: Layout, options: ReadOptions) -> ColumnTable | 
     return _table(layout, columns)
 
 
-def _table(layout: Layout, columns: list[Column], repeats: tuple[int, ...] = ()) -> ColumnTable:
+def _table(
+    layout: TextLayout, columns: list[Column], repeats: tuple[int, ...] = ()
+) -> ColumnTable:
     notes = [layout.assumed] if layout.assumed else []
     if layout.head:
         notes.append(
@@ -142,11 +144,11 @@ class _Rows:
     cells: list[list[str]]
     numbers: list[int]
     repeats: list[int]
-    next: Layout | None = None
+    next: TextLayout | None = None
 
 
 def _tables(
-    path: Path, lines: Sequence[str], layout: Layout, log: DamageLog, options: ReadOptions
+    path: Path, lines: Sequence[str], layout: TextLayout, log: DamageLog, options: ReadOptions
 ) -> list[ColumnTable]:
     """Return the table of a layout, and those of other column names further down."""
     last = len(lines) if layout.last < 0 else layout.last
@@ -161,7 +163,7 @@ def _tables(
     return found
 
 
-def _rows(lines: Sequence[str], layout: Layout, last: int) -> _Rows:
+def _rows(lines: Sequence[str], layout: TextLayout, last: int) -> _Rows:
     rows = _Rows([], [], [])
     bare = [name.partition(' (')[0] for name in layout.names]
     for k in range(layout.first, last):
@@ -196,7 +198,7 @@ def _has_table(lines: Sequence[str], k: int) -> bool:
 def _columns(
     path: Path,
     rows: _Rows,
-    layout: Layout,
+    layout: TextLayout,
     width: int,
     log: DamageLog,
     options: ReadOptions,
@@ -241,8 +243,8 @@ def _columns(
             for row in np.flatnonzero(np.isnan(values)).tolist():
                 cell = cells[k][row]
                 if cell.lower() != 'nan':
-                    said = f'line {rows.numbers[row]} has {cell!r} in column {name}'
-                    wrong.setdefault(row, said)
+                    complaint = f'line {rows.numbers[row]} has {cell!r} in column {name}'
+                    wrong.setdefault(row, complaint)
         found.append(Column(name, values, known=hints.get(k) or known))
     if layout.clock == 'index':
         start = float(layout.names[0].partition(' ')[2])

@@ -40,7 +40,7 @@ _SENTENCES: dict[str, Finding] = {
     'reverted': (Level.WARN, 'a step of the correction made the error larger and was taken back'),
 }
 
-# How serious it is that the limiter acts; its words are those of `limited`.
+# How serious it is that the limiter acts; its sentences are those of `limited`.
 _LIMITED = {
     'out_of_range': Level.ERROR, 'slew_limited': Level.WARN, 'energy_limited': Level.WARN
 }  # fmt: skip
@@ -72,9 +72,9 @@ class LinkHealth:
 
     def set_limits(self, limits: Limits) -> None:
         """Name `limits` where the voltage is limited."""
-        words = limited(limits)
+        sentences = limited(limits)
         self._watch.sentences = {
-            **_SENTENCES, **{name: (level, words[name]) for name, level in _LIMITED.items()}
+            **_SENTENCES, **{name: (level, sentences[name]) for name, level in _LIMITED.items()}
         }  # fmt: skip
 
     def judge(

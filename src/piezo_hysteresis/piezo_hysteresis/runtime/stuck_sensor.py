@@ -7,7 +7,7 @@ import math
 # Readings that differ by less, relative to themselves, are equal: the last bit of a float32.
 LAST_BIT = 1.2e-7
 # The sensor is stuck after this time [s], if the voltage has moved by this share of its largest
-# magnitude meanwhile.
+# magnitude in that time.
 STUCK_AFTER = 0.1
 _MOVED = 0.02
 

@@ -258,7 +258,7 @@ class Excitation(GuardedNode):
 
     def _publish_voltage(self, sample: int, voltage: float) -> None:
         if self._last is None:
-            self._forget_ended_chain()
+            self._drop_ended_chain()
         slew = min(self._params.number('slew') or UNLIMITED, self._chain_slew)
         is_new = self._last is None or slew != self._published_slew
         if is_new and (slew < UNLIMITED or self._published_slew):
@@ -274,7 +274,7 @@ class Excitation(GuardedNode):
         if 0.0 < message.data < math.inf and message.data != self._published_slew:
             self._chain_slew = message.data
 
-    def _forget_ended_chain(self) -> None:
+    def _drop_ended_chain(self) -> None:
         if self.count_publishers(self._slew_publisher.topic_name) <= 1:
             self._chain_slew = math.inf
 

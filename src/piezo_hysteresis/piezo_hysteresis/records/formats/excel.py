@@ -122,12 +122,12 @@ def _column(name: str, cells: Cells, sheet: str) -> Column | None:
     texts = [cell for cell in cells if isinstance(cell, str)]
     if 2 * len(texts) <= len(cells):
         return Column(name, np.array([_number(cell) for cell in cells]))
-    words = [str(cell) if cell is not None else '' for cell in cells]
-    if sum(map(is_stamp, words)) > 0.5 * len(words):
-        return Column(name, seconds(words, sheet), known=stamped(name))
-    if sum(map(is_number, words)) < 0.5 * len(words):
+    texts_of_cells = [str(cell) if cell is not None else '' for cell in cells]
+    if sum(map(is_stamp, texts_of_cells)) > 0.5 * len(texts_of_cells):
+        return Column(name, seconds(texts_of_cells, sheet), known=stamped(name))
+    if sum(map(is_number, texts_of_cells)) < 0.5 * len(texts_of_cells):
         return None
-    return Column(name, numbers(words, decimal_mark(texts, f'sheet {sheet!r}')[0]))
+    return Column(name, numbers(texts_of_cells, decimal_mark(texts, f'sheet {sheet!r}')[0]))
 
 
 def _number(cell: Any) -> float:

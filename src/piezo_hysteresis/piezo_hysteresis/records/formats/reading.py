@@ -11,7 +11,6 @@ from piezo_hysteresis.records.formats import (
     excel,
     hdf5,
     matlab,
-    measurement_files,
     numpy_files,
     tdms,
 )
@@ -29,11 +28,6 @@ FORMATS: dict[str, tuple[Any, str]] = {
     '.xlsx': (excel, 'Excel file'),
     '.xlsm': (excel, 'Excel file'),
     '.tdms': (tdms, 'TDMS file'),
-    '.mf4': (measurement_files.MDF, 'MDF file'),
-    '.mdf': (measurement_files.MDF, 'MDF file'),
-    '.uff': (measurement_files.UFF, 'UFF file'),
-    '.unv': (measurement_files.UFF, 'UFF file'),
-    '.ibw': (measurement_files.IGOR, 'Igor binary wave'),
 }
 
 
