@@ -20,6 +20,9 @@ pytestmark = pytest.mark.ros
 DT = 1e-3
 LINKS = ('feedforward', 'attenuation', 'feedback')
 LINK = {
+    'limits.low': -1.2,
+    'limits.high': 1.2,
+    'limits.slew': 1000.0,
     'attenuation:method': 'afc',
     'attenuation:orders': [0, 1],
     'feedback:method': 'pid',

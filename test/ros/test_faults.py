@@ -26,7 +26,7 @@ WRONG: list[tuple[str, dict[str, Any], str]] = [
     ('excitation', {'frequency': 500.0}, 'sampled'),
     ('feedforward', {'limits.low': 2.0}, 'limits.low'),
     ('feedforward', {'model_file': 'no_such.yaml'}, 'no_such.yaml'),
-    ('attenuation', {'orders': [3, -1]}, 'orders'),
+    ('attenuation', {'orders': [3, -2]}, 'orders'),
     ('feedback', {'pid.integral': '.nan'}, 'pid.integral'),
     ('identification', {'harmonic': 4}, 'harmonic'),
     ('recorder', {}, 'out'),

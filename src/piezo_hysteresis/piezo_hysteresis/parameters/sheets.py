@@ -35,7 +35,12 @@ _ALL = (
         'names a bag; a record with a lost state is repeated. Voltages beyond the range '
         'in `loop/status` are refused before the first sample.',
         node_tables.EXCITATION,
-        subscribes=(topics.STATE, topics.LOOP_STATUS, '/diagnostics'),
+        subscribes=(
+            topics.STATE,
+            topics.LOOP_STATUS,
+            topics.slew_of(topics.VOLTAGE_COMMAND),
+            '/diagnostics',
+        ),
         publishes=(
             topics.REFERENCE,
             *_command_topics(topics.VOLTAGE_COMMAND),
@@ -94,6 +99,7 @@ _ALL = (
             topics.STATE,
             topics.ESTIMATE,
             topics.LOOP_STATUS,
+            topics.slew_of(topics.VOLTAGE_COMMAND),
             '/diagnostics',
         ),
         publishes=(
