@@ -80,9 +80,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 # With this set, a unit test that takes more processor time fails, its children included [s].
 UNIT_SECONDS = 'PIEZO_UNIT_SECONDS'
-# Other work on the same machine raises processor time: 0.75 s became 1.1 s (caches, shared cores).
-# A test fails only beyond what such work explains.
-BUSY = 2.0
+# Other work and slower machines raise processor time: 0.75 s became 1.1 s next to other work, and
+# up to three times as much on another machine. A test fails only beyond what that explains.
+BUSY = 4.0
 SLOWER = ('component', 'slow')
 UNIT = Path(__file__).with_name('unit')
 

@@ -91,6 +91,7 @@ def test_no_entry_is_calibrated_on_the_practice_tasks(monkeypatch: pytest.Monkey
         program.main()
 
 
+@pytest.mark.component
 def test_no_method_is_better_than_the_ideal_observer() -> None:
     """On the results of the page, for all levels."""
     results = json.loads((ROOT / 'benchmark/results/practice.json').read_text(encoding='utf-8'))

@@ -100,6 +100,7 @@ def named(drawn: dict[str, Any]) -> Any:
     return zip(*pairs, strict=True)
 
 
+@pytest.mark.component
 def test_results_are_kept_and_nothing_runs_twice(drawn: dict[str, Any], tmp_path: Path) -> None:
     file = tmp_path / 'results.json'
     spoken: list[str] = []
@@ -115,6 +116,7 @@ def test_results_are_kept_and_nothing_runs_twice(drawn: dict[str, Any], tmp_path
         run.run(['coin'], *both, file, 6, say=spoken.append)
 
 
+@pytest.mark.component
 def test_the_page_states_every_entry_and_better_ones(
     drawn: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -85,7 +85,7 @@ def test_a_scenario_sets_only_known_parameters_in_range(file: Path) -> None:
     [
         ('feedforward', {'gian': 1e-4}),
         ('feedforward', {'limits.low': 2.0}),
-        ('attenuation', {'orders': [-1]}),
+        ('attenuation', {'orders': [-2]}),
         ('attenuation', {'method': 'magic'}),
         ('simulator', {'structure.damping_ratio': -1.0}),
         ('identification', {'publish_every': 1.5}),

@@ -211,6 +211,7 @@ def test_no_states_and_no_messages(tmp_path: Path) -> None:
         read_bag(tmp_path / 'none', salvage=True)
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @pytest.mark.parametrize('part', [0.0, 0.3, 0.9, 0.999])
 def test_truncated_file(tmp_path: Path, storage: str, part: float) -> None:
