@@ -31,6 +31,7 @@ from rclpy.task import Future
 
 from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.registry import inside
 from piezo_hysteresis.compensation.link import Measured
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
@@ -236,15 +237,6 @@ def paced_ring(hops: int, ticks: int, rate: float) -> Any:
     if done.returncode:
         raise SystemExit(f'the ring failed: {done.stderr}')
     return np.array([float(line) for line in done.stdout.split()])
-
-
-def inside(settings: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return the parameters of one process that holds several nodes."""
-    return {
-        f'{node}:{name}': value
-        for node, values in settings.items()
-        for name, value in values.items()
-    }
 
 
 def loop(

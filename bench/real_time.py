@@ -40,9 +40,10 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from bench.live_loop import end_on_terminate
-from bench.loop import inside, paced_ring
+from bench.loop import paced_ring
 from bench.quick import parsed
 from piezo_hysteresis.common import topics
+from piezo_hysteresis.common.registry import inside
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.ros.middleware import prepare
 from piezo_hysteresis.ros.processes import NodeProcesses

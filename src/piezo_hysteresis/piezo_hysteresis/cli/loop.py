@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.cli.ros_installation import ros_needed
-from piezo_hysteresis.common.registry import package_of
+from piezo_hysteresis.common.registry import inside, package_of
 from piezo_hysteresis.errors import PiezoError
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def nodes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, obje
         'simulator': {
             'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers
         },
-        'control_loop': _within({
+        'control_loop': inside({
             'feedforward': known or {'gain': 1.2857e-4},
             'attenuation': {'enabled': bool(model), **known},
             'excitation': {
@@ -111,15 +111,6 @@ def nodes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, obje
         'discovery': {'folder': arguments.folder, **known},
         'dashboard': {'folder': arguments.folder, 'port': arguments.port},
     }  # fmt: skip
-
-
-def _within(settings: dict[str, dict[str, object]]) -> dict[str, object]:
-    """Return the parameters of a process with several nodes."""
-    return {
-        f'{node}:{name}': value
-        for node, values in settings.items()
-        for name, value in values.items()
-    }
 
 
 def _print_addresses(group: NodeProcesses, arguments: argparse.Namespace, model: str) -> None:

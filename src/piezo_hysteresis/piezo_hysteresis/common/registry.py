@@ -29,3 +29,12 @@ SHEETS = {
 def package_of(node: str) -> str:
     """Return the package of a node, as ``ros2 run`` wants it."""
     return NODES[node].partition('.')[0]
+
+
+def inside(settings: dict[str, dict[str, object]]) -> dict[str, object]:
+    """Return the parameters of a process that holds several nodes, from those of each node."""
+    return {
+        f'{node}:{name}': value
+        for node, values in settings.items()
+        for name, value in values.items()
+    }

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.waveforms.waveform import Samples, WaveformError
 
 # Correlation with itself a period later, from which samples count as periodic.
@@ -50,7 +51,7 @@ class Sampled:
         """Length [s]."""
         return self.values.size * self.dt
 
-    @property
+    @cached_property
     def frequency(self) -> float:
         """Frequency of the shortest period with which the samples repeat [Hz]; 0 if they do not.
 
@@ -78,11 +79,15 @@ class Sampled:
         last = best[-1]
         return float(round(places[last] / period) / (places[last] * self.dt))
 
+    @cached_property
+    def _derivatives(self) -> tuple[FloatArray, FloatArray]:
+        velocity = np.gradient(self.values, self.dt)
+        return velocity, np.gradient(velocity, self.dt)
+
     def sample(self, time: FloatArray) -> Samples:
         """Return the waveform and its derivatives at `time` [s]."""
         time = np.asarray(time, np.float64)
-        velocity = np.gradient(self.values, self.dt)
-        acceleration = np.gradient(velocity, self.dt)
+        velocity, acceleration = self._derivatives
         place = np.clip(time / self.dt, 0.0, self.values.size - 1.0)
         ticks = np.arange(self.values.size)
         value, rate, curve = (
