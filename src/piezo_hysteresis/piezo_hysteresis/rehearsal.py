@@ -254,11 +254,14 @@ def bags() -> None:
 
 def screening() -> None:
     """Hold a sensitivity against others, and an error against the lines of a drive or a tone."""
-    from piezo_hysteresis.numerics.harmonics import tone_amplitude
+    from piezo_hysteresis.numerics.harmonics import tone_amplitude, without_tone
+    from piezo_hysteresis.numerics.modulated import ModulatedLines
     from piezo_hysteresis.numerics.qr import orthonormal, projected_out
 
     tone_amplitude(np.arange(8.0), 100.0, DT)
+    without_tone(np.arange(8.0), 100.0, DT)
     projected_out(np.ones(8), orthonormal(np.eye(3, 8), 1e-6)[1:])
+    ModulatedLines(np.ones((1, 8)), 1.0, 1, 1e-6).split(np.arange(8.0))
 
 
 # longest first, so that processes end at about the same time

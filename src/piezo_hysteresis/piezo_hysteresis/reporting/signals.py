@@ -14,7 +14,9 @@ DRAWN = 3000
 _SPIKE = 2.0
 
 
-def thinned(x: FloatArray, y: FloatArray, points: int = DRAWN) -> tuple[FloatArray, FloatArray]:
+def thinned(
+    x: FloatArray, y: FloatArray, points: int = DRAWN, *, decades: bool = False
+) -> tuple[FloatArray, FloatArray]:
     """Return at most `points` points that keep the smallest and largest `y` of every interval.
 
     Parameters
@@ -23,6 +25,8 @@ def thinned(x: FloatArray, y: FloatArray, points: int = DRAWN) -> tuple[FloatArr
         Coordinates in the order of the line.
     points : int
         Largest number of points, 4 or more.
+    decades : bool
+        Whether the intervals are equal on a logarithmic axis, for lines of a spectrum.
 
     Returns
     -------
@@ -34,6 +38,8 @@ def thinned(x: FloatArray, y: FloatArray, points: int = DRAWN) -> tuple[FloatArr
         return x, y
     stretches = max((points - 2) // 2, 1)
     edges = np.linspace(0, n, stretches + 1).astype(int)
+    if decades:
+        edges = np.unique(np.geomspace(1, n, stretches + 1).astype(int)) - 1
     keep = {0, n - 1}
     for first, last in pairwise(edges):
         keep.add(first + int(np.argmin(y[first:last])))
