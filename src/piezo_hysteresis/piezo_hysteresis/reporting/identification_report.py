@@ -26,7 +26,7 @@ from piezo_hysteresis.reporting.identification_certainty import (
 from piezo_hysteresis.reporting.identification_figures import figures
 from piezo_hysteresis.reporting.identification_where import where_section
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
-from piezo_hysteresis.reporting.plots import Curve, loop_figure, trace_figure
+from piezo_hysteresis.reporting.plots import Curve, response_figure, trace_figure
 from piezo_hysteresis.reporting.signals import last_periods
 
 _LOOPS = 4  # number of drawn loops
@@ -220,13 +220,14 @@ def _spread(records: Sequence[Record]) -> list[Record]:
 
 def _loop(record: Record, simulated: FloatArray) -> Plot:
     cut = last_periods(len(record), record.info.frequency, record.dt, 2, record.warm_up_samples)
-    curves = [
-        Curve('measured', record.voltage[cut], record.displacement[cut]),
-        Curve('model', record.voltage[cut], simulated[cut], 'model'),
+    responses = [
+        ('measured', record.displacement[cut], ''),
+        ('model', simulated[cut], 'model'),
     ]
     part = 'its last periods' if record.info.frequency > 0 else 'the whole record'
     caption = f'Input and displacement of {record.name}, {part}.'
-    return loop_figure(curves, record.name, caption, record.info.input_unit)
+    drive, unit = record.voltage[cut], record.info.input_unit
+    return response_figure(drive, record.time[cut], responses, record.name, caption, unit)
 
 
 def write_identification(
