@@ -84,7 +84,7 @@ def residual_of(record: Record, found: Prediction) -> RecordResidual:
     view = found.target
     return RecordResidual(
         name=record.name,
-        error=found.residual,
+        error=found.valid_error,
         dt=record.dt,
         frequency=record.info.frequency or main_frequency(record),
         amplitude=0.5 * float(np.ptp(record.voltage)),

@@ -13,7 +13,6 @@ from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.discovery.choice.choose import TriedModel
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.identification.identify import Identification
-from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.models.named import LADDER
 from piezo_hysteresis.records import Record
@@ -57,7 +56,7 @@ def identification_page(
         Output folder as given by the user.
     """
     seen = annotated(records)
-    simulated = free_runs(records, found)
+    simulated = found.runs.simulated
     sections = [
         fit_section(seen, found, simulated),
         where_section(seen, found, simulated),
@@ -69,14 +68,6 @@ def identification_page(
     names = ', '.join(record.name for record in records[:3])
     more = f' and {len(records) - 3} more' if len(records) > 3 else ''
     return render(f'Identification of {names}{more}', sentence_of(found), sections)
-
-
-def free_runs(records: Sequence[Record], found: Identification) -> dict[str, FloatArray]:
-    """Return the free run of the model for every record [m], by record name."""
-    runs = predictions(
-        found.chain, found.values, found.views, found.sampling_offset, checked=False
-    )
-    return {each.target.name: each.displacement for each in runs}
 
 
 def sentence_of(found: Identification) -> str:
@@ -255,7 +246,7 @@ def write_identification(
     saved = found.model_file(data, records[0].rate)
     drawn = figures(
         records,
-        free_runs(records, found),
+        found.runs.simulated,
         found.records,
         noise_floor=found.noise_floor,
     )

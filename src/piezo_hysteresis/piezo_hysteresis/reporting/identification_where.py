@@ -38,7 +38,7 @@ def where_section(
     figures = []
     if len({r.info.frequency for r in records if r.info.frequency > 0}) > 2:
         figures.append(over_frequency(records, found))
-    view = next((each for each in found.views if each.name == worst.name), None)
+    view = next((each for each in found.runs.views if each.name == worst.name), None)
     lost = None if view is None or view.valid is None else view.valid == 0.0
     figures += _in_worst(worst, errors[worst.name], found.values.get('natural_frequency'), lost)
     rows = [_row(r, by_name[r.name], errors[r.name], found.noise_floor) for r in records]
