@@ -1,43 +1,146 @@
-"""How a record was measured: readings out of range, steps of a counter."""
+"""How a record was measured: error of the input, readings out of range, steps of a counter."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import counted
-from piezo_hysteresis.identification.noise import steps_of
+from piezo_hysteresis.identification.input_error import ON_GRID, SLOW, InputError, input_error
+from piezo_hysteresis.identification.noise import steps_of, stroke_of
 from piezo_hysteresis.identification.outliers import interpolated, out_of_range, without_steps
 from piezo_hysteresis.identification.periods import cached_per_record
+from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.records.input_uncertainty import InputUncertainty
+
+# Ranges over the largest below which a drive may be an error, and its share of the motion of a
+# drive; error over the range from which an input is unknown.
+_SMALL, _FOLLOWED, _UNKNOWN = 0.1, 0.3, 0.02
+_PARTS = 16  # whose means show the error of the mean
+_LEFT_OUT = (
+    'record {record} is left out: its voltage was measured too slowly or with too much noise, and '
+    'is known to {share:.2g} % of its range only. Log the command'
+)
+_REST = (
+    'record {record}: the voltage was measured, not commanded: the displacement does not follow '
+    'its changes, so it is taken as constant'
+)
 
 
 def measurement_findings(record: Record) -> list[str]:
-    """Return sentences on readings out of range and on steps of the counter of a record."""
-    return [*_codes(record), *_steps(record)]
+    """Return sentences on the input, on readings out of range and on steps of the counter."""
+    return [*_input(record), *_codes(record), *_steps(record)]
 
 
 def as_measured(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
     """Return records for a fit, and sentences on what was found wrong with their measurement.
 
-    Readings out of range are interpolated: there was no measurement.
+    Readings out of range are interpolated: there was no measurement. Noise, steps, hold and hum of
+    a recorded input are removed; what remains is stated in its metadata.
     """
     remarks = [
         f'record {record.name}: {sentence}'
         for record in records
         for sentence in measurement_findings(record)
     ]
-    return [_usable(record) for record in records], remarks
+    found = [_usable(record) for record in records]
+    if len(found) < 2:
+        return found, remarks
+    found, more = _in_a_set(records, found)
+    return found, [*remarks, *more]
+
+
+def _in_a_set(
+    records: Sequence[Record], found: Sequence[Record]
+) -> tuple[list[Record], list[str]]:
+    """Return records with what the other ones show of their input, and sentences on that."""
+    largest = max(found, key=lambda record: float(np.ptp(record.voltage)))
+    step = max((error.step for error in map(_error_of, records) if error is not None), default=0.0)
+    kept, remarks = [], []
+    for record in found:
+        rest, error = _at_rest(record, largest), record.input_uncertainty
+        if rest is not None:
+            remarks.append(_REST.format(record=record.name))
+        elif error is not None and error.rms > _UNKNOWN * float(np.ptp(record.voltage)):
+            share = 100.0 * error.rms / float(np.ptp(record.voltage))
+            remarks.append(_LEFT_OUT.format(record=record.name, share=share))
+            continue
+        elif error is None and step and _on_grid(record.voltage, step):
+            rounding = InputUncertainty(step / sqrt(12.0), SLOW)
+            rest = replace(record, input_uncertainty=rounding)
+        kept.append(record if rest is None else rest)
+    return (kept, remarks) if kept else (list(found), remarks)
+
+
+def _on_grid(u: FloatArray, step: float) -> bool:
+    place = (u - u.min()) / step
+    return bool(np.all(np.abs(place - np.rint(place)) < ON_GRID))
+
+
+def _at_rest(record: Record, largest: Record) -> Record | None:
+    """Return a record with a constant input, if its changes are an error; else None.
+
+    The witness is the displacement: of a drive it has the share that `largest` has.
+    """
+    u, y = record.voltage, record.displacement
+    reach = float(np.ptp(largest.voltage))
+    if not 0.0 < float(np.ptp(u)) < _SMALL * reach:
+        return None
+    # the displacement at rest drifts or creeps
+    basis = np.vander(np.linspace(-1.0, 1.0, u.size), 3)
+    rest = [each - basis @ solve_least_squares(basis, each).values for each in (u, y)]
+    power = inner(rest[0], rest[0])
+    share = inner(rest[0], rest[1]) / max(power, 1e-300)
+    deviation = float(np.std(rest[1] - share * rest[0])) / sqrt(max(power, 1e-300))
+    gain = stroke_of(largest) / reach
+    if share + 3.0 * deviation > _FOLLOWED * gain:
+        return None
+    mean = float(np.mean(u))
+    means = [float(np.mean(part)) for part in np.array_split(u, _PARTS)]
+    error = float(np.std(means)) / sqrt(_PARTS)
+    uncertainty = InputUncertainty(error, term=error)
+    return replace(record, voltage=np.full(u.size, mean), input_uncertainty=uncertainty)
 
 
 @cached_per_record
 def _usable(record: Record) -> Record:
     out = out_of_range(record.voltage, record.displacement)
-    if not np.any(out):
+    if np.any(out):
+        record = replace(record, displacement=interpolated(record.displacement, out))
+    error = _error_of(record)
+    if error is None:
         return record
-    return replace(record, displacement=interpolated(record.displacement, out))
+    return replace(record, voltage=error.voltage, input_uncertainty=error.left)
+
+
+@cached_per_record
+def _error_of(record: Record) -> InputError | None:
+    if record.input_uncertainty is not None:
+        return None
+    out = out_of_range(record.voltage, record.displacement)
+    return input_error(record.voltage, interpolated(record.displacement, out), record.dt)
+
+
+def _input(record: Record) -> list[str]:
+    error = _error_of(record)
+    if error is None:
+        return []
+    force = record.info.input_unit == 'N'
+    kind, unit = ('force', 'N') if force else ('voltage', 'V')
+    gain = stroke_of(record) / float(np.ptp(error.voltage))
+    sentence = (
+        f'the {kind} was measured, not commanded: its error is {error.words(unit)}; '
+        f'{error.left.rms:.2g} {unit} of it cannot be removed, which hides '
+        f'{1e6 * gain * error.left.rms:.2g} µm of displacement. Log the command, or average '
+        'several runs'
+    )
+    return [sentence]
 
 
 def _codes(record: Record) -> list[str]:

@@ -261,7 +261,19 @@ def noises_of(records: Sequence[Record]) -> list[Noise]:
     shared = [alike if not n.lines or (together and agrees) else n for n, agrees in pairs]
     # the hidden noise is at least as large as its estimate
     both = zip(map(noise_of, records), shared, strict=True)
-    return [own if own.hidden and own.rms > noise.rms else noise for own, noise in both]
+    found = [own if own.hidden and own.rms > noise.rms else noise for own, noise in both]
+    return [_with_input(each, record) for each, record in zip(found, records, strict=True)]
+
+
+def _with_input(noise: Noise, record: Record) -> Noise:
+    """Return the expected residual: the noise, and the response to the error of the input."""
+    swing, error = float(np.ptp(record.voltage)), record.input_uncertainty
+    if error is None or not noise.lines or swing == 0.0:
+        return noise
+    moved = stroke_of(record) / swing * error.rms
+    rms = hypot(noise.rms, moved)
+    colour = (noise.memory * noise.rms**2 + error.colour * moved**2) / rms**2
+    return replace(noise, rms=rms, colour=colour)
 
 
 def _of_one_colour(records: Sequence[Record]) -> list[Noise]:

@@ -31,6 +31,7 @@ from piezo_hysteresis.identification.noise import (
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.records.input_uncertainty import InputUncertainty
 
 #: Ticks for which the last voltage is held: the largest sampling offset of a recording.
 LEAD_OUT = 2
@@ -85,6 +86,8 @@ class Target:
         1 for a valid compared sample, 0 for a spike or a lost one; None if all are valid.
     influence : ndarray, shape (m,), or None
         Weight of each residual in a fit, less than 1 for outliers; None if all are 1.
+    input_uncertainty : InputUncertainty or None
+        Error of its input, if that was measured.
     """
 
     name: str
@@ -106,6 +109,7 @@ class Target:
     rounding: float = 0.0
     valid: FloatArray | None = None
     influence: FloatArray | None = None
+    input_uncertainty: InputUncertainty | None = None
 
     @property
     def weight(self) -> float:
@@ -196,6 +200,7 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
         period=period,
         start=record.start,
         begins=SETTLED,
+        input_uncertainty=record.input_uncertainty,
     )
     from_rest = abs(record.voltage[0]) <= NEAR_ZERO * float(np.max(np.abs(record.voltage)))
     if not from_rest or begin - record.warm_up_samples < 2:
@@ -280,6 +285,7 @@ def _of_all_samples(record: Record, stride: int, begins: RecordStart) -> Target:
         period=0,
         start=record.start,
         valid=np.where(bad[first::stride], 0.0, 1.0) if np.any(bad) else None,
+        input_uncertainty=record.input_uncertainty,
     )
     return led_in(target, record, begins)
 

@@ -12,6 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.results import Plottable
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.input_uncertainty import InputUncertainty
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ class Record(Plottable):
     before : ndarray, shape (m,), or None
         Commanded input of the ticks before the first sample, from rest at 0 V on, if known: models
         of a record that starts by ``step`` are first run over it.
+    input_uncertainty : InputUncertainty or None
+        Error of the input, if it was measured; None for a command.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class Record(Plottable):
     reference: FloatArray | None = None
     info: RecordInfo = field(default_factory=RecordInfo)
     before: FloatArray | None = None
+    input_uncertainty: InputUncertainty | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.dt, Real):

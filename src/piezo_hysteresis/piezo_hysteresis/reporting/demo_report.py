@@ -17,6 +17,7 @@ from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.identification_certainty import parameter_section
 from piezo_hysteresis.reporting.identification_report import (
     fit_section,
+    free_runs,
     identification_page,
 )
 from piezo_hysteresis.reporting.identification_where import where_section
@@ -91,7 +92,7 @@ def write_demo_report(
     PiezoError
         If the file cannot be written.
     """
-    simulated = found.runs.simulated
+    simulated = free_runs(sweep, found)
     sections = [
         _before_after(runs, plan),
         _where(runs, plan, found.values.get('natural_frequency')),

@@ -53,8 +53,6 @@ _APART_FROM_ENDS = 1.02
 _SMALLEST, _LARGEST = 1e-7, 1e4
 # Finite-difference step of the sampling offset, relative to a tick.
 _TICK = 0.05
-# Smallest change of a response relative to its range that double precision resolves in a free run.
-_RESOLVED = 1e-10
 
 
 @dataclass(frozen=True)
@@ -354,8 +352,7 @@ class Records:
         if low > high:
             return np.inf
         shows = self._detection_test(self._whitening.inverse(found.whitened))
-        reach = max(float(np.ptp(view.measured)) for view in self._views)
-        low = max(low, _SMALLEST, _RESOLVED * reach / found.rms)
+        low = max(low, _SMALLEST)
         if shows(low):
             return float(low)
         if not shows(high):

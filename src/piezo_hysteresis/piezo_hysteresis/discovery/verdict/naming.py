@@ -261,10 +261,8 @@ def _modes(effect: NamedEffect) -> list[float]:
     return [n.value for k, n in effect.parameters.items() if k.startswith('resonance_frequency')]
 
 
-def suspects(
-    steps: Sequence[Step], last: SelectionRound | None, untried: Collection[str] = ()
-) -> tuple[Alternative, ...]:
-    """Return the known effects that an unknown effect resembles, without those `untried`."""
+def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Alternative, ...]:
+    """Return the known effects that an unknown effect resembles."""
     rounds = [step.round for step in steps] or ([last] if last is not None else [])
     found: dict[str, float] = {}
     for found_in in rounds:
@@ -272,11 +270,7 @@ def suspects(
         for name, chance in found_in.probabilities().items():
             found[name] = max(found.get(name, 0.0), chance)
     ordered = sorted(found.items(), key=lambda each: -each[1])
-    return tuple(
-        Alternative(name, chance)
-        for name, chance in ordered
-        if chance > MIN_PROBABILITY and name not in untried
-    )
+    return tuple(Alternative(name, chance) for name, chance in ordered if chance > MIN_PROBABILITY)
 
 
 def summary_of(verdict: Verdict) -> str:

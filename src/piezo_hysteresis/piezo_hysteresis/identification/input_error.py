@@ -1,0 +1,438 @@
+"""Error of a recorded input: noise, steps, hold and hum of the voltage column.
+
+Models take the input as exact. A voltage that was recorded by a monitor or a scope has an error of
+its own, and a model answers it as if the actuator had felt it: a resonance, a saturation, a memory
+that is not there. Where the drive is periodic or smooth, the error is separated and removed.
+
+The witness is the displacement: what it follows was no error but drive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import exp, gcd, hypot, inf, isfinite, pi, sqrt
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+
+from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
+from piezo_hysteresis.identification.noise import differences_noise
+from piezo_hysteresis.identification.outliers import step_of
+from piezo_hysteresis.identification.periods import mean_changes
+from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.records.input_uncertainty import InputUncertainty
+
+# Share of the range of the input below which an error is negligible, and that of a command.
+_EXACT, _SMOOTH = 2e-5, 1e-6
+_EQUAL = 1e-9  # share of the range by which slopes of a ramp differ by rounding
+_LEVELS = 8  # levels from which their distance is the step of a converter
+# Share of the changes of a held signal that are a whole number of holds apart, and longest hold.
+_HELD, _LONGEST_HOLD = 0.95, 64
+# Deviations from which a line of the spectrum is drive, and share of the error that its
+# projection on the displacement must not exceed.
+_LINE = 5.0
+_FOLLOWED = 0.3
+_ORDER = 8  # of the differences in that test
+# Mean square of the change from period to period over the power: of a drive, and with its error.
+_REPEATS, _ALIKE = 1e-4, 0.05
+_ROUNDED = 1.0 / 3.0  # largest line of the rounding of a sine, in steps
+_JUMP = 6.0  # deviations
+_TURNS = 4  # Gauss-Newton steps of the period
+_USEFUL = 0.8  # share of the noise beyond which removing it is not worth its own error
+SLOW = 0.95  # correlation of neighbouring samples of the error that remains
+_FEWEST, _ENOUGH = 200, 200_000  # samples for an estimate
+_EVERYWHERE = 0.2  # least ratio of the median size of an error to its rms
+ON_GRID = 0.02  # share of a step by which readings may differ from whole steps
+_CHANCE = 1.1  # uncertainty of an estimated mean square
+_FAR = 9.0  # median sizes beyond which a difference belongs to a jump
+_LAGS = 12  # samples by which the displacement may follow the input in that test
+# Half widths of the windows of a local fit, and deviations within which its estimates agree.
+_WINDOWS = (2, 4, 8, 16, 32, 64)
+_AGREE = 2.5
+_DETAIL = 4.0  # deviations from which a local fit finds what the harmonics lack
+_BLOCK = 16_384  # samples of a partial sum
+_HARMONICS = 60  # largest number of fitted harmonics of a drive
+# Mains frequencies [Hz], their highest multiple, and how much they stand out of their neighbours.
+_MAINS, _MULTIPLES, _STANDS_OUT = (50.0, 60.0), 5, 6.0
+
+
+@dataclass(frozen=True)
+class InputError:
+    """Error of a recorded input and the input without it.
+
+    Attributes
+    ----------
+    voltage : ndarray, shape (n,)
+        Input without the error [V or N].
+    rms : float
+        Error of one recorded sample [V or N].
+    left : InputUncertainty
+        Error of `voltage`.
+    step : float
+        Step of the converter [V or N]; 0 if it is negligible.
+    hold : int
+        Samples for which a reading is held; 1 without a hold.
+    hum : tuple of (float, float)
+        Frequency [Hz] and amplitude [V or N] of each mains line.
+    """
+
+    voltage: FloatArray
+    rms: float
+    left: InputUncertainty
+    step: float = 0.0
+    hold: int = 1
+    hum: tuple[tuple[float, float], ...] = ()
+
+    def words(self, unit: str) -> str:
+        """Return size and kind of the error."""
+        share = 100.0 * self.rms / max(float(np.ptp(self.voltage)), 1e-300)
+        parts = [f'{self.rms:.2g} {unit} rms ({share:.2g} % of its range)']
+        parts += [f'in steps of {self.step:.3g} {unit}'] if self.step else []
+        parts += [f'each reading held for {self.hold} samples'] if self.hold > 1 else []
+        parts += [f'hum of {size:.2g} {unit} at {f:.4g} Hz' for f, size in self.hum[:2]]
+        return ', '.join(parts)
+
+
+def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
+    """Return the error of a recorded input, None for a commanded one.
+
+    Parameters
+    ----------
+    u, y : ndarray, shape (n,)
+        Recorded input [V or N] and displacement without outliers [m].
+    dt : float
+        Sampling interval [s].
+    """
+    reach, stroke = float(np.ptp(u)), float(np.ptp(y))
+    if u.size < _FEWEST or not reach > 0.0 or not stroke > 0.0:
+        return None
+    part = u[:_ENOUGH]
+    if not _step(part, reach) and not _noise(part) > _SMOOTH * reach and _hold(part)[0] == 1:
+        return None  # a command
+    if _ramps(part):
+        return None
+    hold, first = _hold(u)
+    places = np.arange(first, u.size, hold)
+    held, moved = u[places], y[places]
+    step = _step(held, reach)
+    hum, lines = _hum(held, moved, dt * hold, reach)
+    plain = held - lines
+    noise = max(_noise(plain), step / sqrt(12.0))
+    if not (noise > _EXACT * reach or hum or hold > 1) or _followed(y, u, stroke / reach):
+        return None
+    if noise > _EXACT * reach or hold > 1:
+        found = _without_noise(plain, noise, step, places, u.size)
+    else:
+        found = plain, InputUncertainty(0.0)
+    if found is None:  # the drive is as fast as the noise: it stays, and counts as uncertainty
+        kept = u - (0.0 if hold > 1 else lines)
+        return InputError(kept, noise, InputUncertainty(noise), step, hold, hum)
+    clean, left = found
+    error = u - clean
+    rms = float(np.sqrt(np.mean(error**2)))
+    # an error is everywhere and as large as expected, corners of a drive are not
+    everywhere = float(np.median(np.abs(error))) > _EVERYWHERE * rms
+    if not (everywhere and rms > max(_EXACT * reach, 0.5 * noise if hold == 1 else 0.0)):
+        return None
+    return InputError(clean, rms, left, step, hold, hum)
+
+
+def _step(u: FloatArray, reach: float) -> float:
+    """Return the step of the converter of a signal, 0 if it is negligible or there is none."""
+    step = step_of(u, fewest=_LEVELS)
+    if not step > sqrt(12.0) * _EXACT * reach:
+        return 0.0
+    place = (u - u.min()) / step
+    return step if float(np.max(np.abs(place - np.rint(place)))) < ON_GRID else 0.0
+
+
+def _ramps(u: FloatArray) -> bool:
+    """Return whether a signal consists of exact ramps, as a commanded triangle does."""
+    slopes = np.diff(u)
+    bends = np.abs(np.diff(slopes)) > _EQUAL * float(np.ptp(u))
+    return float(np.mean(slopes != 0.0)) > 0.5 and float(np.mean(bends)) < 1.0 - _HELD
+
+
+def _noise(u: FloatArray) -> float:
+    rms = differences_noise(u).rms
+    return rms if isfinite(rms) else 0.0
+
+
+def _hold(u: FloatArray) -> tuple[int, int]:
+    """Return for how many samples every reading is held, and the first sample of a reading."""
+    places = np.flatnonzero(np.diff(u)) + 1
+    if places.size < _FEWEST // 8 or places.size > 0.6 * u.size:
+        return 1, 0
+    gaps = np.diff(places)
+    for hold in range(min(_LONGEST_HOLD, int(np.median(gaps))), 1, -1):
+        phase = np.bincount(places % hold, minlength=hold)
+        first = int(np.argmax(phase))
+        if phase[first] >= _HELD * places.size and places.size > 0.5 * u.size / hold:
+            return hold, first
+    return 1, 0
+
+
+def _hum(
+    u: FloatArray, y: FloatArray, dt: float, reach: float
+) -> tuple[tuple[tuple[float, float], ...], FloatArray]:
+    """Return the mains lines of an input that the displacement does not follow, and their sum."""
+    n = u.size
+    window = np.hanning(n)
+    window /= window.sum()
+
+    def spectrum(x: FloatArray) -> FloatArray:
+        return np.asarray(2.0 * np.fft.rfft(window * (x - x.mean())))
+
+    seen, answer = spectrum(u), spectrum(y)
+    size = np.abs(seen)
+    found, total = [], np.zeros(n)
+    period, _ = _period(u)
+    base = n / period if period else 0.0  # bins between harmonics of the drive
+    for mains in _MAINS:
+        for multiple in range(1, _MULTIPLES + 1):
+            place = mains * multiple * n * dt
+            k = round(place)
+            if k < 12 or k + 40 >= size.size:
+                continue
+            k += int(np.argmax(size[k - 2 : k + 3])) - 2
+            beside = np.r_[size[max(k - 40, 1) : k - 4], size[k + 5 : k + 40]]
+            floor = 2.0 * float(np.median(beside))
+            if base and abs(k / base - round(k / base)) * base < 2.5:
+                order = round(k / base)
+                others = [round(base * (order + d)) for d in (-2, -1, 1, 2) if order + d > 1]
+                floor = max([floor, *(float(size[j]) for j in others if j < size.size)])
+            if size[k] < _STANDS_OUT * floor or size[k] < 2.0 * _EXACT * reach:
+                continue
+            share = float(np.real(answer[k] / seen[k])) * reach / float(np.ptp(y))
+            usual = float(np.median(np.abs(answer[k - 40 : k + 40])))
+            if abs(share) > 0.5 and abs(answer[k]) > _STANDS_OUT * usual:
+                continue
+            frequency = _tuned(u, k / (n * dt), dt)
+            turn = 2.0 * np.pi * frequency * dt * np.arange(n)
+            wave = np.exp(-1j * turn) * window
+            phasor = 2.0 * complex(np.sum(wave * (u - u.mean())))
+            total += np.real(phasor * np.exp(1j * turn))
+            found.append((float(frequency), abs(phasor)))
+    return tuple(found), total
+
+
+def _tuned(u: FloatArray, frequency: float, dt: float) -> float:
+    """Return the frequency near a line of the spectrum at which a signal is largest [Hz]."""
+    windowed = (u - u.mean()) * np.hanning(u.size)
+    turn = -2j * np.pi * dt * np.arange(u.size)
+    width = 1.0 / (u.size * dt)
+    return float(
+        minimize_scalar(
+            lambda f: -float(np.abs(windowed @ np.exp(f * turn))),
+            bounds=(frequency - width, frequency + width), method='bounded',
+            options={'xatol': 1e-4 * width},
+        ).x
+    )  # fmt: skip
+
+
+def _without_noise(
+    u: FloatArray, noise: float, step: float, places: IntArray, count: int
+) -> tuple[FloatArray, InputUncertainty] | None:
+    """Return a signal without noise of a known size at all samples, and the error that remains.
+
+    Parameters
+    ----------
+    u : ndarray, shape (m,)
+        Readings at the samples `places` of `count` samples [V or N].
+    noise, step : float
+        Size of the error and step of the converter [V or N].
+    """
+    base, period, orders, term = _periodic_part(u, noise, step, places, count)
+    detail, spread = _local_fit(u - base[places], noise)
+    share = 1.0
+    if orders:  # what the harmonics lack, such as the corners of a triangle
+        more = np.abs(detail) > _DETAIL * spread
+        detail, share = np.where(more, detail, 0.0), float(np.mean(more))
+    error = u - base[places] - detail
+    missed = max(float(np.mean(error**2)) - _CHANCE * noise**2, 0.0)
+    variance = (1 + 2 * len(orders)) * term**2
+    if places.size < count:  # when a held signal jumped is not known
+        change = np.abs(np.diff(u - base[places]))
+        jump = change[1:-1] - np.maximum(change[:-2], change[2:])
+        variance += float(np.sum(jump[jump > _JUMP * noise] ** 2)) / 6.0 / places.size
+    rms = sqrt(variance + share * spread**2 + missed)
+    if rms > _USEFUL * noise and places.size == count:
+        return None
+    left = InputUncertainty(rms, SLOW, period, orders, term)
+    if places.size == count:
+        return base + detail, left
+    inside = np.clip(np.arange(count), places[0], places[-1])
+    return base + CubicSpline(places, detail)(inside), left
+
+
+def _period(u: FloatArray) -> tuple[float, float]:
+    """Return about the period of a signal with noise in samples, and the noise by its periods.
+
+    The period is 0 and the noise infinite if it does not repeat.
+    """
+    change, power = mean_changes(u - u.mean()), float(np.var(u))
+    differs = np.flatnonzero(change > power)
+    if not differs.size:
+        return 0.0, inf
+    least = float(change[differs[0] :].min())
+    if least > _ALIKE * power:
+        return 0.0, inf
+    limit = _CHANCE * least + _REPEATS * power
+    alike = np.flatnonzero(change[differs[0] :] < limit) + differs[0]
+    if not alike.size:
+        return 0.0, inf
+    apart = np.flatnonzero(np.diff(alike) > 1)
+    end = int(alike[apart[0]] if apart.size else alike[-1])
+    place = int(alike[0] + np.argmin(change[alike[0] : end + 1]))
+    return float(place + 1), sqrt(max(float(change[place]), 0.0) / 2.0)
+
+
+def _periodic_part(
+    u: FloatArray, noise: float, step: float, places: IntArray, count: int
+) -> tuple[FloatArray, float, tuple[int, ...], float]:
+    """Return the harmonics of a drive that exceed its noise, period, orders and error of each."""
+    nothing, hold = (np.zeros(count), 0.0, (), 0.0), count / places.size
+    period, by_periods = _period(u)
+    period *= hold
+    noise = min(noise, hypot(by_periods, step / sqrt(12.0)))
+    if not period or count < 2.0 * period:
+        return nothing
+    # the error of a converter repeats with the drive: it crosses so many levels in a period
+    crossed = min(period / hold, 2.0 * float(np.ptp(u)) / step) if step else 1.0
+    rounding = step**2 / 12.0 / crossed if step else 0.0
+    white = max(noise**2 - step**2 / 12.0, 0.0)
+    part = slice(0, _ENOUGH)
+    limit = _LINE * sqrt(2.0 * (white / u[part].size + rounding))
+    if step:  # a drive makes lines of its rounding, which noise before the converter blurs
+        limit = max(limit, _ROUNDED * step * exp(-2.0 * pi**2 * white / step**2))
+    while True:
+        orders = range(1, min(int(0.45 * period / hold), _HARMONICS) + 1)
+        period, shares = _fitted(u[part], places[part], period, orders)
+        sizes = np.hypot(shares[1::2], shares[2::2])
+        kept = [n for n, size in zip(orders, sizes, strict=True) if size > limit]
+        if not kept:
+            return nothing
+        if (shared := gcd(*kept)) == 1:
+            break
+        period /= shared  # it was a whole number of periods
+    period, shares = _fitted(u, places, period, kept)
+    # an amplitude that changes, or a start-up, is no periodic drive
+    error = u - _sum_of_waves(places, period, kept, shares)
+    if float(np.median(np.abs(np.convolve(error, np.ones(16) / 16.0, mode='valid')))) > noise:
+        return nothing
+    whole = _sum_of_waves(np.arange(count), period, kept, shares)
+    return whole, period, tuple(kept), sqrt(white / u.size + rounding)
+
+
+def _fitted(
+    u: FloatArray, places: IntArray, period: float, orders: Sequence[int]
+) -> tuple[float, FloatArray]:
+    """Return the period and the shares of the waves that fit a signal best."""
+    shares: FloatArray = np.zeros(1 + 2 * len(orders))
+    for turn in range(_TURNS + 1):
+        grams, target = np.zeros((shares.size + 1,) * 2), np.zeros(shares.size + 1)
+        for first in range(0, u.size, _BLOCK):
+            angle = _angles(places[first : first + _BLOCK], period)
+            basis, slopes = _waves(angle, orders)
+            full = np.vstack([basis, -(shares @ slopes) * angle / period])
+            grams += full @ full.T
+            target += full @ u[first : first + _BLOCK]
+        last = shares.size + (0 < turn < _TURNS)  # the period moves once the shares are known
+        found = solve_least_squares(grams[:last, :last], target[:last]).values
+        shares = np.asarray(found[: shares.size], dtype=np.float64)
+        if last > shares.size:
+            period += float(found[-1])
+    return period, shares
+
+
+def _sum_of_waves(
+    places: IntArray, period: float, orders: Sequence[int], shares: FloatArray
+) -> FloatArray:
+    angle = _angles(places, period)
+    total = np.full(angle.size, shares[0])
+    for k, n in enumerate(orders):
+        total += shares[2 * k + 1] * np.cos(n * angle) + shares[2 * k + 2] * np.sin(n * angle)
+    return total
+
+
+def _angles(places: IntArray, period: float) -> FloatArray:
+    return np.asarray(2.0 * np.pi / period * places, dtype=np.float64)
+
+
+def _waves(turn: FloatArray, orders: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """Return a constant, cosine and sine of each order, and their derivatives by the angle."""
+    rows, slopes = [np.ones(turn.size)], [np.zeros(turn.size)]
+    for n in orders:
+        cosine, sine = np.cos(n * turn), np.sin(n * turn)
+        rows += [cosine, sine]
+        slopes += [-n * sine, n * cosine]
+    return np.array(rows), np.array(slopes)
+
+
+def _local_fit(u: FloatArray, noise: float) -> tuple[FloatArray, float]:
+    """Return local polynomials over the widest windows that agree with narrower ones, and error.
+
+    Windows before, after and around each sample (Goldenshluger and Nemirovski 1997): a corner or a
+    step ends those that would cross it.
+    """
+    total, weight = np.zeros(u.size), np.zeros(u.size)
+    for kind in (-1, 0, 1):
+        low, high = np.full(u.size, -np.inf), np.full(u.size, np.inf)
+        best, variance = u.copy(), np.full(u.size, noise**2)
+        going = np.ones(u.size, dtype=bool)
+        for half in _WINDOWS:
+            if 4 * half > u.size:
+                break
+            estimate, valid, gain = _window(u, half, kind)
+            spread = noise * sqrt(gain)
+            low = np.maximum(low, estimate - _AGREE * spread)
+            high = np.minimum(high, estimate + _AGREE * spread)
+            going &= valid & (low <= high)
+            best = np.where(going, estimate, best)
+            variance = np.where(going, spread**2, variance)
+        total += best / variance
+        weight += 1.0 / variance
+    # windows share samples, so their mean is hardly better than the best of them
+    return total / weight, float(np.sqrt(np.mean(4.0 / weight)))
+
+
+def _window(u: FloatArray, half: int, kind: int) -> tuple[FloatArray, BoolArray, float]:
+    """Return the local fit at each sample, where its window is inside, and its noise gain."""
+    place = np.arange(-half, half + 1) if kind == 0 else np.arange(0, 2 * half + 1) * float(kind)
+    rows = np.vander(place.astype(np.float64) / half, 3 if kind == 0 else 2, increasing=True)
+    weights = solve_least_squares(rows.T @ rows, np.eye(rows.shape[1])[0]).values @ rows.T
+    first = int(min(place[0], place[-1]))
+    ordered = weights if place[0] <= place[-1] else weights[::-1]
+    found, valid = u.copy(), np.zeros(u.size, dtype=bool)
+    inside = np.correlate(u, ordered, mode='valid')
+    found[-first : -first + inside.size] = inside
+    valid[-first : -first + inside.size] = True
+    return found, valid, float(weights @ weights)
+
+
+def _followed(y: FloatArray, u: FloatArray, gain: float) -> bool:
+    """Return whether the displacement follows the fast part of an input, so that it was drive.
+
+    Differences of high order remove slow motion; those of the displacement are regressed on those
+    of the input at several lags.
+    """
+    moved, tried = np.diff(y, _ORDER), np.diff(u, _ORDER)
+    size = np.abs(tried)
+    jumps = size > _FAR * float(np.median(size))
+    rows = np.array([tried[_LAGS - k : tried.size - k] for k in range(_LAGS)])
+    answer = moved[_LAGS:]
+    calm = ~np.any([jumps[_LAGS - k : jumps.size - k] for k in range(_LAGS)], axis=0)
+    # a jump of the drive is no noise
+    if np.median(size) > _EXACT * float(np.ptp(u)) and float(np.mean(calm)) > 0.25:
+        rows, answer = rows[:, calm], answer[calm]
+    grams = rows @ rows.T
+    shares = solve_least_squares(grams, rows @ answer, 1e-8).values
+    explained = float(shares @ grams @ shares)
+    rest = answer - shares @ rows
+    chance = float(rest @ rest) / max(answer.size - _LAGS, 1)
+    # neighbouring differences of white noise are alike: fewer are independent
+    if explained < 8.0 * _LAGS * chance:
+        return False
+    return sqrt(explained / max(float(np.trace(grams)) / _LAGS, 1e-300)) > _FOLLOWED * gain

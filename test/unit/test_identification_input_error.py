@@ -1,0 +1,123 @@
+"""The error of a recorded input is estimated and removed; what the actuator felt is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import piezo_hysteresis as ph
+from piezo_hysteresis.identification.input_error import InputError, input_error
+from piezo_hysteresis.identification.measurement import as_measured
+from piezo_hysteresis.records import Record
+
+RATE, COUNT = 1000.0, 4000
+TIME = np.arange(COUNT) / RATE
+
+
+def plays(voltage: np.ndarray) -> np.ndarray:
+    """Return the displacement of ten plays from rest, of 15 um at 100 V [m]."""
+    levels, y = np.zeros(10), np.empty(voltage.size)
+    widths = np.linspace(2.0, 40.0, 10)
+    for k, u in enumerate(voltage):
+        levels = np.clip(levels, u - widths, u + widths)
+        y[k] = 1.1e-7 * u + 4e-9 * levels.sum()
+    return y + 5e-9 * np.random.default_rng(1).standard_normal(voltage.size)
+
+
+DRIVES: dict[str, np.ndarray] = {
+    'sine': 50.0 * (1.0 - np.cos(2 * np.pi * 3.0 * TIME)),
+    'decay': 50.0 + 50.0 * np.exp(-TIME / 3.0) * np.sin(2 * np.pi * 2.0 * TIME),
+    'multisine': 50.0
+    + 6.0 * np.sum([np.cos(2 * np.pi * f * TIME + f**2) for f in (1, 2, 5, 9, 23)], 0),
+}
+EXACT = DRIVES | {
+    'triangle': 100.0 * np.abs((2.0 * TIME + 1.0) % 2.0 - 1.0),
+    'stairs': np.repeat(np.random.default_rng(3).uniform(0, 100, 40), 100),
+    'chirp': 50.0 * (1.0 - np.cos(2 * np.pi * (1.0 + 4.0 * TIME) * TIME)),
+    'switching': 80.0 * np.repeat(np.random.default_rng(4).integers(0, 2, 400), 10),
+    'random': 50.0 + 10.0 * np.random.default_rng(5).standard_normal(COUNT),
+}
+
+
+def spoilt(u: np.ndarray, kind: str, size: float) -> np.ndarray:
+    """Return the drive as a monitor reads it, with an error of `size` of its range."""
+    size *= float(np.ptp(u))
+    noise = size * np.random.default_rng(7).standard_normal(u.size)
+    if kind == 'mains':
+        return np.asarray(u + sqrt2 * size * np.sin(2 * np.pi * 50.0 * TIME + 1.0) + 0.2 * noise)
+    if kind == 'steps':
+        step = np.sqrt(12.0) * size
+        return np.asarray(np.round(u / step) * step)
+    if kind == 'held':
+        return (u + noise)[np.arange(u.size) // 10 * 10]
+    return u + noise
+
+
+sqrt2 = np.sqrt(2.0)
+
+
+def found_in(u: np.ndarray, felt: np.ndarray) -> InputError | None:
+    return input_error(u, plays(felt), 1.0 / RATE)
+
+
+@pytest.mark.parametrize('drive', EXACT)
+def test_a_command_has_no_error(drive: str) -> None:
+    assert found_in(EXACT[drive], EXACT[drive]) is None
+
+
+@pytest.mark.parametrize('kind', ['white', 'steps', 'held'])
+@pytest.mark.parametrize('drive', ['sine', 'chirp'])
+def test_what_the_actuator_felt_is_no_error(drive: str, kind: str) -> None:
+    given = spoilt(EXACT[drive], kind, 2e-3)
+    assert found_in(given, given) is None
+
+
+@pytest.mark.parametrize('kind', ['white', 'mains', 'steps', 'held'])
+@pytest.mark.parametrize('drive', DRIVES)
+def test_an_error_is_removed_but_for_what_is_stated(drive: str, kind: str) -> None:
+    u = DRIVES[drive]
+    given = spoilt(u, kind, 2e-3)
+    found = found_in(given, u)
+    assert found is not None
+    error = float(np.std(given - u))
+    left = float(np.sqrt(np.mean((found.voltage - u) ** 2)))
+    assert found.rms == pytest.approx(error, rel=0.15)
+    assert left < 0.5 * error
+    assert left < 2.0 * found.left.rms + 1e-4 * np.ptp(u)
+    assert found.hold == (10 if kind == 'held' else 1)
+    assert bool(found.hum) == (kind == 'mains')
+
+
+def test_parameters_are_not_biased_by_the_error_of_the_input() -> None:
+    u = DRIVES['sine']
+    clean = Record('a', 1.0 / RATE, u, plays(u))
+    one = ph.identify(clean, 'prandtl_ishlinskii')
+    assert not any('measured, not commanded' in each for each in one.warnings)
+    known = [name for name, std in one.std.items() if std < np.inf]
+    away = []
+    for seed in (7, 8, 9):
+        error = 5e-3 * np.ptp(u) * np.random.default_rng(seed).standard_normal(u.size)
+        two = ph.identify(replace(clean, voltage=u + error), 'prandtl_ishlinskii')
+        assert any('measured, not commanded' in each for each in two.warnings)
+        deviation = {name: np.hypot(one.std[name], two.std[name]) for name in known}
+        away.append([(two.values[n] - one.values[n]) / deviation[n] for n in known])
+    assert np.max(np.abs(np.mean(away, axis=0))) < 1.0
+    assert two.std['offset'] > 1.5 * one.std['offset']
+    assert np.max(np.abs(away)) < 2.0
+    again, _ = as_measured(as_measured([replace(clean, voltage=u + error)])[0])
+    assert again[0].input_uncertainty is not None
+
+
+def test_a_voltage_that_nothing_follows_is_constant() -> None:
+    u = DRIVES['sine']
+    driven = Record('a', 1.0 / RATE, u, plays(u))
+    noise = 50.0 + 0.2 * np.random.default_rng(3).standard_normal(u.size)
+    resting = Record('rest', 1.0 / RATE, noise, plays(0.0 * u + 50.0))
+    small = Record('small', 1.0 / RATE, 50.0 + 0.05 * u, plays(50.0 + 0.05 * u))
+    found, remarks = as_measured([driven, resting, small])
+    assert np.ptp(found[1].voltage) == 0.0
+    assert found[0] is driven
+    assert found[2] is small
+    assert [each for each in remarks if 'rest' in each]
