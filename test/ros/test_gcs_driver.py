@@ -71,14 +71,21 @@ class Stage:
         self.listener.until(future.done)
         return future.result()
 
+    def accepted(self, **goal: Any) -> Any:
+        handle = self.send(**goal)
+        assert handle.accepted, self.health['gcs_driver']
+        return handle
+
     def result(self, handle: Any) -> Any:
         future = handle.get_result_async()
         self.listener.until(future.done)
         return future.result()
 
-    def moving(self) -> None:
-        """Wait until the wave is well under way."""
-        self.listener.until(lambda: abs(self.controller.voltage) > 0.1)
+    def moving(self, handle: Any) -> None:
+        """Wait until the wave of an accepted goal is well under way; fail if the goal ends."""
+        ended = handle.get_result_async()
+        self.listener.until(lambda: abs(self.controller.voltage) > 0.1 or ended.done())
+        assert not ended.done(), ended.result().result.message
 
     def rests(self) -> None:
         """Wait until the output is at 0 V; assert that it was within the sweep until then."""
@@ -147,8 +154,8 @@ def test_one_thing_at_a_time_and_within_the_limits(stage: Stage) -> None:
     )
     assert 'losses' in values
     assert stage.controller.tables == {}
-    handle = stage.send(seconds=20.0)
-    stage.moving()
+    handle = stage.accepted(seconds=20.0)
+    stage.moving(handle)
     assert not stage.send().accepted
     stage.listener.until(handle.cancel_goal_async().done)
     result = stage.result(handle)
@@ -159,8 +166,8 @@ def test_one_thing_at_a_time_and_within_the_limits(stage: Stage) -> None:
 
 def test_a_lost_connection_is_reported_and_followed_by_rest(stage: Stage) -> None:
     stage.start()
-    handle = stage.send(seconds=200.0)  # longer than anything waits for its end
-    stage.moving()
+    handle = stage.accepted(seconds=200.0)  # longer than anything waits for its end
+    stage.moving(handle)
     stage.server.fault.after, stage.server.fault.kind = 0, 'drop'
     result = stage.result(handle)
     assert result.status == GoalStatus.STATUS_ABORTED
@@ -173,8 +180,8 @@ def test_a_lost_connection_is_reported_and_followed_by_rest(stage: Stage) -> Non
 
 def test_a_node_that_is_ended_stops_the_wave(stage: Stage) -> None:
     node = stage.start()
-    stage.send(seconds=20.0)
-    stage.moving()
+    handle = stage.accepted(seconds=20.0)
+    stage.moving(handle)
     began = time.monotonic()
     assert node.stop(20.0) == 0
     assert time.monotonic() - began < 10.0

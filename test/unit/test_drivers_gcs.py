@@ -114,6 +114,31 @@ def test_a_wave_comes_back_as_the_plant_answers_it(server: GcsServer) -> None:
     assert server.controller.voltage == 0.0
 
 
+def test_a_slow_controller_has_the_timeout_for_each_line_of_a_table(server: GcsServer) -> None:
+    usual = server.language.answer
+
+    def slowly(line: str) -> str | None:
+        time.sleep(0.004)
+        return usual(line)
+
+    server.language.answer = slowly  # type: ignore[method-assign]
+    with closing(GcsConnection(TcpWire('127.0.0.1', server.server_address[1], 0.5))) as line:
+        began = time.monotonic()
+        GcsController(line).load(np.zeros(30_000), 1)
+        assert time.monotonic() - began > 1.0  # twice the timeout
+
+
+def test_a_command_waits_for_no_acknowledgement(server: GcsServer) -> None:
+    seconds: dict[str, list[float]] = {'VOL? 1': [], 'SVA 1 0': []}
+    with closing(GcsConnection(TcpWire('127.0.0.1', server.server_address[1]))) as line:
+        for _ in range(15):
+            for text, act in (('VOL? 1', line.ask), ('SVA 1 0', line.command)):
+                began = time.perf_counter()
+                act(text)
+                seconds[text].append(time.perf_counter() - began)
+    assert np.median(seconds['SVA 1 0']) < 20.0 * np.median(seconds['VOL? 1'])
+
+
 @pytest.mark.parametrize('kind', KINDS)
 def test_every_driver_connects_measures_and_comes_to_rest(kind: str) -> None:
     with served(kind) as (address, controller):

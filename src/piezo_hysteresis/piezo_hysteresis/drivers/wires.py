@@ -75,6 +75,8 @@ class TcpWire:
         self.address = f'{host}:{port}'
         try:
             self._socket = socket.create_connection((host, port), timeout)
+            # else a command and the query after it wait 40 ms for each other's acknowledgement
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         except (OSError, OverflowError) as error:
             why = reason_of(error)
             raise DriverError(

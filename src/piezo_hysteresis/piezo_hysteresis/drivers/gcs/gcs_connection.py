@@ -80,16 +80,6 @@ class GcsConnection:
             If it was not, with the reason.
         """
         self.send(text)
-        self.require(text)
-
-    def require(self, text: str) -> None:
-        """Query the last error.
-
-        Raises
-        ------
-        DriverError
-            If there is one; `text` describes the command.
-        """
         (answer,) = self.ask('ERR?')
         number = self._integer(answer, 'ERR?')
         if number:

@@ -99,13 +99,13 @@ class GcsController(Controller):
 
     def load(self, voltages: FloatArray, divider: int) -> None:
         """Load a wave [V], to be played once, and prepare the recorder."""
-        say, last, generator = self._line.send, voltages.size, self._channel
+        last, generator = voltages.size, self._channel
         for first in range(0, last, _POINTS_PER_LINE):
             part = voltages[first : first + _POINTS_PER_LINE]
             mode = '&' if first else 'X'
             values = ' '.join(f'{value:.9g}' for value in part)
-            say(f'WAV {_TABLE} {mode} PNT 1 {part.size} {values}')
-        self._line.require('WAV')
+            # each is awaited, so that the timeout holds for a line and not for a table
+            self._line.command(f'WAV {_TABLE} {mode} PNT 1 {part.size} {values}')
         if self._line.number(f'WAV? {_TABLE} 1') != last:
             raise DriverError(f'{self._line.address}: the wave did not arrive whole; try again')
         for text in (
