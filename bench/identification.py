@@ -12,6 +12,7 @@ import importlib
 import sys
 import time
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +33,13 @@ from piezo_hysteresis.identification import (
     output_error,
     targets_of,
 )
-from piezo_hysteresis.identification.error_measures import errors_of
+from piezo_hysteresis.identification.clock import Unsaved
 from piezo_hysteresis.identification.global_search import METHODS, search
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.identification.prediction import predictions
+from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, read_csv
 from piezo_sim.sweep import simulate
@@ -184,7 +186,9 @@ def big(seconds: float) -> None:
     result = output_error(named('bouc_wen_mode'), records, workers=2)
     took = time.perf_counter() - started
     print(f'  joint output error, folding and starts included: {took:.2f} s; {result.message}')
-    rows = errors_of(result.model, result.values, records, result.sampling_offset)
+    rows = free_runs(
+        Unsaved(result.model, result.values, result.sampling_offset, inf), records
+    ).errors
     errors = {row.record: 1e6 * row.free_run_rms for row in rows}
     shown = ', '.join(f'{f}: {errors[f"{f} Hz"]:.2f}' for f in (1, 10, 14, 23, 35, 50))
     print(f'  one parameter set, free run rms [µm] at f [Hz]: {shown}')

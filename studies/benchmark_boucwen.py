@@ -10,6 +10,7 @@ import argparse
 import sys
 import time
 from itertools import product
+from math import inf
 from pathlib import Path
 
 if not __package__:
@@ -20,8 +21,9 @@ import numpy as np
 from bench.quick import parsed
 from piezo_hysteresis.blocks.bouc_wen_oscillator import from_linear
 from piezo_hysteresis.identification import FitResult, fit, output_error, targets_of
-from piezo_hysteresis.identification.error_measures import errors_of
+from piezo_hysteresis.identification.clock import Unsaved
 from piezo_hysteresis.identification.output_error import suited
+from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, read_csv
 from studies.stand_ins import records_in
@@ -84,7 +86,9 @@ def measure(folder: Path, arguments: argparse.Namespace) -> None:
     if not arguments.score:
         return
     for record in (read_csv(multisine), read_csv(sweep)):
-        (row,) = errors_of(best.model, best.values, [record], best.sampling_offset)
+        (row,) = free_runs(
+            Unsaved(best.model, best.values, best.sampling_offset, inf), [record]
+        ).errors
         print(f'{record.name}: {row.free_run_rms:.3g} m ({row.nrmse_percent:.3g} %)')
     print(PUBLISHED)
 

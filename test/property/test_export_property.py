@@ -27,8 +27,6 @@ from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
-from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.linear_gain import ModeGain
@@ -44,11 +42,9 @@ from piezo_hysteresis.export.plant_functions import plant_of
 from piezo_hysteresis.export.sections import (
     attenuation_section,
     feedback_section,
-    frequency_section,
     inverse_section,
     limiter_section,
     limits_fields,
-    repetitive_section,
 )
 from piezo_hysteresis.models import NAMES, Model, named
 from piezo_hysteresis.waveforms import Sine
@@ -148,32 +144,18 @@ def h_infinity() -> HInfinity:
 GAINS = PidGains(100.0, 3e4, 1.0)
 LAWS: dict[str, Callable[[], Any]] = {
     'afc': lambda: attenuation(method='afc', orders=(0, 1, 2, 3, 5), span=0.1, settle=0.05),
+    'afc of every order': lambda: attenuation(orders=(-1,), span=0.1, settle=0.05),
     'afc with a resonance': lambda: attenuation(orders=(1,), resonance=68.0, span=0.1),
     'rls': lambda: attenuation(method='rls', orders=(3,)),
     'rls, sines, printed': lambda: attenuation(
         method='rls', orders=(3, 5), fit='sines', sign_rule='printed'
     ),
-    'filtered_rls': lambda: attenuation(method='filtered_rls', orders=(1, 3), forgetting=0.998),
     'pid': lambda: Pid(GAINS, DT, limits=LIMITS),
     'fuzzy_pid': lambda: FuzzyPid(GAINS, FuzzyRules(5e-6, 1e-3, 50.0, 1e4), DT, limits=LIMITS),
     'h_infinity': h_infinity,
     'h_infinity with little power': h_infinity,
-    'repetitive': lambda: OddRepetitive(RepetitiveSettings(115e-6, 68.0, 0.015), DT),
-    'slow and fast': lambda: slow_and_fast('classical', 'bouc_wen_mode'),
-    'slow and fast, plays and numeric': lambda: slow_and_fast(
-        'prandtl_ishlinskii', '+'.join(CHAINS[0])
-    ),
 }
 ENERGY = {'h_infinity with little power': EnergyLimits(1e-9, 1e-6, 0.05, 2.4)}
-# Above the first, below the second half of a run where they differ.
-BORDER = 31.0
-
-
-def slow_and_fast(slow: str, fast: str) -> FrequencySwitch:
-    def link(model: Any) -> InverseLink:
-        return inverse_for(model, values_of(model), DT, limits=LIMITS)
-
-    return FrequencySwitch(link(MODELS[slow]), link(MODELS[fast]), BORDER, DT, limits=LIMITS)
 
 
 def attenuation(**chosen: Any) -> HarmonicAttenuation:
@@ -214,10 +196,6 @@ def loops() -> Any:
             section = inverse_section(link, nothing)
         elif isinstance(link, HarmonicAttenuation):
             section = attenuation_section(link)
-        elif isinstance(link, OddRepetitive):
-            section = repetitive_section(link)
-        elif isinstance(link, FrequencySwitch):
-            section = frequency_section(link, nothing, nothing)
         else:
             section = feedback_section(link)
         sections = (section, limiter_section(LIMITS, DT))
@@ -258,8 +236,6 @@ def test_a_law_has_the_same_bits(name: Any, seed: Any, frequency: Any, amplitude
     memory, numbers = np.full(loop.size, np.nan), np.array([f.value for f in loop.fields])
     if name in ENERGY:
         assert run.counters['limiter']['energy_limited'] > 0
-    if 'slow' in name:
-        assert run.counters['0_FrequencySwitch']['switches'] == 1
     assert getattr(library_of_all, f'c{place}_init')(at(memory), at(numbers)) == 0
     step, given_in, voltage = getattr(library_of_all, f'c{place}_step'), np.zeros(7), np.zeros(1)
     answers = np.empty(900)

@@ -28,7 +28,6 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     fill_separable,
     folded,
 )
-from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.linear_gain import ArGain, ModeGain, linear_gain
 from piezo_hysteresis.compensation.link import Limits, Measured
@@ -187,9 +186,8 @@ def test_afc_settles_from_a_wrong_plant_and_never_does_much_harm(start: Any) -> 
     assert worst < 3.5 * max(before, rms(alone, 0.0, 1.0))
 
 
-@pytest.mark.parametrize('method', ['rls', 'filtered_rls'])
-def test_a_correction_that_increases_the_error_fades_out_with_a_message(method: Any) -> None:
-    settings = AttenuationSettings(method=method, orders=(3,), forgetting=0.998)
+def test_a_correction_that_increases_the_error_fades_out_with_a_message() -> None:
+    settings = AttenuationSettings(method='rls', orders=(3,), forgetting=0.998)
     wrong = ModeGain(-115e-6, 68.0, 0.015, DT)
     link = HarmonicAttenuation(settings, wrong, DT)
     result = closed_loop(
@@ -207,7 +205,7 @@ def test_a_correction_that_increases_the_error_fades_out_with_a_message(method: 
 
 
 def test_a_larger_error_that_is_not_its_doing_leaves_the_correction_in_force() -> None:
-    link = HarmonicAttenuation(AttenuationSettings(method='filtered_rls', orders=(3,)), GAIN, DT)
+    link = HarmonicAttenuation(AttenuationSettings(method='rls', orders=(3,)), GAIN, DT)
     disturbed = [
         point._replace(
             displacement=point.displacement + (20e-6 if k % 9 < 4 else 0.0) * (k > 8000)
@@ -219,16 +217,6 @@ def test_a_larger_error_that_is_not_its_doing_leaves_the_correction_in_force() -
     assert counts['backed_off'] == 0
     assert counts['faded_out'] == 0
     assert link.harmonics()[0].correction_amplitude > 0.005
-
-
-def test_filtered_reference_rls_is_deepest_where_the_model_is_right() -> None:
-    settings = AttenuationSettings(method='filtered_rls', orders=(3,), forgetting=0.998)
-    _, ratio, settled, link = run(23.0, settings)
-    assert ratio < 10 ** (-80 / 20)
-    assert settled <= 1.1
-    (line,) = link.harmonics()
-    assert line.order == 3
-    assert 0.005 < line.correction_amplitude < 0.05
 
 
 @pytest.mark.component
@@ -348,18 +336,6 @@ def test_nothing_is_subtracted_where_the_reference_has_no_fundamental() -> None:
     assert time.size == 500
 
 
-def test_repetitive_control_takes_odd_harmonics_and_leaves_the_mean() -> None:
-    settings = RepetitiveSettings(115e-6, 68.0, 0.015)
-    wanted = sine(23.0, 20.0)
-    open_loop = closed_loop(wanted, [Proportional()], plant(), LIMITS, DT)
-    repetitive = OddRepetitive(settings, DT)
-    result = closed_loop(wanted, [Proportional(), repetitive], plant(), LIMITS, DT)
-    before, after = (tracking_metrics(each, 16.0) for each in (open_loop, result))
-    for order in (1, 3):
-        assert after.harmonics[order] < 0.1 * before.harmonics[order]
-    assert after.mean == pytest.approx(before.mean, rel=0.35)
-
-
 def resonant(frequency: float, natural_frequency: float) -> list[float]:
     orders = np.empty(6)
     return list(orders[: fill_resonant(frequency, natural_frequency, DT, 75, orders)])
@@ -401,9 +377,7 @@ def test_gains_of_mode_and_recursion() -> None:
         {'forgetting': 0.5},
         {'sign_rule': 'maybe'},
         {'method': 'rls', 'orders': (0, 3)},
-        {'method': 'filtered_rls', 'orders': (0,)},
         {'method': 'rls', 'orders': (3,), 'resonance': 68.0},
-        {'method': 'filtered_rls', 'orders': (3,), 'resonance': 68.0},
     ],
 )
 def test_impossible_settings_are_refused(wrong: dict[str, Any]) -> None:

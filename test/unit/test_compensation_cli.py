@@ -155,15 +155,6 @@ def test_no_two_runs_of_a_report_have_one_colour(files: list[Any], tmp_path: Pat
     assert len({ROLES[role] for role in ('fed_back', 'everything', 'attenuated')}) == 3
 
 
-@pytest.mark.slow
-def test_repetitive_control_is_an_attenuation_too(files: list[Any], tmp_path: Path) -> None:
-    rms, _ = study(files, tmp_path, '--attenuation', 'repetitive', reference=REFERENCE)
-    # the mean stays, and the even orders
-    assert rms['with attenuation'] < 0.5 * rms['feedforward']
-    slower = ('--attenuation', 'repetitive', '--attenuation-set', 'learning=0.01')
-    assert study(files, tmp_path, *slower)[0] != study(files, tmp_path, *slower[:2])[0]
-
-
 @pytest.mark.component
 def test_attenuation_and_feedback_may_act_together(files: list[Any], tmp_path: Path) -> None:
     rms, _ = study(
@@ -191,15 +182,6 @@ def test_the_laws_of_the_papers_are_chosen_by_name(files: list[Any], tmp_path: P
     late, summary = study([*files[:3], files[1]], tmp_path, *words, 'zhou2021')
     assert late['feedforward'] > 3 * exact['feedforward']
     assert summary['law'] == 'zhou2021'
-
-
-@pytest.mark.component
-def test_slow_drives_have_a_model_of_their_own(files: list[Any], tmp_path: Path) -> None:
-    """The fast model is wrong, the slow one right: up to the switch it is as good as that."""
-    words = ('--attenuation', 'none', '--slow-model', files[3])
-    slow, _ = study(files, tmp_path, *words, '--switch', '6')
-    fast, _ = study(files, tmp_path, *words, '--switch', '4')
-    assert slow['feedforward'] < 0.1 * fast['feedforward']
 
 
 def test_the_selector_is_a_model_like_any_other(tmp_path: Path) -> None:
@@ -334,10 +316,6 @@ def test_a_plant_that_ends_is_reported(tmp_path: Path) -> None:
         ('--attenuation-set gain=big', 'gain must be a number'),
         ('--attenuation-set orders=3', 'no setting of the attenuation'),
         ('--law tatebatake2017', 'inverts bouc_wen and autoregressive'),
-        ('--slow-model PLANT --switch 0', 'must be positive'),
-        ('--attenuation repetitive --orders 3', 'leave --orders out'),
-        ('--attenuation repetitive --resonance 68', 'belongs to --attenuation afc'),
-        ('--attenuation repetitive --attenuation-set gain=3', 'no setting of repetitive'),
     ],
 )
 def test_what_cannot_be_is_one_line(

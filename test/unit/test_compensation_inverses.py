@@ -11,7 +11,6 @@ import pytest
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
 from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
-from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
 from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse, least_slope
@@ -261,29 +260,6 @@ def test_a_law_that_is_not_for_the_model_is_refused(law: str, name: str, says: s
         inverse_for(named(name), {}, DT, law=law)
     with pytest.raises(CompensationError, match='choose solved or printed'):
         ExtendedInverse(EXTENDED, DT, law='guessed')
-
-
-def test_slow_and_fast_drives_have_their_own_feedforward() -> None:
-    """Fang et al.: one model up to 1 Hz, another one above; both know the whole history."""
-    slow, fast = (
-        inverse_for(named('classical'), {**BOUC_WEN, 'A': a}, DT) for a in (40e-6, 30e-6)
-    )
-    link = FrequencySwitch(slow, fast, 1.0, DT, transition=0.1)
-    alone = [inverse_for(named('classical'), {**BOUC_WEN, 'A': a}, DT) for a in (40e-6, 30e-6)]
-    parts = [reference(f, 2.0, 40e-6) for f in (0.5, 4.0)]
-    points = [p for part in parts for p in reference_points(part)]
-    answers = [
-        (link.step(p, 0.0, None), *(each.step(p, 0.0, None) for each in alone)) for p in points
-    ]
-    ours, slow_only, fast_only = np.array(answers).T
-    np.testing.assert_array_equal(ours[:2000], slow_only[:2000])
-    np.testing.assert_allclose(ours[2200:], fast_only[2200:], atol=1e-12)
-    assert np.max(np.abs(np.diff(ours))) < 1.5 * np.max(np.abs(np.diff(fast_only)))
-    assert link.counters()['switches'] == 1
-    link.reset()
-    assert link.counters()['switches'] == 0
-    with pytest.raises(CompensationError, match='must be positive'):
-        FrequencySwitch(slow, fast, 0.0, DT)
 
 
 def test_delayed_law_is_rakotondrabes_multiplicative_form() -> None:

@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.discovery import Discovery, discover
-from piezo_hysteresis.discovery.detection.limits import BetterExperiment, DetectionLimit, scaled
+from piezo_hysteresis.discovery.detection.limits import (
+    BetterExperiment,
+    DetectionLimit,
+    Records,
+    Signature,
+    scaled,
+)
 from piezo_hysteresis.discovery.detection.statements import (
     in_prefixes,
     recommendations,
@@ -27,7 +33,7 @@ from piezo_hysteresis.experiments.catalogue import catalogue
 from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.free_run import simulated
-from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.models import Model, candidates, named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
 from piezo_hysteresis.reporting.detection_table import detection_section, limits_line
@@ -272,3 +278,17 @@ def test_validate_states_the_limits_of_new_records(
     # one record of 4 s at 4 Hz, noise 20 nm
     assert 1e-9 < limits['drift']['displacement_rms_m'] < 1e-6
     assert 'Detection limits' in (tmp_path / 'out' / 'report.html').read_text()
+
+
+def test_no_limit_is_below_what_a_free_run_in_double_precision_resolves() -> None:
+    searched = object.__new__(Records)
+    voltage = np.linspace(0.0, 100.0, 50)
+    view = Target('r', voltage, 1e-7 * voltage, 0, 1, DT, 0.0, 1, 1e-20, 0)
+    searched._views = (view,)
+    searched._whitening = Whitening([np.ones(50)], [1.0], [1.0])
+    searched._detection_test = lambda changes: lambda factor: True
+    base = named('classical')
+    candidate = next(c for c in candidates(base) if c.effect.name == 'drift')
+    left = 1e30 * np.sin(voltage)
+    found = Signature(candidate, {}, {}, 1.0, 1e-12, left, False)
+    assert searched._factor(found) * found.rms >= 0.99e-10 * 1e-5

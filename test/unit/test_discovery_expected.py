@@ -15,7 +15,6 @@ from piezo_hysteresis.identification.drive_lines import drive_lines
 from piezo_hysteresis.identification.model_discrepancy import RecordResidual, condition_of
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Condition, Discrepancy, named
-from piezo_hysteresis.numerics.qr import projected_out
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT, STROKE = 2e-3, 4e-5
@@ -81,9 +80,10 @@ def test_a_small_change_costs_half_its_squared_distance() -> None:
 
 def test_a_file_and_new_records_are_split_alike_where_the_drive_grows() -> None:
     error = GROWING * third() + 2e-7 * GROWING
-    rows, orders = drive_lines(GROWING * drive(), DT, 2.0)
-    assert np.any(orders == 0)
-    _, beside = projected_out(error - error.mean(), rows)
+    lines = drive_lines(GROWING * drive(), DT, 2.0)
+    assert lines is not None
+    assert np.any(lines.orders == 0)
+    _, beside = lines.split(error - error.mean())
     assert np.std(beside) < 0.05 * np.std(error)
     found = condition(GROWING * drive(), error)
     assert sum(size**2 for size in found.bands.values()) < 1e-3 * found.rms**2

@@ -11,7 +11,12 @@ from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, is_
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.discovery.verdict.naming import named_effects, with_chance, with_fractions
+from piezo_hysteresis.discovery.verdict.naming import (
+    named_effects,
+    suspects,
+    with_chance,
+    with_fractions,
+)
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect
 from piezo_hysteresis.models import add_effect, described, named
 
@@ -104,3 +109,14 @@ def test_a_mode_that_does_not_ring_for_itself_is_another_change(
     after = with_effect(base, 'resonance', variant)
     after = replace(after, values={**after.values, 'resonance_damping': 0.05, **values})
     assert is_another_change(after) == absent
+
+
+def test_an_unknown_effect_resembles_only_what_was_tried() -> None:
+    base = start()
+    fits = (
+        with_effect(base, 'amplifier_lag', 'amplifier_lag'),
+        with_effect(base, 'creep', 'creep'),
+    )
+    found = SelectionRound(base, fits, (0.9, 0.1), Improvement(1.0, 9.0, 1e-6), 20, accepted=False)
+    assert [each.name for each in suspects((), found)] == ['amplifier_lag', 'creep']
+    assert [each.name for each in suspects((), found, ('amplifier_lag',))] == ['creep']

@@ -277,15 +277,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert 'aarch64-linux' in refused(capsys, path, '--out', out, '--target', 'z80')
     assert 'no name' in refused(capsys, path, '--out', out, '--name', 'a b')
     assert 'positive' in refused(capsys, path, '--out', out, '--limits', -1, 1, 0)
-    missing = tmp_path / 'missing.yaml'
-    assert 'missing.yaml' in refused(capsys, path, '--out', out, '--slow-model', missing)
-    assert 'switch' in refused(capsys, path, '--out', out, '--slow-model', path, '--switch', 0)
     assert 'window' in refused(capsys, path, '--out', out, '--energy', 1, 1e-6, 1e-9)
-    repetitive = ('--attenuation', 'repetitive')
-    assert 'orders' in refused(capsys, path, '--out', out, *repetitive, '--orders', 3)
-    assert 'learning' in refused(
-        capsys, path, '--out', out, *repetitive, '--attenuation-set', 'learning=2'
-    )
     assert 'rate' in refused(capsys, path, '--out', out, '--rate', 10)
     assert 'one model' in refused(capsys, path, path, '--out', out)
     recursion = saved(tmp_path, 'extended', rate=1000.0)
@@ -305,67 +297,17 @@ def loaded_from(out: Any) -> Loop:
 
 
 @pytest.fixture(scope='module')
-def slow_and_fast(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Export two models, repetitive control, and a limit of the mean power."""
-    folder = tmp_path_factory.mktemp('slow')
-    (folder / 'slow').mkdir()
-    slow = saved(folder / 'slow', 'classical', A=4e-5)
-    words = ['export', saved(folder, natural_frequency=68.0), '--slow-model', slow, '--switch', 10]
-    words += ['--attenuation', 'repetitive', '--attenuation-set', 'learning=0.2']
+def with_power(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Export a loop with a limit of the mean power."""
+    folder = tmp_path_factory.mktemp('power')
+    words = ['export', saved(folder, natural_frequency=68.0)]
     words += ['--energy', 1e-4, 1e-6, 0.05, '--rate', 2000, '--out', folder / 'lib']
     assert main([str(word) for word in words]) == 0
     return folder / 'lib'
 
 
-def test_a_slow_model_repetitive_control_and_the_mean_power_are_exported(
-    slow_and_fast: Path,
-) -> None:
-    assert sorted(each.name for each in slow_and_fast.glob('*.yaml')) == [
-        'model.yaml', 'slow_model.yaml',
-    ]  # fmt: skip
-    done = make(slow_and_fast, 'selftest', CFLAGS='-Wall -Wextra -Werror -pedantic')
-    assert done.returncode == 0, done.stderr
-    test = subprocess.run(
-        [slow_and_fast / 'selftest', '--exact'], capture_output=True, text=True, check=False
-    )
-    assert test.returncode == 0, test.stdout
-    loop = loaded_from(slow_and_fast)
-    assert {'slow_A', 'A', 'switch_frequency', 'attenuation_learning', 'energy_limit'} <= set(
-        loop.names
-    )
-    assert loop.numbers[loop.names.index('attenuation_learning')] == 0.2
-
-
-def test_the_model_in_charge_follows_the_frequency_and_both_are_changed_or_none(
-    slow_and_fast: Path,
-) -> None:
-    loop = loaded_from(slow_and_fast)
-    values = {**named('classical').defaults(), 'A': 4e-5}
-    off = {'attenuation_on': 0.0, 'energy_limit': 0.0, 'start': 0.0}
-    for name, value in off.items():
-        loop.numbers[loop.names.index(name)] = value
-    assert loop.begin() == 0
-    link = inverse_for(named('classical'), values, 1 / 2000.0, limits=LIMITS, start=0.0)
-    for k in range(2000):
-        phase, w = 2 * np.pi * 2.0 * k / 2000.0, 4 * np.pi
-        row = 4e-5 * np.sin(phase), 4e-5 * w * np.cos(phase), -4e-5 * w * w * np.sin(phase)
-        if k == 1000:
-            before = loop.memory.copy()
-            assert loop.change(slow_A=3e-5, A1=-1e-4) == -3  # the fast model has no inverse
-            np.testing.assert_array_equal(loop.memory, before)
-            assert loop.change(slow_A=3e-5, A=3.3e-5) == 0
-            link.set_parameters({'A': 3e-5})
-        expected = link.step(ReferencePoint(k, *row, 2.0, phase))
-        assert loop.step(*row, 2.0, phase) == (0, expected)
-    jumps = [expected]
-    # at rest where it is, but called fast: the other model
-    jumps += [loop.step(*row, 20.0, phase)[1] for _ in range(1000)]
-    assert np.abs(np.diff(jumps)).max() < 2e-3
-    assert jumps[-1] != expected
-
-
-def test_a_small_power_limit_slows_the_voltage_down_and_is_reported(slow_and_fast: Path) -> None:
-    loop = loaded_from(slow_and_fast)
+def test_a_small_power_limit_slows_the_voltage_down_and_is_reported(with_power: Path) -> None:
+    loop = loaded_from(with_power)
     assert loop.begin() == 0
     assert loop.change(energy_window=1e-3) == -3  # less than eleven ticks
     assert loop.change(energy_limit=2e-5) == 0

@@ -13,10 +13,12 @@ from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify, online
 from piezo_hysteresis.identification.checks import check_records, require_usable
-from piezo_hysteresis.identification.error_measures import errors_of, one_step
+from piezo_hysteresis.identification.clock import Unsaved
+from piezo_hysteresis.identification.error_measures import one_step
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.rls import RlsSettings
+from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
 
@@ -131,7 +133,7 @@ def test_errors_leave_out_the_warm_up() -> None:
     r = RECORDS[1]
     spoilt = r.displacement.copy()
     spoilt[: r.warm_up_samples] += 1e-3
-    (row,) = errors_of(MODEL, TRUTH, [replace(r, displacement=spoilt)])
+    (row,) = free_runs(Unsaved(MODEL, TRUTH, 0.0, 0.0), [replace(r, displacement=spoilt)]).errors
     assert row.free_run_rms == pytest.approx(20e-9, rel=0.05)
     assert row.nrmse_percent == pytest.approx(
         100 * row.free_run_rms / np.std(r.displacement[1000:])
@@ -147,9 +149,10 @@ def test_the_past_of_a_record_is_part_of_it() -> None:
     u = np.concatenate([before, np.sin(2 * np.pi * t)])
     y = np.roll(model.respond(u, model.pack(values), DT), 1)  # read before the voltage acts
     cut = Record('cut', DT, u[3000:], y[3000:])
-    (virgin,) = errors_of(model, values, [cut], choices=Choices('step'))
-    (known,) = errors_of(model, values, [preceded(cut, [1, -1])], choices=Choices('step'))
-    (found,) = errors_of(model, values, [cut])
+    given, step = Unsaved(model, values, 0.0, 0.0), Choices('step')
+    (virgin,) = free_runs(given, [cut], step).errors
+    (known,) = free_runs(given, [preceded(cut, [1, -1])], step).errors
+    (found,) = free_runs(given, [cut]).errors
     assert known.free_run_rms < 2e-2 * virgin.free_run_rms
     assert found.free_run_rms < 2e-2 * virgin.free_run_rms
     assert found.start.startswith('estimate after')

@@ -17,8 +17,10 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     lead_in,
 )
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
-from piezo_hysteresis.identification.prediction import Prediction, predictions
+from piezo_hysteresis.identification.prediction import Prediction
+from piezo_hysteresis.identification.simulate import simulate as simulate_records
 from piezo_hysteresis.identification.targets import Target, whole
+from piezo_hysteresis.identification.validate import validate
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import grid, simulate
 
@@ -46,11 +48,14 @@ def test_the_reported_error_is_that_of_a_free_run(
 ) -> None:
     records = sines(preset, *frequencies, cut=cut)
     found = identify(records, models.named(model))
-    for record, view, row in zip(records, found.views, found.records, strict=True):
-        (each,) = predictions(found.chain, found.values, (view,), found.sampling_offset)
-        run = each.displacement
+    told = validate(records, found)
+    for record, run, row in zip(
+        records, simulate_records(found, records), found.records, strict=True
+    ):
         error = (record.displacement - run)[record.warm_up_samples :]
-        assert np.sqrt(np.mean(error**2)) == pytest.approx(row.free_run_rms, rel=0.02)
+        assert np.sqrt(np.mean(error**2)) == row.free_run_rms
+        assert told.simulated[record.name].tobytes() == run.tobytes()
+    assert told.records == found.records
 
 
 def test_a_part_that_closes_by_chance_does_not_begin_settled() -> None:

@@ -20,6 +20,7 @@ from piezo_hysteresis.reporting.plots import (
     Curve,
     bars_before_after,
     loop_figure,
+    response_figure,
     spectrum_figure,
     trace_figure,
     xy_figure,
@@ -194,6 +195,48 @@ def test_a_single_spike_survives_thinning() -> None:
     y[123_456] = 1.0
     xs, ys = thinned(np.arange(y.size, dtype=float), y)
     assert xs[np.argmax(ys)] == 123_456
+
+
+@pytest.mark.parametrize('steps', [7, 90])
+def test_a_thinned_staircase_keeps_its_corners(steps: int) -> None:
+    x = np.repeat(np.r_[0:steps, steps:0:-1].astype(float), 500)
+    y = 2e-5 * np.roll(x, 3)
+    xs, ys = thinned(x, y)
+    assert xs.size <= 3000
+    drawn = {*zip(xs.tolist(), ys.tolist(), strict=True)}
+    corners = np.flatnonzero((np.diff(x) != 0.0) | (np.diff(y) != 0.0))
+    assert {*zip(x[corners].tolist(), y[corners].tolist(), strict=True)} <= drawn
+
+
+def test_a_thinned_loop_keeps_the_turning_points_of_both_axes() -> None:
+    phase = np.linspace(0.0, 60.0, 100_000)
+    size = 1.0 - phase / 100.0
+    x, y = size * np.sin(phase), size * np.sin(phase - 0.3)
+    x[12345], y[67890] = 5.0, -7.0
+    xs, ys = thinned(x, y, 600)
+    assert xs.size <= 600
+    assert ys[np.argmax(xs)] == y[12345]
+    assert xs[np.argmin(ys)] == x[67890]
+    for whole, part in ((x, xs), (y, ys)):
+        inner = whole[1:-1]
+        turns = inner[np.sign(np.diff(whole[:-1])) != np.sign(np.diff(whole[1:]))]
+        assert max(float(np.min(np.abs(part - turn))) for turn in turns) < 1e-2
+
+
+def test_lost_points_of_a_path_are_left_out() -> None:
+    x = np.sin(np.linspace(0.0, 9.0, 10_000))
+    x[100:200] = np.nan
+    assert np.all(np.isfinite(thinned(x, x)[0]))
+
+
+def test_a_drive_with_many_reversals_is_drawn_over_time() -> None:
+    drive = np.random.default_rng(0).normal(size=2000)
+    model = np.where(np.arange(2000) == 1234, 2.0, 0.0)
+    responses = [('measured', 0.0 * drive, ''), ('model', model, 'model')]
+    assert axis_labels(response_figure(drive, TIME, responses, 't', 'c'))[0] == 'time [s]'
+    few = response_figure(SINE[:500], TIME[:500], [(n, y[:500], r) for n, y, r in responses],
+                          't', 'c')  # fmt: skip
+    assert axis_labels(few)[0] == 'voltage [V]'
 
 
 @pytest.mark.parametrize('offset', [0.0, 1e3])

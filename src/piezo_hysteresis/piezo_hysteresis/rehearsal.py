@@ -120,10 +120,9 @@ def online_methods() -> None:
 
 def inverses() -> None:
     """Invert every named model by every law that there is for it."""
-    from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
     from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
     from piezo_hysteresis.compensation.inverses.physical import Law, PhysicalInverse
-    from piezo_hysteresis.compensation.link import INVERSES, ReferencePoint
+    from piezo_hysteresis.compensation.link import INVERSES
     from piezo_hysteresis.models import NAMES, named
     from piezo_hysteresis.models.named import BANK
 
@@ -137,8 +136,6 @@ def inverses() -> None:
             ways.append(inverse_for(model, model.defaults(), DT, law=law))
     for inverse in ways:
         _invert(inverse)
-    both = FrequencySwitch(ways[0], ways[0], 1.0, DT)
-    both.step(ReferencePoint(0, 1e-6, 0.0, 0.0, 1.0, 0.0), 0.0)
 
 
 def _invert(inverse: InverseLink) -> None:
@@ -227,21 +224,6 @@ def demo() -> None:
     bags()
 
 
-def rivals() -> None:
-    """Let repetitive control take a few ticks."""
-    from piezo_hysteresis.compensation.harmonics.repetitive import (
-        OddRepetitive,
-        RepetitiveSettings,
-    )
-    from piezo_hysteresis.compensation.link import Measured, ReferencePoint
-
-    law = OddRepetitive(RepetitiveSettings(1e-6), DT)
-    law.reset()
-    for k in range(3):
-        point = ReferencePoint(k, 1e-6, 0.0, 0.0, 23.0, 0.1 * k)
-        law.step(point, 0.0, Measured(k - 1, 0.0, 1e-9 * k))
-
-
 def bags() -> None:
     """Write a bag and read it."""
     from piezo_hysteresis.records import read_bag, write_bag
@@ -254,11 +236,14 @@ def bags() -> None:
 
 def screening() -> None:
     """Hold a sensitivity against others, and an error against the lines of a drive or a tone."""
-    from piezo_hysteresis.numerics.harmonics import tone_amplitude
+    from piezo_hysteresis.numerics.harmonics import tone_amplitude, without_tone
+    from piezo_hysteresis.numerics.modulated import ModulatedLines
     from piezo_hysteresis.numerics.qr import orthonormal, projected_out
 
     tone_amplitude(np.arange(8.0), 100.0, DT)
+    without_tone(np.arange(8.0), 100.0, DT)
     projected_out(np.ones(8), orthonormal(np.eye(3, 8), 1e-6)[1:])
+    ModulatedLines(np.ones((1, 8)), 1.0, 1, 1e-6).split(np.arange(8.0))
 
 
 # longest first, so that processes end at about the same time
@@ -272,7 +257,6 @@ REHEARSALS = (
     online_methods,
     errors,
     between_ticks,
-    rivals,
     demo,
     screening,
 )

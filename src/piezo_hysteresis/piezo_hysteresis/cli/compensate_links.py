@@ -10,10 +10,8 @@ from typing import Any, get_type_hints
 
 from piezo_hysteresis.compensation.controllers import (
     ATTENUATIONS,
-    REPETITIVE,
     Controllers,
     Feedback,
-    Repetition,
 )
 from piezo_hysteresis.compensation.feedback.feedback_settings import (
     FEEDBACKS,
@@ -39,14 +37,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=INVERSES,
         default='auto',
         help='inverse of the model: by structure (auto, exact, numeric, gain) or by a paper',
-    )
-    forward.add_argument('--slow-model', metavar='YAML', help='second model, for slow drives')
-    forward.add_argument(
-        '--switch',
-        type=float,
-        default=1.0,
-        metavar='HZ',
-        help='highest frequency of slow drives [Hz]',
     )
     harmonics = parser.add_argument_group('attenuation of harmonics')
     add = harmonics.add_argument
@@ -128,18 +118,16 @@ def controllers_of(
     CompensationError
         If a controller or setting is unknown, missing, superfluous or invalid.
     """
-    slow, steering = (
-        None if path is None else ModelFile.load(path)
-        for path in (arguments.slow_model, arguments.gain_model)
-    )
+    path = arguments.gain_model
+    steering = None if path is None else ModelFile.load(path)
     return Controllers(
-        dt, limits or Limits(), model, slow, arguments.law, arguments.switch,
+        dt, limits or Limits(), model, arguments.law,
         attenuation=attenuation_of(arguments), feedback=feedback_of(arguments),
         gain_model=steering,
     )  # fmt: skip
 
 
-def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | Repetition | None:
+def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | None:
     """Return the settings of the attenuation, None for no attenuation.
 
     Raises
@@ -151,8 +139,6 @@ def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | Repet
         raise CompensationError(f'--resonance must be 0 or more, got {arguments.resonance:g} Hz')
     if arguments.attenuation == 'none':
         return None
-    if arguments.attenuation == REPETITIVE:
-        return _repetition(arguments)
     kinds = get_type_hints(AttenuationSettings)
     known = [f.name for f in fields(AttenuationSettings)]
     more = _settings(arguments.attenuation_set, known[3:], 'the attenuation')
@@ -162,18 +148,6 @@ def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | Repet
         resonance=arguments.resonance,
         **{name: _number(name, v) if kinds[name] is float else v for name, v in more.items()},  # type: ignore[arg-type]
     )
-
-
-def _repetition(arguments: argparse.Namespace) -> Repetition:
-    if arguments.resonance:
-        raise CompensationError('--resonance belongs to --attenuation afc')
-    if list(arguments.orders) != list(DEFAULT.orders):
-        raise CompensationError(
-            '--attenuation repetitive takes every odd order; leave --orders out'
-        )
-    known = [each.name for each in fields(Repetition)]
-    more = _settings(arguments.attenuation_set, known, 'repetitive control')
-    return Repetition(**{name: _number(name, value) for name, value in more.items()})
 
 
 def feedback_of(arguments: argparse.Namespace) -> Feedback | None:

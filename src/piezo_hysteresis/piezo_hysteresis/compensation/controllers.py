@@ -15,8 +15,6 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
     AttenuationSettings,
 )
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
-from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
-from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, mode_of, model_gain
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
@@ -27,8 +25,7 @@ from piezo_hysteresis.models.modelfile import ModelFile
 if TYPE_CHECKING:
     from piezo_hysteresis.compensation.feedback.hinf import HInfinityDesign
 
-REPETITIVE = 'repetitive'
-ATTENUATIONS = (*METHODS, REPETITIVE, 'none')
+ATTENUATIONS = (*METHODS, 'none')
 _NAMES = {'pid': 'PID', 'fuzzy_pid': 'fuzzy PID', 'h_infinity': 'H-infinity'}
 #: Assumed quasi-static gain of an unknown plant [m/V].
 GUESS = 1e-4
@@ -71,15 +68,6 @@ class Feedback:
 
 
 @dataclass(frozen=True)
-class Repetition:
-    """What a user chooses of repetitive control, see `RepetitiveSettings`."""
-
-    learning: float = RepetitiveSettings.learning
-    lead_ticks: float = RepetitiveSettings.lead_ticks
-    lowest_frequency: float = RepetitiveSettings.lowest_frequency
-
-
-@dataclass(frozen=True)
 class Controllers:
     """Settings of a whole chain, which build its links.
 
@@ -89,15 +77,13 @@ class Controllers:
         Sampling interval [s].
     limits : Limits
         Of the voltage.
-    model, slow : ModelFile, optional
-        Model to invert, and optionally another one for slow drives.
+    model : ModelFile, optional
+        Model to invert.
     law : str
         Name of the inverse, see `inverse_for`.
-    switch : float
-        Frequency up to which drives are slow [Hz].
     start, transition : float
         Durations of the initial fade-in of the reference and of transitions [s].
-    attenuation : AttenuationSettings or Repetition, optional
+    attenuation : AttenuationSettings, optional
         Attenuation of harmonics.
     feedback : Feedback, optional
         Law on the error.
@@ -110,12 +96,10 @@ class Controllers:
     dt: float
     limits: Limits = field(default_factory=Limits)
     model: ModelFile | None = None
-    slow: ModelFile | None = None
     law: str = 'auto'
-    switch: float = 1.0
     start: float = 0.5
     transition: float = 0.2
-    attenuation: AttenuationSettings | Repetition | None = None
+    attenuation: AttenuationSettings | None = None
     feedback: Feedback | None = None
     gain_model: ModelFile | None = None
     plant: ModeGain | None = None
@@ -149,11 +133,7 @@ class Controllers:
 
     def inverse(self) -> Link:
         """Return the feedforward."""
-        fast = self.inverse_of(self.model)
-        if self.slow is None:
-            return fast
-        slow = self.inverse_of(self.slow)
-        return FrequencySwitch(slow, fast, self.switch, self.dt, limits=self.limits)
+        return self.inverse_of(self.model)
 
     def inverse_of(self, loaded: ModelFile | None) -> InverseLink:
         """Return the inverse of one model.
@@ -173,12 +153,6 @@ class Controllers:
         """Return the attenuation of harmonics, steered by `gain` or by that of the plant."""
         settings = self.attenuation
         assert settings is not None
-        if isinstance(settings, Repetition):
-            mode = self.mode()
-            if mode is None:
-                raise CompensationError('repetitive control needs a model of the plant')
-            plant = (mode.gain, mode.natural_frequency, mode.damping_ratio)
-            return OddRepetitive(RepetitiveSettings(*plant, **vars(settings)), self.dt)
         gain = gain or self.gain()
         if gain is None:
             gain = ModeGain(GUESS, dt=self.dt)

@@ -192,10 +192,12 @@ def discover(
     measured = found.evaluator.measured
     proof = prove(measured, outcome.before, outcome.after)
     limits: tuple[DetectionLimit, ...] = ()
-    if len(own) < len(given) and not end.skips('detection limits'):
+    # a residual that starts a search by itself would show an effect of any size
+    explained = not outcome.remainder.significant
+    if len(own) < len(given) and explained and not end.skips('detection limits'):
         progress(0.97, 'calculating detection limits')
         limits = detection_limits(found.evaluator, found.final, found.start)
-        if recommend and not found.steps and not outcome.remainder.significant:
+        if recommend and not found.steps:
             limits = with_better_experiments(found.evaluator, found.final, found.start, limits)
     alike = {
         step.fit.effect: look_alikes(found.evaluator, step, found.start)

@@ -14,8 +14,6 @@ from piezo_hysteresis.blocks.base import Between
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
-from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive
-from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.model_plant import ModelPlant
@@ -40,11 +38,9 @@ from piezo_hysteresis.export.sections import (
     Section,
     attenuation_section,
     feedback_section,
-    frequency_section,
     inverse_section,
     limiter_section,
     limits_fields,
-    repetitive_section,
     switched,
 )
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -74,8 +70,6 @@ class Request:
         One of `TARGETS`.
     drive : Drive
         Sine of the example and the test vectors.
-    slow : ModelFile or None
-        Model to invert for slow drives, if it is another one.
     """
 
     name: str
@@ -86,7 +80,6 @@ class Request:
     dt: float
     target: str
     drive: Drive
-    slow: ModelFile | None = None
 
 
 def files_of(asked: Request) -> dict[str, bytes | str]:
@@ -99,11 +92,7 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
     """
     known_target(asked.target)
     texts = {'model.yaml': asked.model.text()}
-    if asked.slow is not None:
-        texts['slow_model.yaml'] = asked.slow.text()
-    for each in (asked.model, asked.slow):
-        if each is not None:
-            require_rate(each, asked.dt)
+    require_rate(asked.model, asked.dt)
     digest = hashlib.sha256(''.join(texts.values()).encode()).hexdigest()
     model, packed, name = asked.model.model, asked.model.packed, asked.name
     links = list(asked.links())
@@ -158,11 +147,6 @@ def _sections(asked: Request, links: Sequence[Link], packed: FloatArray) -> list
     for link in links:
         if isinstance(link, InverseLink) and not found:
             found.append(inverse_section(link, fields))
-        elif isinstance(link, FrequencySwitch) and asked.slow is not None and not found:
-            slow = of_model(asked.slow.model, asked.slow.packed, ())
-            found.append(frequency_section(link, slow, fields))
-        elif isinstance(link, OddRepetitive):
-            found.append(switched(repetitive_section(link), asked.dt))
         elif isinstance(link, HarmonicAttenuation):
             found.append(switched(attenuation_section(link), asked.dt))
         elif isinstance(link, FeedbackLink):

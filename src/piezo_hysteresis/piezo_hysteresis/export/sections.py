@@ -28,18 +28,14 @@ from piezo_hysteresis.compensation.feedback.pid import (
 )
 from piezo_hysteresis.compensation.harmonics import attenuation_settings as places
 from piezo_hysteresis.compensation.harmonics import harmonic_attenuation as attenuation
-from piezo_hysteresis.compensation.harmonics import repetitive
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     LAWS,
     STEPS,
     HarmonicAttenuation,
     reset_ramp,
 )
-from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, reset_repetitive
 from piezo_hysteresis.compensation.harmonics.supervision import GUARD_SIZE, reset_guard
-from piezo_hysteresis.compensation.inverses import frequency_switch as switch
 from piezo_hysteresis.compensation.inverses import inverse_link as inverses
-from piezo_hysteresis.compensation.inverses.frequency_switch import FrequencySwitch
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.limiter import (
     HIGH,
@@ -55,7 +51,7 @@ from piezo_hysteresis.compensation.limiter import (
 )
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.compensation.sensor_guard import FREQUENCY, reset_watch
+from piezo_hysteresis.compensation.sensor_guard import reset_watch
 from piezo_hysteresis.compensation.transition import (
     CROSS_SIZE,
     begin_cross,
@@ -334,100 +330,3 @@ def switched(section: Section, dt: float) -> Section:
     )
     start = np.concatenate([np.zeros(head), section.start])
     return Section(section.name, step, reset, take, start, (field, *section.fields))
-
-
-# Fields after the parameters of the model: durations of the start and of a transition.
-_TIMES = 2
-
-
-def frequency_section(
-    link: FrequencySwitch, slow_fields: Sequence[Field], fast_fields: Sequence[Field]
-) -> Section:
-    """Return two inverses with the switch between them.
-
-    Its fields are those of the fast one, which contain the durations of both, the parameters of
-    the slow model, and the switching frequency.
-    """
-    slow, fast = inverse_section(link.slow, slow_fields), inverse_section(link.fast, fast_fields)
-    settings = link.settings.size
-    own = settings + switch.SWITCH_SIZE
-    middle = own + slow.start.size
-    fast_count, slow_count = len(fast.fields), len(slow.fields) - _TIMES
-    times, size = fast_count - _TIMES, middle - own
-    step_slow, step_fast = slow.step, fast.step
-    reset_slow, reset_fast, take_slow, take_fast = slow.reset, fast.reset, slow.take, fast.take
-    choose, clear = switch.choose, switch.reset_switch
-
-    @leaf
-    def step(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -> float:
-        slow_voltage = step_slow(point, read, received, s[own:middle])
-        fast_voltage = step_fast(point, read, received, s[middle:])
-        return choose(
-            slow_voltage, fast_voltage, received, point[FREQUENCY], s[settings:own], s[:settings]
-        )
-
-    @leaf
-    def reset(s: FloatArray) -> None:
-        clear(s[settings:own])
-        reset_slow(s[own:middle])
-        reset_fast(s[middle:])
-
-    @leaf
-    def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
-        of_slow, changed = scratch(slow_count + _TIMES), scratch(size)
-        for k in range(slow_count):
-            of_slow[k] = values[fast_count + k]
-        for k in range(_TIMES):
-            of_slow[slow_count + k] = values[times + k]
-        for k in range(size):
-            changed[k] = s[own + k]
-        code = take_slow(of_slow, bounds, changed, first)
-        if code == OK:
-            code = take_fast(values[:fast_count], bounds, s[middle:], first)
-        if code != OK:
-            return int(code)
-        for k in range(size):
-            s[own + k] = changed[k]
-        s[switch.BORDER] = values[fast_count + slow_count]
-        s[switch.DURATION], s[switch.SLEW] = values[times + 1], bounds[2]
-        return OK
-
-    renamed = [replace(field, name=f'slow_{field.name}') for field in slow.fields[:slow_count]]
-    border = Field(
-        'switch_frequency', 'Hz', float(link.settings[switch.BORDER]), 0.0, 1e5,
-        'Fundamental of the reference up to which the slow model is inverted.', above=True,
-    )  # fmt: skip
-    start = np.concatenate([link.settings, np.zeros(switch.SWITCH_SIZE), slow.start, fast.start])
-    return Section('feedforward', step, reset, take, start, (*fast.fields, *renamed, border))
-
-
-def repetitive_section(link: OddRepetitive) -> Section:
-    """Return repetitive control; the plant model is part of its packed values."""
-    repeat, n = repetitive.repeat, link.numbers.size
-
-    @leaf
-    def step(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -> float:
-        return repeat(point, read, received, s[n:], s[:n])
-
-    @leaf
-    def reset(s: FloatArray) -> None:
-        reset_watch(s[n:])
-        reset_repetitive(s[n:])
-
-    @leaf
-    def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
-        s[repetitive.LEARNING], s[repetitive.LEAD] = values[0], values[1]
-        return OK
-
-    fields = (
-        Field(
-            'attenuation_learning', '1', float(link.numbers[repetitive.LEARNING]), 0.0, 1.0,
-            'Share of the error that half a period removes.', above=True,
-        ),
-        Field(
-            'attenuation_lead_ticks', '1', float(link.numbers[repetitive.LEAD]), 0.0, 1e4,
-            'Steps by which the learning looks ahead.',
-        ),
-    )  # fmt: skip
-    start = np.concatenate([link.numbers, np.zeros(link.memory.size)])
-    return Section('attenuation', step, reset, take, start, fields)

@@ -7,14 +7,15 @@ by the uncertainty of the identified offset.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.models import Model, ModelFile
 
 #: Difference of the sampling offset between two recordings of one set-up, as a share of a sample:
 #: a driver that reads and writes in every tick does both within a tenth of it.
@@ -25,7 +26,27 @@ _DEVIATIONS = 2.0
 _MOST = 0.5
 
 
-def clock_about(given: ModelFile, dt: float, jitter: float = JITTER) -> tuple[float, float]:
+class Unsaved(NamedTuple):
+    """A model with its clock that is no file, since its values may be invalid.
+
+    Attributes
+    ----------
+    model, values : Model, mapping of str to float
+        The chain and its parameters.
+    sampling_offset, sampling_offset_std : float
+        Delay of the displacement samples relative to the convention, and its standard deviation
+        [s]: 0 if it was given, infinite if unknown.
+    """
+
+    model: Model
+    values: Mapping[str, float]
+    sampling_offset: float
+    sampling_offset_std: float
+
+
+def clock_about(
+    given: ModelFile | Unsaved, dt: float, jitter: float = JITTER
+) -> tuple[float, float]:
     """Return the range of the sampling offset of new records [s].
 
     At most half a sample, because sample numbers count whole samples. The full half sample is
@@ -34,7 +55,7 @@ def clock_about(given: ModelFile, dt: float, jitter: float = JITTER) -> tuple[fl
 
     Parameters
     ----------
-    given : ModelFile
+    given : ModelFile or Unsaved
         Model with the identified offset; without a standard deviation, only the sample is known.
     dt : float
         Sampling interval of the new records [s].
@@ -47,18 +68,17 @@ def clock_about(given: ModelFile, dt: float, jitter: float = JITTER) -> tuple[fl
     return given.sampling_offset - reach, given.sampling_offset + reach
 
 
-def clock_of(given: ModelFile, views: Sequence[Target]) -> float:
-    """Return the sampling offset at which the model of a file fits the records best [s].
+def clock_of(given: ModelFile | Unsaved, views: Sequence[Target]) -> float:
+    """Return the sampling offset at which a model fits the records best [s].
 
-    It is within `clock_about`. The offset of the file is returned if the model cannot be
+    It is within `clock_about`. The identified offset is returned if the model cannot be
     simulated.
     """
     bounds = clock_about(given, min(view.dt for view in views))
-    start = {**given.values, SAMPLING_OFFSET: given.sampling_offset}
     found = fit(
         given.model,
         (),
-        start,
+        {**given.values, SAMPLING_OFFSET: given.sampling_offset},
         free=(),
         targets=views,
         sampling_offset=True,

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.numerics.harmonics import lines_and_rest, orders_below, phase_of
-from piezo_hysteresis.numerics.qr import orthonormal
+from piezo_hysteresis.numerics.modulated import ModulatedLines
 
 #: Length of a record [periods] from which harmonics are resolved: lines are three bins apart.
 PERIODS = 3.0
@@ -24,8 +24,10 @@ _DEPENDENT = 1e-6  # remaining share of an orthogonalised row below which it is 
 
 def drive_lines(
     voltage: FloatArray, dt: float, drive: float, periods: float = PERIODS, steady: float = STEADY
-) -> tuple[FloatArray, IntArray]:
-    """Return orthonormal rows that span the harmonics of a drive, with the order of each row.
+) -> ModulatedLines | None:
+    """Return the lines at the harmonics of a drive, which follow its amplitude.
+
+    Order 0 is the part of the mean that follows the amplitude.
 
     Parameters
     ----------
@@ -38,26 +40,18 @@ def drive_lines(
 
     Returns
     -------
-    rows : ndarray, shape (q, n)
+    ModulatedLines or None
         None where there are too few periods.
-    orders : ndarray of int, shape (q,)
-        0 is the part of the mean that follows the amplitude; the constant is omitted.
     """
     count = voltage.size
     if drive <= 0.0 or drive * dt * count < periods:
-        return np.zeros((0, count)), np.zeros(0, dtype=np.int64)
+        return None
     size, laws = amplitudes(voltage, dt, drive), [np.ones(count)]
     if varies(size, steady):
         size /= max(float(size.max()), 1e-300)
         laws += [size, size**2]
-    angle = phase_of(drive, dt, count)
-    rows, orders = list(laws), [0] * len(laws)
-    for order in orders_below(drive, dt):
-        for law in laws:
-            rows += [law * np.cos(order * angle), law * np.sin(order * angle)]
-            orders += [order, order]
-    basis = orthonormal(np.array(rows), _DEPENDENT)
-    return basis[1:], np.array(orders[1:], dtype=np.int64)
+    highest = max(orders_below(drive, dt), default=0)
+    return ModulatedLines(np.array(laws), 2.0 * np.pi * drive * dt, highest, _DEPENDENT)
 
 
 def amplitudes(voltage: FloatArray, dt: float, drive: float) -> FloatArray:

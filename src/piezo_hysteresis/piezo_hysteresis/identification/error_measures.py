@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
-from piezo_hysteresis.identification.prediction import Prediction, predictions
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
@@ -100,21 +100,6 @@ def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> Fl
         for lag, factor in enumerate(factors, start=1):
             left -= factor * past[len(factors) - lag :][: error.size]
     return left
-
-
-def errors_of(
-    model: Model,
-    values: Mapping[str, float],
-    records: Sequence[Record],
-    sampling_offset: float = 0.0,
-    choices: Choices | None = None,
-    *,
-    checked: bool = True,
-) -> tuple[RecordErrors, ...]:
-    """Return the errors of a model over records, each after its warm-up; see `views_of`."""
-    views = views_of(model, values, records, sampling_offset, choices, checked=checked)
-    found = predictions(model, values, views, sampling_offset, checked=checked)
-    return tuple(errors_in(model, values, each) for each in found)
 
 
 def errors_in(model: Model, values: Mapping[str, float], found: Prediction) -> RecordErrors:

@@ -16,23 +16,23 @@ from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_each_usable, require_usable
-from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
+from piezo_hysteresis.identification.clock import Unsaved
+from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.input_spread import with_input_error
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import held_at, require_settings
 from piezo_hysteresis.identification.methods import base_of, options_implied_by
-from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
+from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.options import require_options
-from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.result import FitResult
+from piezo_hysteresis.identification.simulate import FreeRuns, free_runs
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.staged_fit import output_error_in_stages
 from piezo_hysteresis.identification.swarm import identify_by_search
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.unseen import without_unseen
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chain_of
@@ -87,12 +87,12 @@ class Identification(Reportable, Modelled):
         Error by iteration [m].
     seconds : float
         Run time [s].
+    runs : FreeRuns
+        Free runs over the fitted records.
     fit : FitResult or None
         Details of the fit, for methods that simulate.
     discrepancy : Discrepancy or None
         Model discrepancy; on the fitted records, unless others are given.
-    views : tuple of Target
-        The whole records with their initial conditions and zeros.
     seen : tuple of Fingerprint
         Fingerprints of the fitted records, and of those on which the discrepancy was evaluated.
     left_out : tuple of str
@@ -116,9 +116,9 @@ class Identification(Reportable, Modelled):
     sampling_offset: float
     history: tuple[float, ...]
     seconds: float
+    runs: FreeRuns = field(repr=False)
     fit: FitResult | None = field(default=None, repr=False)
     discrepancy: Discrepancy | None = field(default=None, repr=False)
-    views: tuple[Target, ...] = field(default=(), repr=False)
     sampling_offset_std: float = inf
     seen: tuple[Fingerprint, ...] = field(default=(), repr=False)
     left_out: tuple[str, ...] = ()
@@ -349,9 +349,9 @@ def from_fit(
     """
     started = time.perf_counter() if started is None else started
     fit = with_input_error(fit)
-    late = fit.sampling_offset
-    views = views_of(fit.model, fit.values, records, late, choices, workers=workers)
-    rows, left = _errors_and_discrepancy(fit.model, fit.values, records, views, late)
+    std = fit.std.get(SAMPLING_OFFSET, 0.0)
+    given = Unsaved(fit.model, fit.values, fit.sampling_offset, std)
+    runs = free_runs(given, records, choices, workers=workers)
     floor = floor_of(records).rms
     return Identification(
         chain=fit.model,
@@ -363,37 +363,19 @@ def from_fit(
         condition=fit.condition,
         converged=fit.converged,
         message=fit.message,
-        warnings=(*warnings, *fit.warnings, *_misfit(rows)),
-        records=rows,
+        warnings=(*warnings, *fit.warnings, *_misfit(runs.errors)),
+        records=runs.errors,
         noise_floor=floor,
-        sampling_offset=late,
+        sampling_offset=fit.sampling_offset,
         history=fit.history,
         seconds=time.perf_counter() - started,
         fit=fit,
-        discrepancy=left,
-        views=views,
-        sampling_offset_std=fit.std.get(SAMPLING_OFFSET, 0.0),
+        discrepancy=discrepancy_of(runs.residuals, held_out=False),
+        runs=runs,
+        sampling_offset_std=std,
         seen=fingerprints(records),
         data=tuple(records),
     )
-
-
-def _errors_and_discrepancy(
-    model: Model,
-    values: Mapping[str, float],
-    records: Sequence[Record],
-    views: Sequence[Target],
-    sampling_offset: float,
-    *,
-    checked: bool = True,
-    held_out: bool = False,
-) -> tuple[tuple[RecordErrors, ...], Discrepancy | None]:
-    found = predictions(model, values, views, sampling_offset, checked=checked)
-    rows, left = [], []
-    for record, each in zip(records, found, strict=True):
-        rows.append(errors_in(model, values, each))
-        left.append(residual_of(record, each))
-    return tuple(rows), discrepancy_of(left, held_out=held_out)
 
 
 def evaluated_on(found: Identification, records: Sequence[Record]) -> Identification:
@@ -406,11 +388,9 @@ def evaluated_on(found: Identification, records: Sequence[Record]) -> Identifica
     """
     records, _ = as_measured(records)
     require_each_usable(records)
-    late = found.sampling_offset
-    views = views_of(found.chain, found.values, records, late)
-    _, left = _errors_and_discrepancy(
-        found.chain, found.values, records, views, late, held_out=True
-    )
+    given = Unsaved(found.chain, found.values, found.sampling_offset, found.sampling_offset_std)
+    runs = free_runs(given, records)
+    left = discrepancy_of(runs.residuals, held_out=True)
     return replace(found, discrepancy=left, seen=(*found.seen, *fingerprints(records)))
 
 
@@ -464,8 +444,7 @@ def _online(
         values['offset'], std['offset'] = run.zero.offset, run.zero.spread
         remarks = (*remarks, _MEAN_APART)
     late = run.sampling_offset
-    views = views_of(chain, values, records, late, checked=False)
-    rows, left = _errors_and_discrepancy(chain, values, records, views, late, checked=False)
+    runs = free_runs(Unsaved(chain, values, late, inf), records)
     return Identification(
         chain=chain,
         method=method,
@@ -476,14 +455,14 @@ def _online(
         condition=estimate.condition_number,
         converged=run.settled,
         message='at rest' if run.settled else 'still drifting',
-        warnings=(*remarks, *run.warnings, *_misfit(rows)),
-        records=rows,
+        warnings=(*remarks, *run.warnings, *_misfit(runs.errors)),
+        records=runs.errors,
         noise_floor=floor_of(records).rms,
         sampling_offset=late,
         history=run.history,
         seconds=time.perf_counter() - started,
-        discrepancy=left,
-        views=views,
+        discrepancy=discrepancy_of(runs.residuals, held_out=False),
+        runs=runs,
         seen=fingerprints(records),
         data=tuple(records),
     )

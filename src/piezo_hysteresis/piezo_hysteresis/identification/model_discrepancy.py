@@ -28,7 +28,6 @@ from piezo_hysteresis.numerics.harmonics import (
     orders_below,
     phase_of,
 )
-from piezo_hysteresis.numerics.qr import projected_out
 from piezo_hysteresis.records import Record
 
 #: Lines and bands with less than this of the power of a residual are not reported.
@@ -85,7 +84,7 @@ def residual_of(record: Record, found: Prediction) -> RecordResidual:
     view = found.target
     return RecordResidual(
         name=record.name,
-        error=found.residual,
+        error=found.valid_error,
         dt=record.dt,
         frequency=record.info.frequency or main_frequency(record),
         amplitude=0.5 * float(np.ptp(record.voltage)),
@@ -151,11 +150,11 @@ def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
     """
     error, dt, drive = residual.error, residual.dt, residual.frequency
     if residual.voltage is not None and varies(amplitudes(residual.voltage, dt, drive)):
-        rows, order_of = drive_lines(residual.voltage, dt, drive)
-        if order_of.size:
+        lines = drive_lines(residual.voltage, dt, drive)
+        if lines is not None:
             mean = float(np.mean(error))
-            shares, broadband = projected_out(error - mean, rows)
-            power = np.bincount(order_of, shares**2 / error.size)
+            shares, broadband = lines.split(error - mean)
+            power = np.bincount(lines.orders, shares**2 / error.size)
             power[0] += mean**2
             return {n: sqrt(float(p)) for n, p in enumerate(power)}, broadband
     orders = orders_below(drive, dt)

@@ -74,25 +74,40 @@ class Prediction:
                 return simulated(self._model, self._packed, self.target, self._offset, self._cache)
             return read(run.response, self.target, late)
 
-    @property
-    def displacement(self) -> FloatArray:
-        """Displacement from the first sample of the record on, in the zero of the record [m]."""
+    @cached_property
+    def _placed(self) -> FloatArray:
+        """Response in the zero of the record, lead-in included [m]."""
         y, view = self.response, self.target
         if view.own_zero:
             with _quiet():
                 y = y + float(np.mean(view.kept(view.measured - view.pick(y))))
-        return y[view.origin :]
+        return y
+
+    @property
+    def displacement(self) -> FloatArray:
+        """Displacement from the first sample of the record on, in the zero of the record [m]."""
+        return self._placed[self.target.origin :]
+
+    @cached_property
+    def error(self) -> FloatArray:
+        """Measured minus `displacement`, of all samples, the excluded ones included [m]."""
+        return self.target.measured - self.target.pick(self._placed)
+
+    @property
+    def valid_error(self) -> FloatArray:
+        """Measured minus `displacement`, shape (m,) [m]; 0 where a sample is excluded."""
+        valid = self.target.valid
+        return self.error if valid is None else self.error * valid
 
     @property
     def residual(self) -> FloatArray:
-        """Measured minus predicted, nuisances projected out, shape (m,) [m]; 0 where lost."""
+        """Residual of a fit: the nuisances projected out by their derivatives, shape (m,) [m].
+
+        It is 0 where a sample is lost, and smaller than `error` where the response to a nuisance
+        is not linear.
+        """
         error, _ = self._split
         return error if self._factors is None else error * self._factors
-
-    @property
-    def error(self) -> FloatArray:
-        """Measured minus predicted of all samples, the excluded ones included, shape (m,) [m]."""
-        return self._split[0]
 
     @property
     def cost(self) -> float:

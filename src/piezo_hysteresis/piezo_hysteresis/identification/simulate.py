@@ -1,35 +1,125 @@
-"""The free run of a model with values over records."""
+"""The free run of a model with values over records, and its errors: one for all who state one."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import overload
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.error_measures import views_of
+from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.identification.clock import Unsaved, clock_of
+from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.measurement import as_measured
+from piezo_hysteresis.identification.model_discrepancy import RecordResidual, residual_of
 from piezo_hysteresis.identification.prediction import predictions
+from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.records import Record, listed
 
 
+@dataclass(frozen=True)
+class FreeRuns:
+    """Free runs of one model over records of one recording.
+
+    Attributes
+    ----------
+    views : tuple of Target
+        The records with their initial conditions and zeros.
+    sampling_offset : float
+        Delay of the displacement samples relative to the convention of a `Record` [s].
+    errors : tuple of RecordErrors
+        Errors by record.
+    residuals : tuple of RecordResidual
+        Measured minus simulated, by record.
+    simulated : dict of str to ndarray, shape (n,)
+        Displacement by record name [m].
+    """
+
+    views: tuple[Target, ...]
+    sampling_offset: float
+    errors: tuple[RecordErrors, ...]
+    residuals: tuple[RecordResidual, ...]
+    simulated: dict[str, FloatArray]
+
+
+def free_runs(
+    given: ModelFile | Unsaved,
+    records: Sequence[Record],
+    choices: Choices | None = None,
+    *,
+    workers: int = 1,
+) -> FreeRuns:
+    """Return the free runs of a model over records, with initial states, zeros and clock.
+
+    A model with values outside of their range, such as an unstable recursion, runs from rest.
+
+    Parameters
+    ----------
+    given : ModelFile or Unsaved
+        The model with the sampling offset of its identification; that of the records is about it.
+    records : sequence of Record
+        Of one recording; see `as_measured`.
+    choices : Choices, optional
+        Given initial conditions and zeros.
+    workers : int
+        Threads over the records.
+    """
+    model, values, late = given.model, given.values, given.sampling_offset
+    usable = _is_usable(model, values)
+    views = views_of(model, values, records, late, choices, checked=usable, workers=workers)
+    if usable:
+        late = clock_of(given, views)
+    errors, residuals, simulated = [], [], {}
+    found = predictions(model, values, views, late, checked=usable)
+    for record, each in zip(records, found, strict=True):
+        errors.append(errors_in(model, values, each))
+        residuals.append(residual_of(record, each))
+        simulated[record.name] = each.displacement
+    return FreeRuns(views, late, tuple(errors), tuple(residuals), simulated)
+
+
+def _is_usable(model: Model, values: Mapping[str, float]) -> bool:
+    try:
+        model.pack(values)
+    except ModelError:
+        return False
+    return True
+
+
 @overload
-def simulate(model: ModelLike, records: Record) -> FloatArray: ...
-@overload
-def simulate(model: ModelLike, records: Sequence[Record]) -> list[FloatArray]: ...
 def simulate(
-    model: ModelLike, records: Record | Sequence[Record]
+    model: ModelLike, records: Record, *, begins: str = 'auto', zero: str = 'auto'
+) -> FloatArray: ...
+@overload
+def simulate(
+    model: ModelLike, records: Sequence[Record], *, begins: str = 'auto', zero: str = 'auto'
+) -> list[FloatArray]: ...
+def simulate(
+    model: ModelLike,
+    records: Record | Sequence[Record],
+    *,
+    begins: str = 'auto',
+    zero: str = 'auto',
 ) -> FloatArray | list[FloatArray]:
     """Return the free run of a model over records, comparable with their displacement.
 
     The run gets the voltage of a record alone. Its state before the first sample, its zero and
-    the sampling offset are those of the measurement; `ModelFile.simulate` starts from rest.
+    the sampling offset are those of the measurement; `ModelFile.simulate` starts from rest. The
+    errors that `identify`, `validate` and `discover` state are those of this run.
 
     Parameters
     ----------
     model : str, Path, ModelFile, Identification or Discovery
         A model with values, the path of a ``model.yaml``, or a result that contains a model.
     records : Record or sequence of Record
-        Voltage and displacement.
+        Voltage and displacement; a sequence is one recording with one sampling offset.
+    begins : str
+        Initial condition: ``auto``, ``rest``, ``step``, ``settled`` or ``estimate``.
+    zero : str
+        Zero of the displacement: ``record``, ``common`` or ``auto``.
 
     Returns
     -------
@@ -44,7 +134,7 @@ def simulate(
         If `records` are not records.
     """
     given = with_values(model)
-    late = given.sampling_offset
-    views = views_of(given.model, given.values, listed(records), late)
-    runs = [each.displacement for each in predictions(given.model, given.values, views, late)]
-    return runs[0] if isinstance(records, Record) else runs
+    usable, _ = as_measured(listed(records))
+    runs = free_runs(given, usable, Choices(begins, zero)).simulated
+    found = [runs[record.name] for record in usable]
+    return found[0] if isinstance(records, Record) else found

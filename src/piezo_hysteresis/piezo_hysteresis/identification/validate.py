@@ -12,24 +12,19 @@ from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.identification.checks import require_each_usable
-from piezo_hysteresis.identification.clock import clock_of
 from piezo_hysteresis.identification.comparison import (
     Comparison,
     compared,
     comparison_summary,
     comparison_text,
 )
-from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
+from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.identify import record_summary
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.measurement import as_measured
-from piezo_hysteresis.identification.model_discrepancy import (
-    RecordResidual,
-    discrepancy_of,
-    residual_of,
-)
+from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.noise import floor_of
-from piezo_hysteresis.identification.prediction import predictions
+from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import Modelled, ModelLike, with_values
 from piezo_hysteresis.records import Record, listed
@@ -169,17 +164,8 @@ def validate(
     given = with_values(model)
     records, warnings = as_measured(records)
     warnings += require_each_usable(records)
-    late = given.sampling_offset
-    views = views_of(given.model, given.values, records, late, Choices(begins, zero))
-    late = clock_of(given, views)
-    rows: list[RecordErrors] = []
-    left: list[RecordResidual] = []
-    simulated: dict[str, FloatArray] = {}
-    found = predictions(given.model, given.values, views, late)
-    for record, each in zip(records, found, strict=True):
-        rows.append(errors_in(given.model, given.values, each))
-        left.append(residual_of(record, each))
-        simulated[record.name] = each.displacement
+    runs = free_runs(given, records, Choices(begins, zero))
+    left = runs.residuals
     known = compared(left, given.discrepancy) if given.discrepancy is not None else []
     seen = (*given.provenance.records, *fingerprints(records))
     updated = replace(
@@ -190,10 +176,10 @@ def validate(
     return Validation(
         given=given,
         updated=updated,
-        records=tuple(rows),
-        simulated=simulated,
+        records=runs.errors,
+        simulated=runs.simulated,
         noise_floor=floor_of(records).rms,
-        sampling_offset=late,
+        sampling_offset=runs.sampling_offset,
         comparisons=tuple(known),
         warnings=tuple(warnings),
         seconds=time.perf_counter() - started,

@@ -16,10 +16,8 @@ from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.controllers import (
     ATTENUATIONS,
-    REPETITIVE,
     Controllers,
     Feedback,
-    Repetition,
 )
 from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
@@ -232,13 +230,13 @@ def _plant(given: ModelLike | None, inverted: ModelFile) -> ModelFile | str:
     return with_values(given)
 
 
-def _attenuation(given: str | AttenuationSettings) -> AttenuationSettings | Repetition | None:
+def _attenuation(given: str | AttenuationSettings) -> AttenuationSettings | None:
     if isinstance(given, AttenuationSettings):
         return given
     _require_one_of('attenuation', given, ATTENUATIONS)
     if given == 'none':
         return None
-    return Repetition() if given == REPETITIVE else AttenuationSettings(method=cast(Method, given))
+    return AttenuationSettings(method=cast(Method, given))
 
 
 def _feedback(pid: Sequence[float] | None) -> Feedback | None:

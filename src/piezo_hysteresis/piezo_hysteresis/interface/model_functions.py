@@ -199,7 +199,7 @@ def write_library(
     drive = Drive(frequency, _SHARE * reach.half, reach.middle, mode.gain, centre)
     asked = Request(
         name, model, lambda: [] if only_plant else controllers.links(by_mode=True), limits, bound,
-        dt, target, drive, controllers.slow,
+        dt, target, drive,
     )  # fmt: skip
     files = files_of(asked)
     write_folder(path, files, 'export')

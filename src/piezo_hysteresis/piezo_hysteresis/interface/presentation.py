@@ -28,7 +28,7 @@ from piezo_hysteresis.reporting import folder
 from piezo_hysteresis.reporting.compensation_report import colour_of, write_compensation
 from piezo_hysteresis.reporting.discovery_report import write_discovery
 from piezo_hysteresis.reporting.display_units import MICRO
-from piezo_hysteresis.reporting.identification_report import free_runs, write_identification
+from piezo_hysteresis.reporting.identification_report import write_identification
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 from piezo_hysteresis.reporting.signals import last_periods
 from piezo_hysteresis.reporting.validation_report import write_validation
@@ -100,7 +100,7 @@ def _(result: ModelFile, axes: Axes, record: str) -> None:
 @_draw.register
 def _(result: Identification, axes: Axes, record: str) -> None:
     _require_data(result.data)
-    _free_run(axes, result.data, free_runs(result.data, result), _named(result, record))
+    _free_run(axes, result.data, result.runs.simulated, _named(result, record))
 
 
 @_draw.register

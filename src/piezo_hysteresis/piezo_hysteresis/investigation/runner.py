@@ -283,7 +283,7 @@ def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
         model.model, model.values, [record], late, Choices(start='step', zero='record')
     )
     (found,) = predictions(model.model, model.values, (view,), late)
-    return float(np.sqrt(np.mean(found.residual**2))) / max(floor, 1e-300)
+    return float(np.sqrt(np.mean(found.valid_error**2))) / max(floor, 1e-300)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.jit import jit
-from piezo_hysteresis.numerics.linalg import solve_least_squares
+from piezo_hysteresis.numerics.linalg import solve_factored
+from piezo_hysteresis.numerics.qr import BLOCK, extend
 
 HIGHEST_ORDER = 12
 _BELOW_NYQUIST = 0.45  # largest frequency relative to the sampling rate
@@ -89,14 +90,27 @@ def lines_and_rest(
     left : ndarray, shape (n,)
         Remainder of the signal.
     """
+    count, size = 2 + 2 * len(orders), phase.size
+    blocks = [slice(begin, min(begin + BLOCK, size)) for begin in range(0, size, BLOCK)]
+    factor = np.zeros((count, count))
+    for block in blocks:
+        extend(factor, np.vstack([_turns(phase[block], orders), signal[block]]))
+    solution = solve_factored(factor, np.finfo(float).eps * max(size, count)).values
+    left = np.empty(size)
+    for block in blocks:
+        left[block] = signal[block] - solution @ _turns(phase[block], orders)
+    return float(solution[0]), solution[1::2] - 1j * solution[2::2], left
+
+
+def _turns(phase: FloatArray, orders: Sequence[int]) -> FloatArray:
+    """Return ones, and cosine and sine of each order, shape (1 + 2 orders, n)."""
     rows = np.ones((1 + 2 * len(orders), phase.size))
     first, turn = np.exp(1j * phase), np.ones(phase.size, dtype=np.complex128)
     for order in range(1, max(orders, default=0) + 1):
         turn *= first  # a third of the time of a cosine and a sine
         for place in (k for k, each in enumerate(orders) if each == order):
             rows[1 + 2 * place], rows[2 + 2 * place] = turn.real, turn.imag
-    solution = solve_least_squares(rows.T, signal).values
-    return float(solution[0]), solution[1::2] - 1j * solution[2::2], signal - solution @ rows
+    return rows
 
 
 def tone_amplitude(signal: FloatArray, frequency: float, dt: float, first: int = 0) -> complex:
@@ -142,3 +156,30 @@ def _tone(signal: FloatArray, step: float, phase: float) -> tuple[float, float]:
     if not size > 1e-12 * cc * ss:
         return 0.0, 0.0
     return (xc * ss - xs * cs) / size, -(xs * cc - xc * cs) / size
+
+
+def without_tone(signal: FloatArray, frequency: float, dt: float) -> float:
+    """Return the sum of squares that a fitted mean and tone leave of a signal, in two passes.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (n,)
+        Signal over a large part of a period or more, best without its mean.
+    frequency, dt : float
+        Frequency of the tone [Hz]; sampling interval [s].
+    """
+    step, signal = 2.0 * pi * frequency * dt, np.ascontiguousarray(signal)
+    return float(_less_tone(signal, step, *_tone(signal, step, 0.0)))
+
+
+@jit
+def _less_tone(signal: FloatArray, step: float, real: float, imag: float) -> float:
+    """Return the sum of squares about its mean of a signal less a tone."""
+    c, s, by_cos, by_sin = 1.0, 0.0, cos(step), sin(step)
+    total = squares = 0.0
+    for value in signal:
+        left = value - real * c + imag * s
+        total += left
+        squares += left * left
+        c, s = c * by_cos - s * by_sin, s * by_cos + c * by_sin
+    return squares - total * total / signal.size

@@ -60,8 +60,16 @@ def solve_least_squares(
     count, unknowns = np.shape(matrix)
     if count > _TALL * unknowns:
         rcond = np.finfo(float).eps * count if rcond is None else rcond
-        factor = triangle(np.vstack([np.transpose(matrix), target]))
-        matrix, target = factor[:unknowns, :unknowns], factor[:unknowns, unknowns]
+        return solve_factored(triangle(np.vstack([np.transpose(matrix), target])), rcond)
+    return _least_squares(matrix, target, rcond)
+
+
+def solve_factored(factor: FloatArray, rcond: float | None = None) -> Solved:
+    """Do the same for the triangle of matrix and target, shape (p + 1, p + 1)."""
+    return _least_squares(factor[:-1, :-1], factor[:-1, -1], rcond)
+
+
+def _least_squares(matrix: FloatArray, target: FloatArray, rcond: float | None) -> Solved:
     given = matrix, target
     found = _attempt(lambda: (np.linalg.lstsq(matrix, target, rcond=rcond)[0],), given)
     if found is None:

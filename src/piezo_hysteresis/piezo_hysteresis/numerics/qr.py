@@ -59,8 +59,10 @@ def gram(rows: FloatArray) -> FloatArray:
     return found
 
 
-# Number of samples per block of the factorisation, so that a block fits into the cache.
+# Number of samples per piece of the factorisation, so that a piece fits into the cache.
 _PIECE = 512
+#: Samples of a block of a long record: whole pieces, so that blocks do not change a factor.
+BLOCK = 64 * _PIECE
 
 
 @jit
@@ -77,12 +79,21 @@ def triangle(rows: FloatArray) -> FloatArray:
     ndarray, shape (p, p)
         Upper triangle with ``R'R = rows @ rows.T``; rows of zeros where m < p.
     """
+    r = np.zeros((rows.shape[0], rows.shape[0]))
+    extend(r, rows)
+    return r
+
+
+@jit
+def extend(r: FloatArray, rows: FloatArray) -> None:
+    """Extend the triangle `r` of earlier samples, shape (p, p), by those of `rows`, see there.
+
+    Blocks of whole pieces give the same bits as all samples at once.
+    """
     p, m = rows.shape
-    r = np.zeros((p, p))
     for begin in range(0, m, _PIECE):
         for j in range(p):
             _reflect(r, rows, j, begin, min(begin + _PIECE, m))
-    return r
 
 
 @leaf

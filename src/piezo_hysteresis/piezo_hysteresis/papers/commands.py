@@ -30,9 +30,8 @@ _STACK = (
     '--law xiao2014 --attenuation none'
 )
 _STAGE = (
-    'compensate --model fang/model.yaml --slow-model fang_slow/model.yaml --switch 1 --law '
-    'fang2019 --plant preset:fang_p845_stage --attenuation none --feedback fuzzy_pid --pid 1.43e5 '
-    '1.43e8 120 --fuzzy 1e-7 2e-5 7.1e4 7.1e7'
+    'compensate --model fang_slow/model.yaml --law fang2019 --plant preset:fang_p845_stage '
+    '--attenuation none --feedback fuzzy_pid --pid 1.43e5 1.43e8 120 --fuzzy 1e-7 2e-5 7.1e4 7.1e7'
 )
 _STAGE_SWEEP = (
     'piezo_sim sweep --preset fang_p845_stage --amplitudes 4.8 --options '

@@ -15,8 +15,7 @@ from piezo_hysteresis.compensation.feedback.hinf import (
     design,
     transfer_function,
 )
-from piezo_hysteresis.compensation.harmonics.repetitive import OddRepetitive, RepetitiveSettings
-from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
+from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.offline_loop import tracking_metrics
@@ -120,16 +119,10 @@ def chain(kind: str, selector: Mapping[str, float]) -> list[Link]:
         links = [inverse_for(model, values, DT, limits=LIMITS, scale=50.0)]
     if kind.endswith('H-infinity'):
         links.append(HInfinity(controller().controller, DT, limits=LIMITS))
-    if kind.endswith('repetitive'):
-        model, values = identified()
-        gain = abs(model_gain(model, values, DT, 50.0)(0.0))
-        settings = RepetitiveSettings(gain, values['natural_frequency'], values['damping_ratio'])
-        links.append(OddRepetitive(settings, DT))
     return links
 
 
-KINDS = ('none', 'selector', 'inverse', 'selector + H-infinity', 'inverse + H-infinity',
-               'inverse + repetitive')  # fmt: skip
+KINDS = ('none', 'selector', 'inverse', 'selector + H-infinity', 'inverse + H-infinity')
 
 
 def errors(frequency: float, selector: Mapping[str, float]) -> dict[str, tuple[float, float]]:

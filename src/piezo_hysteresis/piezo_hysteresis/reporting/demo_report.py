@@ -17,7 +17,6 @@ from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.identification_certainty import parameter_section
 from piezo_hysteresis.reporting.identification_report import (
     fit_section,
-    free_runs,
     identification_page,
 )
 from piezo_hysteresis.reporting.identification_where import where_section
@@ -92,7 +91,7 @@ def write_demo_report(
     PiezoError
         If the file cannot be written.
     """
-    simulated = free_runs(sweep, found)
+    simulated = found.runs.simulated
     sections = [
         _before_after(runs, plan),
         _where(runs, plan, found.values.get('natural_frequency')),

@@ -28,7 +28,7 @@ from piezo_hysteresis.reporting.plots import (
     Curve,
     band_figure,
     bars_before_after,
-    loop_figure,
+    response_figure,
     spectrum_figure,
     xy_figure,
 )
@@ -163,16 +163,19 @@ def _pictures(found: Discovery) -> tuple[Plot, ...]:
     for row, trial in ((before, found.baselines.joint), (after, found.final)):
         (error,) = evaluated_on(trial, [view]).errors
         row[view.first :] = view.measured - error
-    time = np.arange(view.voltage.size, dtype=np.float64) * view.dt
+    time = view.start + np.arange(view.voltage.size, dtype=np.float64) * view.dt
     unit = found.data.records[0].info.input_unit
     names = ('model before', 'model after') if found.verdict.effects else ('model', '')
-    pair = [
-        Curve(names[0], view.voltage[part], before[part], 'before'),
-        Curve(names[1], view.voltage[part], after[part], 'after'),
+    responses = [
+        ('measured', measured[part], ''),
+        (names[0], before[part], 'before'),
+        (names[1], after[part], 'after'),
     ]
-    loops = loop_figure(
-        [Curve('measured', view.voltage[part], measured[part]), *_changed(found, pair)],
-        f'Loop of {name}, held out',
+    loops = response_figure(
+        view.voltage[part],
+        time[part],
+        responses if found.verdict.effects else responses[:2],
+        f'{name}, held out',
         'Measured, and simulated in free run.',
         unit,
     )
@@ -249,12 +252,9 @@ def _effects(verdict: Verdict) -> PageSection | None:
     if not verdict.effects:
         if verdict.verdict == 'none':
             return None
-        excess_deviations = ', '.join(f'{s.name} ({s.probability:.0%})' for s in verdict.suspects)
-        more = (
-            f' It resembles {excess_deviations}, but no effect is significant.'
-            if excess_deviations
-            else ''
-        )
+        # their probabilities are shares among effects of which none is significant
+        names = ', '.join(each.name for each in verdict.suspects)
+        more = f' It resembles {names}, but no effect is significant.' if names else ''
         return PageSection('Residual', verdict.unexplained.description + more)
     parts = []
     rows: list[tuple[str, str, str]] = []

@@ -14,6 +14,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
+from piezo_hysteresis.reporting.signals import thinned
 
 _PANELS = 6
 _DRAWN = 4000  # points of a loop; more increase only the file size
@@ -110,7 +111,8 @@ def _spectra(
             ),
         ):
             frequency, amplitude = _amplitudes(signal, record.dt)
-            axis.loglog(frequency[1:], 1e6 * amplitude[1:], color=colour, label=label, lw=0.8)
+            x, y = thinned(frequency[1:], 1e6 * amplitude[1:], decades=True)
+            axis.loglog(x, y, color=colour, label=label, lw=0.8)
         if floor > 0:
             # amplitude of one spectral line of white noise with this rms
             line = 2e6 * floor / np.sqrt(len(record) - record.warm_up_samples)

@@ -13,7 +13,6 @@ from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.discovery.choice.choose import TriedModel
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.identification.identify import Identification
-from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.models.named import LADDER
 from piezo_hysteresis.records import Record
@@ -26,7 +25,7 @@ from piezo_hysteresis.reporting.identification_certainty import (
 from piezo_hysteresis.reporting.identification_figures import figures
 from piezo_hysteresis.reporting.identification_where import where_section
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
-from piezo_hysteresis.reporting.plots import Curve, loop_figure, trace_figure
+from piezo_hysteresis.reporting.plots import Curve, response_figure, trace_figure
 from piezo_hysteresis.reporting.signals import last_periods
 
 _LOOPS = 4  # number of drawn loops
@@ -57,7 +56,7 @@ def identification_page(
         Output folder as given by the user.
     """
     seen = annotated(records)
-    simulated = free_runs(records, found)
+    simulated = found.runs.simulated
     sections = [
         fit_section(seen, found, simulated),
         where_section(seen, found, simulated),
@@ -69,14 +68,6 @@ def identification_page(
     names = ', '.join(record.name for record in records[:3])
     more = f' and {len(records) - 3} more' if len(records) > 3 else ''
     return render(f'Identification of {names}{more}', sentence_of(found), sections)
-
-
-def free_runs(records: Sequence[Record], found: Identification) -> dict[str, FloatArray]:
-    """Return the free run of the model for every record [m], by record name."""
-    runs = predictions(
-        found.chain, found.values, found.views, found.sampling_offset, checked=False
-    )
-    return {each.target.name: each.displacement for each in runs}
 
 
 def sentence_of(found: Identification) -> str:
@@ -220,13 +211,14 @@ def _spread(records: Sequence[Record]) -> list[Record]:
 
 def _loop(record: Record, simulated: FloatArray) -> Plot:
     cut = last_periods(len(record), record.info.frequency, record.dt, 2, record.warm_up_samples)
-    curves = [
-        Curve('measured', record.voltage[cut], record.displacement[cut]),
-        Curve('model', record.voltage[cut], simulated[cut], 'model'),
+    responses = [
+        ('measured', record.displacement[cut], ''),
+        ('model', simulated[cut], 'model'),
     ]
     part = 'its last periods' if record.info.frequency > 0 else 'the whole record'
     caption = f'Input and displacement of {record.name}, {part}.'
-    return loop_figure(curves, record.name, caption, record.info.input_unit)
+    drive, unit = record.voltage[cut], record.info.input_unit
+    return response_figure(drive, record.time[cut], responses, record.name, caption, unit)
 
 
 def write_identification(
@@ -254,7 +246,7 @@ def write_identification(
     saved = found.model_file(data, records[0].rate)
     drawn = figures(
         records,
-        free_runs(records, found),
+        found.runs.simulated,
         found.records,
         noise_floor=found.noise_floor,
     )

@@ -10,14 +10,12 @@ from piezo_hysteresis.arrays import BoolArray, FloatArray, largest_if_unknown
 from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
-from piezo_hysteresis.numerics.harmonics import phase_of
+from piezo_hysteresis.numerics.harmonics import harmonics as fitted_harmonics
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, table
 from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
 from piezo_hysteresis.reporting.signals import last_periods, stands_out
-
-_ORDERS = 9  # highest evaluated harmonic
 
 
 def where_section(
@@ -40,7 +38,7 @@ def where_section(
     figures = []
     if len({r.info.frequency for r in records if r.info.frequency > 0}) > 2:
         figures.append(over_frequency(records, found))
-    view = next((each for each in found.views if each.name == worst.name), None)
+    view = next((each for each in found.runs.views if each.name == worst.name), None)
     lost = None if view is None or view.valid is None else view.valid == 0.0
     figures += _in_worst(worst, errors[worst.name], found.values.get('natural_frequency'), lost)
     rows = [_row(r, by_name[r.name], errors[r.name], found.noise_floor) for r in records]
@@ -99,13 +97,8 @@ def harmonics(error: FloatArray, frequency: float, dt: float) -> dict[int, float
     length = round(int(error.size / period) * period)
     if length < 2 or length > error.size:
         return {}
-    tail = error[-length:]
-    angle = phase_of(frequency, dt, length)
-    highest = min(_ORDERS, int(0.5 / (frequency * dt)))
-    found = {0: abs(float(tail.mean()))}
-    for n in range(1, highest + 1):
-        found[n] = 2.0 * abs(complex(np.exp(-1j * n * angle) @ tail)) / length
-    return found
+    orders, phasors, _ = fitted_harmonics(error[-length:], frequency, dt)
+    return dict(zip(orders, (abs(complex(each)) for each in phasors), strict=True))
 
 
 def _in_worst(

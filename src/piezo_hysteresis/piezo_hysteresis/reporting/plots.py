@@ -35,6 +35,7 @@ __all__ = [
     'band_figure',
     'bars_before_after',
     'loop_figure',
+    'response_figure',
     'spectrum_figure',
     'trace_figure',
     'xy_figure',
@@ -61,6 +62,45 @@ def loop_figure(curves: Sequence[Curve], title: str, caption: str, input_unit: s
     plot = new_axes(title, f'{name} [{unit}]', 'displacement [µm]')
     draw_lines(plot, curves, factor, MICRO, ground=True, overlaid=True)
     return Plot(plot, caption)
+
+
+#: Crossings of its mean up to which a drive makes a loop and not a block: six periods.
+_CROSSINGS = 12
+
+
+def response_figure(
+    drive: FloatArray,
+    time: FloatArray,
+    responses: Sequence[tuple[str, FloatArray, str]],
+    title: str,
+    caption: str,
+    input_unit: str = 'V',
+) -> Plot:
+    """Draw displacements [m] over the drive, or over time where loops would merge into a block.
+
+    Over time, the stretch is drawn in which the first two responses differ most.
+
+    Parameters
+    ----------
+    drive, time : ndarray, shape (n,)
+        Input, and time [s].
+    responses : sequence of (str, ndarray, str)
+        Label, displacement [m] and role of each curve, the measured one first.
+    title, caption, input_unit : str
+        As in `loop_figure`.
+    """
+    above = drive > float(np.mean(drive))
+    crossings = np.flatnonzero(above[1:] != above[:-1])
+    if crossings.size <= _CROSSINGS:
+        loops = [Curve(label, drive, y, role) for label, y, role in responses]
+        return loop_figure(loops, title, caption, input_unit)
+    length = max(_CROSSINGS * drive.size // crossings.size, 2)
+    error = np.abs(responses[0][1] - responses[1][1])
+    first = length * (int(np.argmax(error)) // length)
+    part = slice(first, first + length)
+    traces = [Curve(label, time[part], y[part], role) for label, y, role in responses]
+    caption = f'{caption} Over time, because many small loops would overlap.'
+    return trace_figure(traces, title, caption)
 
 
 def trace_figure(

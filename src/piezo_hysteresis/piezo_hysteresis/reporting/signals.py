@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from heapq import heappop, heappush
 from itertools import pairwise
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import FloatArray, IntArray
 
 # Number of drawn points: a few per pixel of a screen.
 DRAWN = 3000
+# Distance from the drawn line that is less than a pixel, relative to the spans of both axes.
+_UNSEEN = 5e-4
 # Ratio to the largest drawn value from which an omitted value is noted.
 _SPIKE = 2.0
 
 
-def thinned(x: FloatArray, y: FloatArray, points: int = DRAWN) -> tuple[FloatArray, FloatArray]:
-    """Return at most `points` points that keep the smallest and largest `y` of every interval.
+def thinned(
+    x: FloatArray, y: FloatArray, points: int = DRAWN, *, decades: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return at most `points` points of a line that look like the whole line.
+
+    Over increasing `x`, such as time, the smallest and largest `y` of every interval are kept. A
+    path in the plane, such as a loop, keeps the points farthest from the drawn line, and thus the
+    turning points of both axes (Ramer 1972; Douglas and Peucker 1973).
 
     Parameters
     ----------
@@ -23,23 +32,61 @@ def thinned(x: FloatArray, y: FloatArray, points: int = DRAWN) -> tuple[FloatArr
         Coordinates in the order of the line.
     points : int
         Largest number of points, 4 or more.
+    decades : bool
+        Whether the intervals are equal on a logarithmic axis, for lines of a spectrum.
 
     Returns
     -------
     tuple of ndarray
         Points of the input in its order, including the first and the last.
     """
-    n = y.size
-    if n <= points:
+    if y.size <= points:
         return x, y
+    order = _extremes(y, points, decades) if np.all(np.diff(x) > 0.0) else _corners(x, y, points)
+    return x[order], y[order]
+
+
+def _extremes(y: FloatArray, points: int, decades: bool) -> IntArray:
+    """Return the places of the smallest and largest value of every interval, and of the ends."""
+    n = y.size
     stretches = max((points - 2) // 2, 1)
     edges = np.linspace(0, n, stretches + 1).astype(int)
+    if decades:
+        edges = np.unique(np.geomspace(1, n, stretches + 1).astype(int)) - 1
     keep = {0, n - 1}
     for first, last in pairwise(edges):
         keep.add(first + int(np.argmin(y[first:last])))
         keep.add(first + int(np.argmax(y[first:last])))
-    order = np.array(sorted(keep))
-    return x[order], y[order]
+    return np.array(sorted(keep), np.int64)
+
+
+def _corners(x: FloatArray, y: FloatArray, points: int) -> IntArray:
+    """Return the places of the corners of a path, those farthest from the drawn line first."""
+    place = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if place.size <= points:
+        return place
+    plane = np.column_stack([x[place], y[place]])
+    plane /= np.maximum(np.ptp(plane, axis=0), np.finfo(float).tiny)
+    keep = [0, place.size - 1]
+    open_ = [_farthest(plane, 0, place.size - 1)]
+    while open_ and len(keep) < points and -open_[0][0] > _UNSEEN:
+        _, middle, first, last = heappop(open_)
+        keep.append(middle)
+        for ends in ((first, middle), (middle, last)):
+            if ends[1] - ends[0] > 1:
+                heappush(open_, _farthest(plane, *ends))
+    return np.asarray(place[np.sort(keep)], np.int64)
+
+
+def _farthest(plane: FloatArray, first: int, last: int) -> tuple[float, int, int, int]:
+    """Return the negative distance of the point farthest from a chord, its place and the ends."""
+    away = plane[first + 1 : last] - plane[first]
+    chord = plane[last] - plane[first]
+    length = float(chord @ chord)
+    along = np.clip(away @ chord / length, 0.0, 1.0) if length > 0.0 else np.zeros(len(away))
+    distance = np.hypot(*(away - along[:, None] * chord).T)
+    middle = int(np.argmax(distance))
+    return -float(distance[middle]), first + 1 + middle, first, last
 
 
 def envelope(

@@ -13,7 +13,7 @@ from piezo_hysteresis.common.settings import documented, judge, setting
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 
-Method = Literal['afc', 'rls', 'filtered_rls']
+Method = Literal['afc', 'rls']
 SignRule = Literal['computed', 'printed', 'none']
 Fit = Literal['recursion', 'sines']
 
@@ -41,8 +41,7 @@ class AttenuationSettings:
     method: Method = setting(
         'afc',
         'afc is adaptive feedforward cancellation by complex gain, which needs no sign rule; rls '
-        'is Fujii 2018 (18)-(21); filtered_rls is RLS on the reference filtered by the plant '
-        'gain.',
+        'is Fujii 2018 (18)-(21).',
         choices=METHODS,
     )
     orders: tuple[int, ...] = setting(
@@ -103,7 +102,7 @@ class AttenuationSettings:
     )
     forgetting: float = setting(
         0.9995,
-        'rls, filtered_rls: forgetting factor per sample; Fujii 2018 uses none, which is 1.',
+        'rls: forgetting factor per sample; Fujii 2018 uses none, which is 1.',
         '1',
         low=0.9,
         high=1.0,

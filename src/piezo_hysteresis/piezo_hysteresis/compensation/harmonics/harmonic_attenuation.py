@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.harmonics import afc, filtered_rls, harmonic_rls
+from piezo_hysteresis.compensation.harmonics import afc, harmonic_rls
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
     SETTLE,
     WITH_MEAN,
@@ -111,7 +111,6 @@ def _law(module: Any, size: Callable[[FloatArray], int]) -> HarmonicLaw:
 LAWS: dict[str, HarmonicLaw] = {
     'afc': _law(afc, afc.afc_size),
     'rls': _law(harmonic_rls, harmonic_rls.rls_size),
-    'filtered_rls': _law(filtered_rls, filtered_rls.filtered_size),
 }
 
 

@@ -245,7 +245,7 @@ class Ladder:
         rows = []
         runs = predictions(found.model, found.values, views, late)
         for run, record, cut in zip(runs, self._records, self._cuts, strict=True):
-            error = run.residual
+            error = run.valid_error
             before = max(cut - record.warm_up_samples, 0)
             parts[0].append(error[:before])
             parts[1].append(error[before:])

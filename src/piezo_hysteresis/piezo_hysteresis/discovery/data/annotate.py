@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.numerics.harmonics import phase_of
-from piezo_hysteresis.numerics.linalg import solve_square
+from piezo_hysteresis.numerics.harmonics import without_tone
+from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
 
 # Share of the input power that one sinusoid must explain to count as a pure sinusoid.
@@ -41,30 +41,23 @@ def _annotated(record: Record) -> Record:
 
 def sine_frequency(voltage: FloatArray, dt: float) -> float:
     """Return the frequency of a pure sinusoid [Hz], 0 for any other input."""
+    from scipy.optimize import minimize_scalar
+
     centred = voltage - voltage.mean()
     n = centred.size
     spectrum = np.abs(np.fft.rfft(centred * np.hanning(n)))
     place = int(np.argmax(spectrum))
     if not 1 < place < spectrum.size - 1:
         return 0.0
-    # Between the spectral lines: minimum of the residual of a fitted sinusoid.
-    low, high = (place - 1) / (n * dt), (place + 1) / (n * dt)
-    for _ in range(40):
-        third = (high - low) / 3.0
-        if _left(voltage, dt, low + third) < _left(voltage, dt, high - third):
-            high -= third
-        else:
-            low += third
-    frequency = 0.5 * (low + high)
-    if _left(voltage, dt, frequency) > (1.0 - PURE) * float(centred @ centred):
+    # between the spectral lines: minimum of what a fitted sinusoid leaves
+    found = minimize_scalar(
+        lambda line: without_tone(centred, line / (n * dt), dt),
+        bounds=(place - 1.0, place + 1.0),
+        method='bounded',
+        options={'xatol': 1e-6},
+    )
+    frequency = float(found.x) / (n * dt)
+    if found.fun > (1.0 - PURE) * inner(centred, centred):
         return 0.0
     cleaned = float(f'{frequency:.4g}')
     return cleaned if abs(cleaned - frequency) < 0.02 / (n * dt) else frequency
-
-
-def _left(voltage: FloatArray, dt: float, frequency: float) -> float:
-    angle = phase_of(frequency, dt, voltage.size)
-    # normal equations: about eighty calls, and the columns are nearly orthogonal
-    basis = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
-    error = voltage - basis @ solve_square(basis.T @ basis, basis.T @ voltage).values
-    return float(error @ error)

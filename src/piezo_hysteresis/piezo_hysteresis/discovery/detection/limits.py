@@ -53,6 +53,8 @@ _APART_FROM_ENDS = 1.02
 _SMALLEST, _LARGEST = 1e-7, 1e4
 # Finite-difference step of the sampling offset, relative to a tick.
 _TICK = 0.05
+# Smallest change of a response relative to its range that double precision resolves in a free run.
+_RESOLVED = 1e-10
 
 
 @dataclass(frozen=True)
@@ -352,7 +354,8 @@ class Records:
         if low > high:
             return np.inf
         shows = self._detection_test(self._whitening.inverse(found.whitened))
-        low = max(low, _SMALLEST)
+        reach = max(float(np.ptp(view.measured)) for view in self._views)
+        low = max(low, _SMALLEST, _RESOLVED * reach / found.rms)
         if shows(low):
             return float(low)
         if not shows(high):

@@ -14,11 +14,10 @@ import numpy as np
 
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
-from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
-from piezo_hysteresis.identification.prediction import predictions
+from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
+from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record
@@ -55,12 +54,11 @@ def as_on(
     records = annotated(reference)
     if isinstance(baseline, ModelFile):
         file = baseline
-        views = views_of(file.model, file.values, records, file.sampling_offset, chosen)
+        runs = free_runs(file, records, chosen)
     else:
         found = identify(records, baseline, workers=workers, begins=chosen.start, zero=chosen.zero)
-        file, views = found.model, found.views
-    runs = predictions(file.model, file.values, views, file.sampling_offset, checked=False)
-    left = list(map(residual_of, records, runs))
+        file, runs = found.model, found.runs
+    left, views = runs.residuals, runs.views
     missed = discrepancy_of(left, held_out=file is baseline)
     if missed is None:
         raise IdentificationError(

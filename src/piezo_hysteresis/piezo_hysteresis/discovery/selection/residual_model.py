@@ -28,7 +28,7 @@ from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.models.trace import stretches_of
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, phase_of
-from piezo_hysteresis.numerics.qr import projected_out
+from piezo_hysteresis.numerics.modulated import ModulatedLines
 
 # Parts of a residual: harmonic orders 0 to the highest, then octaves.
 _ORDERS = HIGHEST_ORDER + 1
@@ -40,10 +40,9 @@ class Expectation:
 
     Attributes
     ----------
-    lines : ndarray, shape (q, n)
-        Orthonormal rows that span the harmonics of the drive, scaled with its amplitude.
-    line_of : ndarray of int, shape (q,)
-        Harmonic order of each row; order 0 is the mean, scaled with the amplitude.
+    lines : ModulatedLines or None
+        The harmonics of the drive, scaled with its amplitude; order 0 is the mean. None where the
+        record has too few periods.
     octave_of : ndarray of int, shape (bins,)
         Part of each bin in the spectrum of the residual without harmonics.
     expected : ndarray, shape (parts,)
@@ -60,8 +59,7 @@ class Expectation:
         [octaves].
     """
 
-    lines: FloatArray
-    line_of: IntArray
+    lines: ModulatedLines | None
     octave_of: IntArray
     expected: FloatArray
     independent: FloatArray
@@ -86,7 +84,7 @@ class Expectation:
         if not np.all(np.isfinite(error)):
             return np.full(self.expected.size, np.inf)
         shares, spectrum = self._components(error)
-        found = np.bincount(self.line_of, shares**2, self.expected.size)
+        found = np.bincount(_orders_of(self.lines), shares**2, self.expected.size)
         power = np.abs(spectrum) ** 2
         return np.asarray(found + np.bincount(self.octave_of, power, found.size))
 
@@ -116,16 +114,18 @@ class Expectation:
         shares, spectrum = self._components(change)
         roots = np.sqrt(weights)
         broadband = spectrum * roots[self.octave_of]
-        return np.concatenate([shares * roots[self.line_of], broadband.real, broadband.imag])
+        return np.concatenate(
+            [shares * roots[_orders_of(self.lines)], broadband.real, broadband.imag]
+        )
 
     def _components(self, error: FloatArray) -> tuple[FloatArray, ComplexArray]:
-        """Return the share of each row of `lines` and the spectrum of the rest [m].
+        """Return the share of each of the `lines` and the spectrum of the rest [m].
 
         Their squares are mean squares, and their sum is that of the error without its mean.
         """
         shares, broadband = np.zeros(0), error - error.mean()
-        if len(self.lines):
-            shares, broadband = projected_out(broadband, self.lines)
+        if self.lines is not None:
+            shares, broadband = self.lines.split(broadband)
         spectrum = np.fft.rfft(self.window * broadband)
         spectrum[0] = 0.0
         size = np.sqrt(float(self.window @ self.window) * spectrum.size)
@@ -160,6 +160,10 @@ class Expectation:
         return float(np.maximum(powers - self.expected, 0.0).sum() / self.total)
 
 
+def _orders_of(lines: ModulatedLines | None) -> IntArray:
+    return np.zeros(0, dtype=np.int64) if lines is None else lines.orders
+
+
 def expectation(
     view: Target, known: Discrepancy, stroke: float, policy: SelectionPolicy = HELD
 ) -> Expectation:
@@ -184,7 +188,7 @@ def expectation(
     amplitude = 0.5 * float(np.ptp(view.voltage[view.origin :]))
     noise = view.noise if isfinite(view.noise) else known.noise
     missed = known.near(view.frequency, amplitude)
-    lines, line_of = drive_lines(voltage, dt, view.frequency, policy.periods, policy.steady)
+    lines = drive_lines(voltage, dt, view.frequency, policy.periods, policy.steady)
     frequency = np.asarray(np.fft.rfftfreq(count, dt), dtype=np.float64)
     octave_of = np.full(frequency.size, _ORDERS, dtype=np.int64)
     octave_of[1:] += np.floor(np.log2(np.arange(1, frequency.size))).astype(np.int64)
@@ -195,7 +199,7 @@ def expectation(
         noise**2 / frequency.size * spectrum_of_noise(view.noise_colour, np.cos(angle * frequency))
     )
     by_noise: FloatArray = np.bincount(octave_of, white, parts).astype(np.float64)
-    ranks = np.bincount(line_of, minlength=parts)
+    ranks = np.bincount(_orders_of(lines), minlength=parts)
     orders = view.frequency * np.arange(_ORDERS, dtype=np.float64)
     at_lines = noise**2 / count * spectrum_of_noise(view.noise_colour, np.cos(angle * orders))
     by_noise[:_ORDERS] += ranks[:_ORDERS] * at_lines
@@ -221,7 +225,6 @@ def expectation(
     window = np.asarray(tukey(count, policy.taper), dtype=np.float64)
     found = Expectation(
         lines,
-        line_of,
         octave_of,
         np.zeros(parts),
         independent.astype(np.float64),

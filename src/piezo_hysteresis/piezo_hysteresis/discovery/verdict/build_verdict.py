@@ -73,6 +73,7 @@ def build_verdict(
     description = (
         describe(data, left.views, seen, floor, on_held_out) if left.significant else left.note
     )
+    untried = tuple(found.evaluator.deadline.untried)
     kind = rules.verdict_name(len(found.steps), left.significant)
     if kind == 'none':
         short = f'{1e3 * found.evaluator.unseen_delay:.2g} ms'
@@ -113,7 +114,7 @@ def build_verdict(
             'held_out': [v.name for v in data.held_out],
         },
         seconds=0.0,
-        suspects=suspects(found.steps, found.last) if kind == 'unknown' else (),
+        suspects=suspects(found.steps, found.last, untried) if kind == 'unknown' else (),
         check=tuple(coverage.sentences()),
         proof=tuple(_row(row, floor) for row in proof.rows),
         over_frequency=tuple(
@@ -124,7 +125,7 @@ def build_verdict(
         free_run_stable=proof.stable,
         sampling_offset_s=final.sampling_offset,
         starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
-        not_tried=tuple(found.evaluator.deadline.untried),
+        not_tried=untried,
         identified_from=tuple(own),
         held_baseline=isinstance(found.evaluator, HeldEvaluator),
         detection_limits=tuple(limits),

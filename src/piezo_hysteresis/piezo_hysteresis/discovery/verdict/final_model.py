@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from math import inf
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ import numpy as np
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.prediction import predictions
+from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
 from piezo_hysteresis.models.operating_range import OperatingRange
@@ -27,7 +29,7 @@ def final_model(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
     own = {name: final.values[name] for name in final.model.parameter_names}
     deviations, together = _uncertainty(found, own)
     effects = ', '.join(e.name for e in found.verdict.effects) or 'none'
-    return ModelFile(
+    file = ModelFile(
         final.model,
         own,
         deviations,
@@ -37,7 +39,6 @@ def final_model(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
             fit=f'discover, baseline {found.verdict.baseline}, seed {found.verdict.seed}',
             rate=found.data.records[0].rate,
             noise_floor=found.floor,
-            free_run_rms=final.rms,
             notes={
                 'effects': effects,
                 OFFSET_NOTE: float(final.sampling_offset),
@@ -49,6 +50,8 @@ def final_model(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
         together,
         remaining_discrepancy(found),
     )
+    worst = max(row.free_run_rms for row in free_runs(file, found.data.records).errors)
+    return replace(file, provenance=replace(file.provenance, free_run_rms=worst))
 
 
 def _clock_note(found: Discovery) -> dict[str, float]:

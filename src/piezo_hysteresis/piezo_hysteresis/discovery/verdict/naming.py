@@ -261,8 +261,10 @@ def _modes(effect: NamedEffect) -> list[float]:
     return [n.value for k, n in effect.parameters.items() if k.startswith('resonance_frequency')]
 
 
-def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Alternative, ...]:
-    """Return the known effects that an unknown effect resembles."""
+def suspects(
+    steps: Sequence[Step], last: SelectionRound | None, untried: Collection[str] = ()
+) -> tuple[Alternative, ...]:
+    """Return the known effects that an unknown effect resembles, without those `untried`."""
     rounds = [step.round for step in steps] or ([last] if last is not None else [])
     found: dict[str, float] = {}
     for found_in in rounds:
@@ -270,7 +272,11 @@ def suspects(steps: Sequence[Step], last: SelectionRound | None) -> tuple[Altern
         for name, chance in found_in.probabilities().items():
             found[name] = max(found.get(name, 0.0), chance)
     ordered = sorted(found.items(), key=lambda each: -each[1])
-    return tuple(Alternative(name, chance) for name, chance in ordered if chance > MIN_PROBABILITY)
+    return tuple(
+        Alternative(name, chance)
+        for name, chance in ordered
+        if chance > MIN_PROBABILITY and name not in untried
+    )
 
 
 def summary_of(verdict: Verdict) -> str:

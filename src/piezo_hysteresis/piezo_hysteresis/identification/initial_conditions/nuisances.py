@@ -31,6 +31,9 @@ _UNKNOWN_NOISE = 1e-3
 # Largest number of iterations of the initial states, and the negligible share of a cost decrease.
 _TURNS = 4
 _SMALL = 1e-6
+# Shares of a step of the states of a loop, tried until one reduces the error of the run: 0 moves
+# only states to which the response is linear.
+_PARTS = (1.0, 0.3, 0.0)
 
 
 @dataclass(frozen=True)
@@ -121,31 +124,40 @@ def _settled(
     left: Callable[[], FloatArray],
     factors: FloatArray | None,
 ) -> Nuisances:
-    """Iterate the initial states to their optimum by Gauss-Newton steps."""
+    """Iterate the initial states to their optimum by Gauss-Newton steps.
+
+    A step counts by the error of the run that it leads to. Its linearisation is exact for a mode,
+    not for a loop. Levels before the record are not moved here, see `StartSearch`.
+    """
     assert nuisances.motion is not None
     motion, weight = nuisances.motion, 1.0 if factors is None else factors
     rows, prior = nuisances.rows * weight, nuisances.prior
-    explained = BestFit(rows, prior)
+    known, states = motion.target.begins.levels, len(most)
+    straight = np.array([motion.in_proportion(each) for each in most], bool)
+    moves = np.ones(len(rows), bool)
+    moves[states : states + len(known)] = False
+    exact = moves.copy()
+    exact[:states] = straight
+    best, exactly = BestFit(rows[moves], prior[moves]), BestFit(rows[exact], prior[exact])
 
     def evaluated(shares: FloatArray) -> tuple[float, FloatArray]:
+        """Return the cost of the run from these offsets, and its error."""
         error = left() * weight
         if not np.all(np.isfinite(error)):
-            return float('inf'), shares
-        more = explained(error, shares)
+            return float('inf'), error
+        more = np.zeros(len(rows))
+        more[exact] = exactly(error, shares[exact])
         rest, held = error - more @ rows, prior * (shares + more)
-        return inner(rest, rest) + float(held @ held), more
+        return inner(rest, rest) + float(held @ held), error
 
     shares = np.zeros(len(rows))
-    cost, more = evaluated(shares)
-    every = np.arange(len(most))
-    straight = np.array([k for k, each in enumerate(most) if motion.in_proportion(each)], int)
-    for _ in range(_TURNS if most else 0):
-        before, found = motion.moved, None
-        # the step may be wrong for a loop; for a mode it is exact, and derivatives
-        # of the run are valid only at its current state
-        for places in (every, straight):
-            moved = shares.copy()
-            moved[places] += more[places]
+    cost, error = evaluated(shares)
+    for _ in range(_TURNS if states and isfinite(cost) else 0):
+        step, before, found = np.zeros(len(rows)), motion.moved, None
+        step[moves] = best(error, shares[moves])
+        step[states:] = 0.0
+        for part in _PARTS if not np.all(straight) else (1.0,):
+            moved = shares + step * np.where(exact, 1.0, part)
             motion.go(_amounts(most, moved))
             new, further = evaluated(moved)
             if new <= cost * (1.0 + 1e-9):
@@ -154,14 +166,21 @@ def _settled(
         if found is None:
             motion.go(before)
             break
-        gain, cost, shares, more = cost - new, new, found, further
+        gain, cost, shares, error = cost - new, new, found, further
         if gain <= _SMALL * cost:
             break
-    known = motion.target.begins.levels
-    largest = float(np.max(np.abs(motion.target.voltage)))
-    target = more[len(most) : len(most) + len(known)]
-    levels = tuple(a + largest * float(b) for a, b in zip(known, target, strict=True))
-    return replace(nuisances, pull=shares, levels=levels, explained=explained)
+    if states and isfinite(cost):
+        shares[exact] += exactly(error, shares[exact])
+        shares[states:] = 0.0
+        motion.go(_amounts(most, shares))
+        error = left() * weight
+    explained = BestFit(rows, prior)
+    levels: tuple[float, ...] = ()
+    if known and np.all(np.isfinite(error)):
+        largest = float(np.max(np.abs(motion.target.voltage)))
+        more = explained(error, shares)[states : states + len(known)]
+        levels = tuple(a + largest * float(b) for a, b in zip(known, more, strict=True))
+    return replace(nuisances, pull=shares, levels=levels or known, explained=explained)
 
 
 def _amounts(most: Sequence[StateOffset], shares: FloatArray) -> tuple[StateOffset, ...]:

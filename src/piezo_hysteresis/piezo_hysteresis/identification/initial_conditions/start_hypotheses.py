@@ -105,7 +105,7 @@ class StartSearch:
 
     def left(self, target: Target) -> FloatArray:
         """Return the residual of a target, shape (m,) [m]."""
-        return self._predicted(target).residual
+        return self._predicted(target).valid_error
 
     def _predicted(self, target: Target) -> Prediction:
         return Prediction(self._model, self._packed, target, self._late)
@@ -164,7 +164,7 @@ class StartSearch:
         target = found.target
         early = target.measured.size // _EARLY
         count = target.voltage.size - target.first - early * target.stride
-        left = found.residual[early:]
+        left = found.valid_error[early:]
         if target.valid is not None:
             left = left[target.valid[early:] > 0.0]
         if target.own_zero:
@@ -338,7 +338,7 @@ def _cost(evaluated: Hypothesis) -> float:
 
 
 def _square(found: Prediction) -> float:
-    return square_of(found.residual)
+    return square_of(found.valid_error)
 
 
 def square_of(error: FloatArray) -> float:
