@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import yaml
 
-from piezo_hysteresis.cli.main import main
+import piezo_hysteresis as ph
+from piezo_hysteresis.cli.main import main, parser_of
+from piezo_hysteresis.cli.shared_options import statements_of
 from piezo_hysteresis.records import Record, RecordInfo, read_bag, read_csv, write_bag
 from piezo_hysteresis.reporting.folder import MARKER
 
@@ -153,3 +155,38 @@ def test_without_ros_verbs_that_need_it_state_the_remedy(tmp_path: Path, words: 
     assert done.returncode == 2
     assert 'run `source setup.bash`' in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+STATED = '--interval 0.002 --sign -1 --unit nm --decimal , --time-from header'
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'import a.csv --out o',
+        'info a.csv',
+        'identify a.csv --out o',
+        'discover a.csv --baseline classical --out o',
+        'validate a.csv --model m.yaml --out o',
+        'linear a.csv --out o',
+    ],
+)
+def test_every_verb_takes_what_files_do_not_state(words: str) -> None:
+    verb, *rest = words.split()
+    arguments = parser_of(verb).parse_args([*rest, *STATED.split()])
+    stated = statements_of(arguments)
+    assert stated == ph.ReadOptions({}, None, 0.002, -1.0, 'nm', ',', 'header')
+
+
+def test_a_fit_reads_files_as_stated(tmp_path: Path) -> None:
+    u = 50.0 * (1.0 - np.cos(2.0 * np.pi * 0.004 * np.arange(1000)))
+    noise = 0.01 * np.random.default_rng(0).standard_normal(u.size)
+    y = 9.0 - 0.05 * u + noise
+    rows = [f'{a:.4f};{b:.4f}'.replace('.', ',') for a, b in zip(u, y, strict=True)]
+    file = tmp_path / 'distance.csv'
+    file.write_text('\n'.join(['voltage_V;displacement', *rows]))
+    stated = ph.ReadOptions(interval=0.002, sign=-1.0, unit='um')
+    found = ph.identify(file, 'linear_mode', reading=stated)
+    (record,) = found.data
+    assert record.dt == 0.002
+    assert np.polyfit(record.voltage, record.displacement, 1)[0] == pytest.approx(5e-8, rel=1e-3)

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from piezo_hysteresis.models import EFFECT_NAMES as EFFECTS
     from piezo_hysteresis.models import NAMES as MODELS
     from piezo_hysteresis.models import ModelFile as Model
-    from piezo_hysteresis.records import Record, RecordInfo, load, write_bag
+    from piezo_hysteresis.records import ReadOptions, Record, RecordInfo, load, write_bag
 
 __version__ = '0.2.0'
 
@@ -64,6 +64,7 @@ __all__ = [
     'Identification',
     'Model',
     'PiezoError',
+    'ReadOptions',
     'Record',
     'RecordInfo',
     'Validation',
@@ -89,6 +90,7 @@ _HOMES = {
     'Identification': 'identification.Identification',
     'Model': 'models.ModelFile',
     'PiezoError': 'errors.PiezoError',
+    'ReadOptions': 'records.ReadOptions',
     'Record': 'records.Record',
     'RecordInfo': 'records.RecordInfo',
     'Validation': 'identification.Validation',

@@ -12,7 +12,15 @@ from typing import Any
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
-from piezo_hysteresis.cli.shared_options import START_HELP, STARTS, ZERO_HELP, ZEROS, add_out
+from piezo_hysteresis.cli.shared_options import (
+    START_HELP,
+    STARTS,
+    ZERO_HELP,
+    ZEROS,
+    add_out,
+    add_statements,
+    statements_of,
+)
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.process_setup import number_of_workers
 
@@ -64,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         'steps [s]; 0 for no limit',
     )
     add('--actuator', help='actuator, if a bag holds several')
-    add('--salvage', action='store_true', help='use the readable part of damaged data')
+    add_statements(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -97,6 +105,7 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
         'warm_up': arguments.warm_up,
         'actuator': arguments.actuator,
         'salvage': arguments.salvage,
+        'reading': statements_of(arguments),
         'reference': tuple(arguments.reference),
         'begins': arguments.start,
         'zero': arguments.zero,

@@ -15,12 +15,13 @@ from typing import Any
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import (
-    SALVAGE_HELP,
     START_HELP,
     STARTS,
     ZERO_HELP,
     ZEROS,
     add_out,
+    add_statements,
+    statements_of,
 )
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import NAMES
@@ -107,7 +108,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         help='rls: factor of the identity as initial P (default 1, as in the papers)',
     )
-    add('--unit', choices=('m', 'mm', 'um', 'nm'), help='working unit of rls (default mm)')
+    add('--rls-unit', choices=('m', 'mm', 'um', 'nm'), help='working unit of rls (default mm)')
     add(
         '--workers',
         type=int,
@@ -116,7 +117,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help='threads, 0 for one per core; the result does not depend on it',
     )
     add('--actuator', help='actuator, if a bag holds several')
-    add('--salvage', action='store_true', help=SALVAGE_HELP)
+    add_statements(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -150,6 +151,7 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
         'held_out': tuple(arguments.held_out),
         'actuator': arguments.actuator,
         'salvage': arguments.salvage,
+        'reading': statements_of(arguments),
         **_options(arguments),
     }
 
@@ -170,7 +172,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         'forgetting': arguments.forgetting,
         'variant': arguments.variant,
         'offset': False if arguments.no_offset else None,
-        'unit': arguments.unit,
+        'unit': arguments.rls_unit,
         'p0': arguments.p0,
         'start': arguments.set or (arguments.model or '').endswith(('.yaml', '.yml')) or None,
     }
@@ -179,7 +181,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         name for name, value in given.items() if value is not None and name not in takes
     )
     if stray:
-        called = {'start': 'set', 'begins': 'start'}
+        called = {'start': 'set', 'begins': 'start', 'unit': 'rls_unit'}
         listed = ', '.join(called.get(name, name) for name in stray)
         raise IdentificationError(
             f'{arguments.method} does not take {listed.replace("_", "-")}; leave it out'

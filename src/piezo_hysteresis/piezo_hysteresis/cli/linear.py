@@ -11,7 +11,7 @@ import argparse
 import numpy as np
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.shared_options import SALVAGE_HELP
+from piezo_hysteresis.cli.shared_options import add_statements, statements_of
 
 _POOR = 10.0  # largest residual of a linear model, in percent of the motion
 
@@ -34,16 +34,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add('--warm-up', type=float, metavar='S', help='initial time excluded [s]')
     add('--actuator', help='actuator, if a bag holds several')
-    add('--salvage', action='store_true', help=SALVAGE_HELP)
+    add_statements(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit and write the file."""
     from piezo_hysteresis.identification.arx import fit_transfer_function
     from piezo_hysteresis.identification.method_settings import warmed
-    from piezo_hysteresis.records import load
+    from piezo_hysteresis.records.load import loaded
 
-    data = load(arguments.data, actuator=arguments.actuator, salvage=arguments.salvage)
+    data = loaded(arguments.data, statements_of(arguments), arguments.salvage, arguments.actuator)
     records = warmed(data, arguments.warm_up)
     more = {'rounds': 0} if arguments.method == 'arx' else {}
     found = fit_transfer_function(records, arguments.poles, arguments.zeros, **more)

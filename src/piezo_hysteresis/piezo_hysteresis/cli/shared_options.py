@@ -1,8 +1,9 @@
-"""Options of several verbs: initial condition and zero offset of records, output folder."""
+"""Options of several verbs: reading, initial condition and zero of records, output folder."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import Any
 
 from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
@@ -17,7 +18,9 @@ __all__ = [
     'ZERO_HELP',
     'add_out',
     'add_reading',
+    'add_statements',
     'options_of',
+    'statements_of',
 ]
 
 SALVAGE_HELP = 'use the readable part of damaged data'
@@ -46,8 +49,7 @@ def add_out(parser: argparse.ArgumentParser, default: str | None = None) -> None
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add what a user may state about files that do not state it: columns, interval, sign."""
-    parser.add_argument('--salvage', action='store_true', help=SALVAGE_HELP)
-    group = parser.add_argument_group('files that do not state everything')
+    group = add_statements(parser)
     add: Any = group.add_argument
     add('--time', metavar='COLUMN[:UNIT]', help='column of the time (default time_s)')
     for quantity in ('voltage', 'force', 'displacement', 'reference'):
@@ -61,6 +63,13 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
                       help='line of a text file with the column names, from 1')  # fmt: skip
     rows.add_argument('--skip-rows', type=int, metavar='N',
                       help='number of lines before the column names')  # fmt: skip
+
+
+def add_statements(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add what a user may state about files whose columns have names: interval, sign, unit."""
+    parser.add_argument('--salvage', action='store_true', help=SALVAGE_HELP)
+    group = parser.add_argument_group('files that do not state everything')
+    add: Any = group.add_argument
     add('--interval', type=float, metavar='S', help='sampling interval of files without a time')
     add(
         '--sign', type=int, choices=(1, -1), default=1, help='-1: the sensor measures the distance'
@@ -68,17 +77,29 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add('--unit', default='', metavar='UNIT', help='unit of a displacement that states none')
     add('--decimal', choices=('.', ','), default='', help='decimal mark of a text file')
     add('--time-from', choices=CLOCKS, default='', help='time of the messages of a bag')
+    return group
+
+
+def statements_of(arguments: argparse.Namespace) -> ReadOptions:
+    """Return what `add_statements` asked."""
+    return ReadOptions(
+        interval=arguments.interval,
+        sign=float(arguments.sign),
+        unit=arguments.unit,
+        decimal=arguments.decimal,
+        time_from=arguments.time_from,
+    )
 
 
 def options_of(arguments: argparse.Namespace) -> ReadOptions:
     """Return what `add_reading` asked."""
     quantities = ('time', 'voltage', 'force', 'displacement', 'reference')
-    return ReadOptions(
-        {what: text for what in quantities if (text := getattr(arguments, what)) is not None},
-        arguments.header_row if arguments.skip_rows is None else arguments.skip_rows + 1,
-        arguments.interval,
-        float(arguments.sign),
-        arguments.unit,
-        arguments.decimal,
-        arguments.time_from,
+    return replace(
+        statements_of(arguments),
+        columns={
+            what: text for what in quantities if (text := getattr(arguments, what)) is not None
+        },
+        header_row=(
+            arguments.header_row if arguments.skip_rows is None else arguments.skip_rows + 1
+        ),
     )

@@ -10,12 +10,13 @@ import argparse
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.shared_options import (
-    SALVAGE_HELP,
     START_HELP,
     STARTS,
     ZERO_HELP,
     ZEROS,
     add_out,
+    add_statements,
+    statements_of,
 )
 from piezo_hysteresis.models import ModelFile
 
@@ -37,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--start', choices=STARTS, default='auto', help=START_HELP)
     add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
     add('--actuator', help='actuator, if a bag holds several')
-    add('--salvage', action='store_true', help=SALVAGE_HELP)
+    add_statements(parser)
     add('--detection-limits', action='store_true', help=LIMITS_HELP)
 
 
@@ -46,14 +47,14 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.discovery import limits_of
     from piezo_hysteresis.identification.method_settings import warmed
     from piezo_hysteresis.identification.validate import validate
-    from piezo_hysteresis.records import load
+    from piezo_hysteresis.records.load import loaded
     from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.folder import check_folder
     from piezo_hysteresis.reporting.validation_report import write_validation
 
     check_folder(arguments.out, 'validate')
     saved = ModelFile.load(arguments.model)
-    data = load(arguments.data, actuator=arguments.actuator, salvage=arguments.salvage)
+    data = loaded(arguments.data, statements_of(arguments), arguments.salvage, arguments.actuator)
     records = warmed(data, arguments.warm_up)
     begins = 'settled' if arguments.steady else arguments.start
     found = validate(records, saved, begins=begins, zero=arguments.zero)

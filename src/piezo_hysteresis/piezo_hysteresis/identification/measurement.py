@@ -11,7 +11,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.identification.input_error import ON_GRID, SLOW, InputError, input_error
-from piezo_hysteresis.identification.noise import steps_of, stroke_of
+from piezo_hysteresis.identification.noise import differences_noise, steps_of, stroke_of
 from piezo_hysteresis.identification.outliers import interpolated, out_of_range, without_steps
 from piezo_hysteresis.identification.periods import cached_per_record
 from piezo_hysteresis.numerics.linalg import solve_least_squares
@@ -61,7 +61,10 @@ def _in_a_set(
 ) -> tuple[list[Record], list[str]]:
     """Return records with what the other ones show of their input, and sentences on that."""
     largest = max(found, key=lambda record: float(np.ptp(record.voltage)))
-    step = max((error.step for error in map(_error_of, records) if error is not None), default=0.0)
+    errors = [error for error in map(_error_of, records) if error is not None]
+    step = max((error.step for error in errors), default=0.0)
+    noises = [error.rms for error in errors if error.hold == 1]
+    noise = float(np.median(noises)) if 2 * len(noises) > len(found) else 0.0
     kept, remarks = [], []
     for record in found:
         rest, error = _at_rest(record, largest), record.input_uncertainty
@@ -74,6 +77,10 @@ def _in_a_set(
         elif error is None and step and _on_grid(record.voltage, step):
             rounding = InputUncertainty(step / sqrt(12.0), SLOW)
             rest = replace(record, input_uncertainty=rounding)
+        elif error is None and noise:  # the same instrument, and a drive as fast as its noise
+            own = differences_noise(record.voltage).rms
+            if own > 0.0:
+                rest = replace(record, input_uncertainty=InputUncertainty(min(noise, own)))
         kept.append(record if rest is None else rest)
     return (kept, remarks) if kept else (list(found), remarks)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -22,8 +23,9 @@ from piezo_hysteresis.identification.method_settings import driven_at, require_s
 from piezo_hysteresis.identification.methods import base_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.choice import ModelLike, chosen
-from piezo_hysteresis.records import Record, listed, load
-from piezo_hysteresis.records.load import Source
+from piezo_hysteresis.records import Record, listed
+from piezo_hysteresis.records.load import Source, interval, loaded
+from piezo_hysteresis.records.read_options import ReadOptions
 
 Progress: TypeAlias = Callable[[float, str], None]
 Data: TypeAlias = Source | Iterable[Source]
@@ -44,6 +46,7 @@ def identify(
     held_out: Data = (),
     actuator: str | None = None,
     salvage: bool = False,
+    reading: ReadOptions | None = None,
     seed: int = 0,
     workers: int = 1,
     progress: Progress = lambda fraction, words: None,
@@ -77,6 +80,8 @@ def identify(
         Name of the actuator, if a bag has several.
     salvage : bool
         Use the readable part of damaged data.
+    reading : ReadOptions, optional
+        What files do not state: interval, sign, unit, decimal mark, clock.
     seed : int
         Seed of the searches.
     workers : int
@@ -100,13 +105,14 @@ def identify(
     _require_apart(data, held_out, 'is fitted and held out')
     base_of(method)
     chosen_model = None if model is None else chosen(_model_not_data(model))
-    records = _read(data, dt, fs, actuator, salvage)
+    files = _stated(reading, dt, fs)
+    records = _read(data, files, actuator, salvage)
     records = driven_at(warmed(records, warm_up), frequency)
     if before:
         records = [preceded(record, before) for record in records]
     unseen = []
     if _given(held_out):
-        unseen = driven_at(warmed(_read(held_out, dt, fs, actuator, salvage), warm_up), frequency)
+        unseen = driven_at(warmed(_read(held_out, files, actuator, salvage), warm_up), frequency)
         require_each_usable(unseen)  # before a fit of minutes
     if start:
         options['start'] = dict(start)
@@ -130,6 +136,7 @@ def discover(
     warm_up: float | None = None,
     actuator: str | None = None,
     salvage: bool = False,
+    reading: ReadOptions | None = None,
     begins: str = 'auto',
     zero: str = 'auto',
     policy: Mapping[str, float] | None = None,
@@ -159,6 +166,8 @@ def discover(
         Name of the actuator, if a bag has several.
     salvage : bool
         Whether the readable part of damaged data is used.
+    reading : ReadOptions, optional
+        What files do not state: interval, sign, unit, decimal mark, clock.
     begins, zero : str
         Initial condition (``auto``, ``rest``, ``step``, ``settled``, ``estimate``) and zero
         (``record``, ``common``, ``auto``) of the records.
@@ -186,8 +195,9 @@ def discover(
     _require_apart(data, reference, 'is judged and the reference')
     name = str(baseline) if isinstance(baseline, str | Path) else ''
     model = chosen(_model_not_data(baseline))
-    records = warmed(_read(data, dt, fs, actuator, salvage), warm_up)
-    earlier = warmed(_read(reference, dt, fs, actuator, salvage), warm_up)
+    files = _stated(reading, dt, fs)
+    records = warmed(_read(data, files, actuator, salvage), warm_up)
+    earlier = warmed(_read(reference, files, actuator, salvage), warm_up)
     return discover_in(
         records, model, name=name, reference=earlier, begins=begins, zero=zero, policy=policy,
         time_limit=time_limit or math.inf, seed=seed, workers=workers, progress=progress,
@@ -209,12 +219,18 @@ def _selected(
     return choice.model, {'count': 1, **options, 'start': start}
 
 
+def _stated(reading: ReadOptions | None, dt: float | None, fs: float | None) -> ReadOptions:
+    """Return what is stated about the files; `dt` or `fs` give the interval, too."""
+    files, step = reading or ReadOptions(), interval(dt, fs)
+    return files if step is None else replace(files, interval=step)
+
+
 def _read(
-    data: Data, dt: float | None, fs: float | None, actuator: str | None, salvage: bool = False
+    data: Data, files: ReadOptions, actuator: str | None = None, salvage: bool = False
 ) -> list[Record]:
-    if dt is None and fs is None and actuator is None and not salvage:
+    if files == ReadOptions() and actuator is None and not salvage:
         return listed(data)
-    return load(data, dt=dt, fs=fs, actuator=actuator, salvage=salvage) if _given(data) else []  # type: ignore[arg-type]
+    return loaded(data, files, salvage, actuator) if _given(data) else []
 
 
 def _given(data: Data) -> bool:

@@ -121,17 +121,23 @@ def load(
     RecordError
         If the data are unusable.
     """
-    sources = _several([source, *more] if more else source)
     options = ReadOptions(
         columns or {}, interval=interval(dt, fs), sign=sign, unit=unit, time_from=time_from
     )
-    found = survey(sources, salvage=salvage, actuator=actuator, options=options)
+    return loaded([source, *more] if more else source, options, salvage, actuator)
+
+
+def loaded(
+    data: Any, options: ReadOptions, salvage: bool = False, actuator: str | None = None
+) -> RecordList:
+    """Return records like `load`, with what is stated about the files as one object."""
+    found = survey(_several(data), salvage=salvage, actuator=actuator, options=options)
     for damage in found.damage:
-        warnings.warn(str(damage), DamageWarning, stacklevel=2)
+        warnings.warn(str(damage), DamageWarning, stacklevel=3)
     for record in found.left_out:
-        warnings.warn(str(record), LeftOutWarning, stacklevel=2)
+        warnings.warn(str(record), LeftOutWarning, stacklevel=3)
     for guess in found.guesses:
-        warnings.warn(str(guess), DataNote, stacklevel=2)
+        warnings.warn(str(guess), DataNote, stacklevel=3)
     return RecordList(found.records)
 
 
