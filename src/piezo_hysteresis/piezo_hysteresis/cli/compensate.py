@@ -19,7 +19,7 @@ from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, track, waveform_of
 from piezo_hysteresis.drivers import open_controller
-from piezo_hysteresis.drivers.addresses import FORMS
+from piezo_hysteresis.drivers.addresses import FORMS, TAKE_OVER
 from piezo_hysteresis.drivers.tracking import Learning, LearntRun
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -34,7 +34,7 @@ EXAMPLE = (
 
 # Options of both modes, and options that only a controller takes.
 _COMMON = {'model', 'reference', 'out', 'overwrite', 'low', 'high', 'slew', 'plant', 'on'}
-_OF_CONTROLLER = {'axis', 'rounds'}
+_OF_CONTROLLER = {'axis', 'rounds', 'take_over'}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -53,6 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f'actuator on a motion controller, whose wave is learnt from run to run: {FORMS}',
     )
     add('--axis', default='1', help='axis of the controller')
+    add('--take-over', action='store_true', help=TAKE_OVER)
     add(
         '--rounds',
         type=int,
@@ -182,7 +183,12 @@ def run_on(arguments: argparse.Namespace) -> int:
         )
     model = ModelFile.load(arguments.model)
     with open_controller(
-        arguments.on, arguments.axis, arguments.low, arguments.high, arguments.slew
+        arguments.on,
+        arguments.axis,
+        arguments.low,
+        arguments.high,
+        arguments.slew,
+        take_over=arguments.take_over,
     ) as controller:
         controller.open_loop()
         learning = Learning(controller, model, reference)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.common.ranges import range_refusal
-from piezo_hysteresis.drivers.addresses import FORMS
+from piezo_hysteresis.drivers.addresses import FORMS, TAKE_OVER
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.process_setup import number_of_workers
 
@@ -82,6 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--namespace', default='', help='namespace of the nodes')
     add('--on', metavar='ADDRESS', help=f'a controller instead of nodes: {FORMS}')
     add('--axis', default='1', help='axis of the controller')
+    add('--take-over', action='store_true', help=TAKE_OVER)
     add(
         '--rate',
         type=float,
@@ -138,7 +139,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _require_used(arguments: argparse.Namespace) -> None:
     """Reject node options with a controller, and controller options with nodes."""
     nodes = {'--namespace': bool(arguments.namespace), '--no-apply': arguments.no_apply}
-    driver = {'--axis': arguments.axis != '1', '--rate': arguments.rate is not None}
+    driver = {
+        '--axis': arguments.axis != '1',
+        '--rate': arguments.rate is not None,
+        '--take-over': arguments.take_over,
+    }
     unused, way = (driver, 'without --on') if arguments.on is None else (nodes, 'with --on')
     if names := [name for name, given in unused.items() if given]:
         raise PiezoError(f'{", ".join(names)}: not used {way}; leave it out')

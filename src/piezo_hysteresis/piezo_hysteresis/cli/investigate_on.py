@@ -78,7 +78,12 @@ def run_on(
         raise PiezoError('give the model in use: --model model/model.yaml')
     model, out = ModelFile.load(arguments.model), Path(arguments.out)
     with open_controller(
-        arguments.on, arguments.axis, arguments.low, arguments.high, arguments.slew or None
+        arguments.on,
+        arguments.axis,
+        arguments.low,
+        arguments.high,
+        arguments.slew or None,
+        take_over=arguments.take_over,
     ) as controller:
         own = controller.limits
         asked = (arguments.low or 0.0, arguments.high or 0.0)

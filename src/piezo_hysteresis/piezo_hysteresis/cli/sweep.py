@@ -8,7 +8,7 @@ from pathlib import Path
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.drivers import open_controller, sweep, write_measured
-from piezo_hysteresis.drivers.addresses import FORMS
+from piezo_hysteresis.drivers.addresses import FORMS, TAKE_OVER
 from piezo_hysteresis.errors import PiezoError, RecordError
 
 HELP = 'measure a sweep on a controller (PI, GCS 2; piezosystem jena, NV200)'
@@ -42,6 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--range', nargs=2, type=float, metavar=('LOW', 'HIGH'),
         help='voltage range that is never exceeded [V]')  # fmt: skip
     add('--slew', type=float, metavar='V/S', help='slew rate that is never exceeded [V/s]')
+    add('--take-over', action='store_true', help=TAKE_OVER)
     add('--actuator', default='', help='name of the actuator in the records')
     add('--out', required=True, metavar='BAG', help='bag folder to create')
 
@@ -53,7 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise RecordError(f'{out} exists already; remove it or choose another name')
     low, high = arguments.range or (None, None)
     with (
-        open_controller(arguments.on, arguments.axis, low, high, arguments.slew) as controller,
+        open_controller(
+            arguments.on, arguments.axis, low, high, arguments.slew, take_over=arguments.take_over
+        ) as controller,
         progress_bar('sweep') as report,
     ):
         controller.open_loop()

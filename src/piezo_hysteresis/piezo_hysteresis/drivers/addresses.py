@@ -15,16 +15,18 @@ from piezo_hysteresis.drivers.wires import BAUD, TIMEOUT, SerialWire, TcpWire, W
 
 #: How addresses look, for help and messages.
 FORMS = 'gcs://HOST[:PORT], gcs:///dev/ttyUSB0 or nv200:///dev/ttyUSB0'
+#: Help of the option.
+TAKE_OVER = 'stop the wave or motion of another client instead of refusing to drive the axis'
 
-_Opened = Callable[[Wire, Limits, str], Controller]
-
-
-def _gcs(wire: Wire, limits: Limits, axis: str) -> Controller:
-    return GcsController(GcsConnection(wire), limits, axis)
+_Opened = Callable[[Wire, Limits, str, bool], Controller]
 
 
-def _nv200(wire: Wire, limits: Limits, axis: str) -> Controller:
-    return Nv200Controller(Nv200Connection(wire), limits, axis)
+def _gcs(wire: Wire, limits: Limits, axis: str, take_over: bool) -> Controller:
+    return GcsController(GcsConnection(wire), limits, axis, take_over)
+
+
+def _nv200(wire: Wire, limits: Limits, axis: str, take_over: bool) -> Controller:
+    return Nv200Controller(Nv200Connection(wire), limits, axis, take_over)
 
 
 #: Each kind with its usual TCP port.
@@ -41,6 +43,7 @@ def open_controller(
     high: float | None = None,
     slew: float | None = None,
     timeout: float = TIMEOUT,
+    take_over: bool = False,
 ) -> Controller:
     """Connect to a controller; nothing moves.
 
@@ -57,6 +60,8 @@ def open_controller(
         Slew limit [V/s].
     timeout : float
         Timeout of a response [s].
+    take_over : bool
+        Whether the wave or motion of another client is stopped instead of refused.
 
     Raises
     ------
@@ -74,7 +79,7 @@ def open_controller(
             'range holds 0 V, where waves begin and end, and a slew is above 0'
         )
     kind, wire = _wire(text, timeout)
-    return KINDS[kind][0](wire, limits, axis)
+    return KINDS[kind][0](wire, limits, axis, take_over)
 
 
 def _wire(text: str, timeout: float) -> tuple[str, Wire]:

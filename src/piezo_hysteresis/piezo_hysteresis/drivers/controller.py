@@ -1,12 +1,16 @@
 """Common behaviour of the drivers for one axis of a controller.
 
-Connecting causes no motion. A wave starts and ends at 0 V and is played once, so that the output
-is at 0 V at the end of the wave even if this program or the connection fails.
+Connecting causes no motion. The first motion claims the controller: an output that another client
+drives is left alone unless it is taken over. A wave starts and ends at 0 V and is played once, so
+that the output is at 0 V at its end even if this program or the connection fails. The slew limit
+holds from one tick of the servo to the next, also where a wave has fewer points.
 """
 
 from __future__ import annotations
 
 import math
+import socket
+import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -23,7 +27,14 @@ from piezo_hysteresis.drivers.driver_errors import DriverError
 
 #: Default limits; those of the controller apply in addition.
 UNLIMITED = Limits(-math.inf, math.inf, math.inf)
-_STEP = 0.01  # between two voltages of a ramp [s]
+_LENGTHS = {'m': 1.0, 'mm': 1e-3, 'nm': 1e-9} | dict.fromkeys(
+    ('um', '\u00b5m', '\u03bcm', 'micron', 'microns'), 1e-6
+)
+_UNHURRIED = 10.0  # of a way per second, where no slew is given
+_FEW = 10  # steps of such a way
+_REST = 1e-3  # share of the range up to which the output rests
+_LAG = 2e-4  # by which notch filters and the like may delay the output [s]
+_AGREED = 2e-3  # share of a wave by which the output may deviate from it
 _AFTER = 3.0  # longest time that a wave may take more than it should [s]
 _LOOK = 0.05  # how often it is looked whether a wave has ended [s]
 
@@ -63,10 +74,33 @@ class Measurement(NamedTuple):
     displacement: FloatArray
 
 
+def metres_of(unit: str, address: str) -> float:
+    """Return the length of a unit [m].
+
+    Raises
+    ------
+    DriverError
+        If it is none, such as that of a tilt.
+    """
+    if (metres := _LENGTHS.get(unit.strip().lower())) is None:
+        raise DriverError(
+            f'{address}: its position has the unit {unit!r}, which is no length; an axis with a '
+            'sensor of displacement is needed'
+        )
+    return metres
+
+
 class Connection(Protocol):
-    """Connection to a controller."""
+    """Connection to a controller.
+
+    Attributes
+    ----------
+    address, peer : str
+        As it was given; the same for every connection to this controller.
+    """
 
     address: str
+    peer: str
 
     def close(self) -> None:
         """Close it."""
@@ -82,32 +116,53 @@ class Controller(ABC):
     limits : Limits
         Limits in addition to those of the controller.
     axis : str
-        Name of the axis.
+        Name of the axis, also of its output.
+    take_over : bool
+        Whether the wave or motion of another client is stopped instead of refused.
 
     Attributes
     ----------
     most_points : int
         Largest number of points of a wave and of a record.
-    address, axis : str
-        Address and axis.
+    interpolates : bool
+        Whether the output moves in a straight line between two points; else in one tick.
+    address : str
+        Its address.
     identity : Identity
         Identity of the controller.
     limits : Limits
         The given limits, or those of the controller if they are narrower.
     filters : str
         Filters of the controller before the recorder.
+    span, noise, lag : float
+        Output range [V], and by what the recorded voltage may miss the wave: [V], delay [s].
+
+    Raises
+    ------
+    DriverError
+        If the axis does not exist or has no sensor of displacement.
     """
 
     most_points: ClassVar[int]
-    address: str
-    axis: str
+    interpolates: ClassVar[bool]
     identity: Identity
     limits: Limits
     filters: str
-    _line: Connection
+    span: float
+    noise: float
+    lag: float = _LAG
 
-    def __init__(self, connection: Connection, limits: Limits, axis: str) -> None:
-        self._line, self.axis, self.address = connection, axis, connection.address
+    def __init__(
+        self,
+        connection: Connection,
+        limits: Limits = UNLIMITED,
+        axis: str = '1',
+        take_over: bool = False,
+    ) -> None:
+        self._line: Any = connection
+        self.axis, self.address, self.take_over = axis, connection.address, take_over
+        self._claim: socket.socket | None = None
+        self._is_playing = False
         try:
             self._look(limits)
         except BaseException:
@@ -127,9 +182,10 @@ class Controller(ABC):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop and go to 0 V; an earlier error is raised, not an error of the stop."""
+        """Stop and go to 0 V what was driven; an earlier error is raised, not one of the stop."""
         try:
-            self.stop()
+            if self.is_claimed:
+                self.stop()
         except DriverError:
             if error is None:
                 raise
@@ -138,7 +194,48 @@ class Controller(ABC):
 
     def disconnect(self) -> None:
         """Close the connection without a change of the controller."""
+        self.release()
         self._line.close()
+
+    @property
+    def is_claimed(self) -> bool:
+        """Whether this object may move the axis, and no other program of the suite."""
+        return self._claim is not None
+
+    def claim(self, take_over: bool = False) -> None:
+        """Claim the controller, unless a program on this computer has: recorders are shared.
+
+        Raises
+        ------
+        DriverError
+            If another program of the suite drives it, or any client moves its output.
+        """
+        if self.is_claimed:
+            return
+        claim = socket.socket(socket.AF_UNIX)
+        try:
+            if sys.platform == 'linux':  # a name without a file: it ends with its process
+                claim.bind(f'\0piezo_hysteresis controller {self._line.peer}')
+            if (what := self.other_motion()) and not (take_over or self.take_over):
+                raise DriverError(
+                    f'{self.address}: {what}, started by another client: wait for its end, stop '
+                    'it there, or stop it from here by --take-over'
+                )
+        except OSError:
+            claim.close()
+            raise DriverError(
+                f'{self.address}: another sweep of this suite drives it; wait for its end'
+            ) from None
+        except DriverError:
+            claim.close()
+            raise
+        self._claim = claim
+
+    def release(self) -> None:
+        """Let other programs claim the controller."""
+        if self._claim is not None:
+            self._claim.close()
+            self._claim = None
 
     @property
     @abstractmethod
@@ -156,22 +253,29 @@ class Controller(ABC):
         """Whether the wave generator plays."""
 
     @abstractmethod
-    def open_loop(self) -> None:
-        """Switch the servo off, and go to 0 V.
+    def other_motion(self) -> str:
+        """Return what runs or moves in the controller, empty where nothing does."""
 
-        Raises
-        ------
-        DriverError
-            If the controller keeps the servo on.
-        """
+    @property
+    @abstractmethod
+    def is_open(self) -> bool:
+        """Whether the servo is off."""
 
     @abstractmethod
-    def set_voltage(self, voltage: float) -> None:
-        """Set the output voltage immediately [V]."""
+    def switch_off(self) -> None:
+        """Switch the servo off; the voltage is held."""
 
     @abstractmethod
     def halt(self) -> None:
-        """Stop the wave generator; the voltage is held."""
+        """Stop the wave generator of the axis; the voltage is held."""
+
+    @abstractmethod
+    def step(self, voltage: float) -> None:
+        """Set the output voltage at once [V]."""
+
+    @abstractmethod
+    def go(self, begin: float, end: float, slew: float) -> None:
+        """Move the output from one voltage to another at this slew [V], [V/s]."""
 
     @abstractmethod
     def load(self, voltages: FloatArray, divider: int) -> None:
@@ -204,22 +308,61 @@ class Controller(ABC):
             'limits': asdict(self.limits),
         }
 
-    def ramp_to(self, voltage: float) -> None:
-        """Go to a voltage [V] in steps no faster than the slew."""
-        begin = self.voltage
-        slew = self.limits.slew if math.isfinite(self.limits.slew) else abs(voltage - begin) * 10.0
-        count = max(1, math.ceil(abs(voltage - begin) / max(slew * _STEP, 1e-12)))
-        if begin == voltage:
-            return
-        for k in range(1, count + 1):
-            # the last one exactly: a range may end there
-            self.set_voltage(voltage if k == count else begin + (voltage - begin) * k / count)
-            time.sleep(_STEP if k < count else 0.0)
+    def open_loop(self) -> None:
+        """Claim the axis, switch its servo off, and go to 0 V.
 
-    def stop(self) -> None:
-        """Stop the wave generator and go to 0 V."""
+        Raises
+        ------
+        DriverError
+            If another client drives it, or the controller keeps the servo on.
+        """
+        self.claim()
+        if self.take_over:
+            self.halt()
+        self.switch_off()
+        if not self.is_open:
+            raise DriverError(f'{self.address}: the servo stays on; switch it off there')
+        self.set_voltage(0.0)
+
+    def set_voltage(self, voltage: float) -> None:
+        """Go to a voltage [V]: within the slew limit, and in 0.1 s where there is none.
+
+        Raises
+        ------
+        DriverError
+            If the voltage is outside the limits, or another client drives the axis.
+        """
+        limits = self.limits
+        if not (voltage == 0.0 or limits.low <= voltage <= limits.high):
+            raise DriverError(f'{voltage:g} V is outside {limits.low:g} .. {limits.high:g} V')
+        self.claim()
+        if not self.is_open:
+            raise DriverError(f'{self.address}: the servo is on; nothing was moved')
+        begin = self.voltage
+        slew = limits.slew if math.isfinite(limits.slew) else _UNHURRIED * abs(voltage - begin)
+        if begin != voltage:
+            self.go(begin, voltage, slew)
+
+    def stop(self, is_ours: bool = False) -> None:
+        """Stop the wave and go to 0 V; what another client plays is left alone.
+
+        Parameters
+        ----------
+        is_ours : bool
+            Whether what plays was started by a lost connection of this program.
+
+        Raises
+        ------
+        DriverError
+            If the connection is lost, or another client drives the axis.
+        """
+        is_ours = is_ours or self._is_playing
+        self.claim(is_ours)
+        if not (is_ours or self.take_over) and (what := self.other_motion()):
+            raise DriverError(f'{self.address}: {what}, started by another client; it goes on')
         self.halt()
-        self.ramp_to(0.0)
+        self._is_playing = False
+        self.set_voltage(0.0)
 
     def divider_for(self, seconds: float) -> int:
         """Return the servo ticks per point with which a wave of this length fits."""
@@ -255,11 +398,13 @@ class Controller(ABC):
                 f'a wave of {least:g} .. {most:g} V leaves the range {limits.low:g} .. '
                 f'{limits.high:g} V: ask for a smaller amplitude or another offset'
             )
-        fastest = float(np.max(np.abs(np.diff(voltages)))) * rate
+        ticks = rate if self.interpolates else self.identity.rate
+        fastest = float(np.max(np.abs(np.diff(voltages)))) * ticks
         if fastest > limits.slew * (1.0 + 1e-9):
+            steps = '' if ticks == rate else f', as steps of a wave of {rate:g} Hz'
             raise DriverError(
-                f'a wave moves by {fastest:.4g} V/s, the limit is {limits.slew:g} V/s: ask for a '
-                'lower frequency or amplitude'
+                f'a wave moves by {fastest:.4g} V/s{steps}; the limit is {limits.slew:g} V/s: ask '
+                'for a lower frequency or amplitude' + (', or a shorter record' if steps else '')
             )
         if voltages[0] != 0.0 or voltages[-1] != 0.0:
             raise DriverError('a wave begins and ends at 0 V, or the output would jump')
@@ -281,15 +426,16 @@ class Controller(ABC):
         Raises
         ------
         DriverError
-            If the wave leaves the limits, the controller refuses, or it takes too long; the output
-            is then stopped and brought to 0 V, if the connection works.
+            If the wave leaves the limits, the controller refuses, it takes too long, or the output
+            was not the wave; it is then stopped and brought to 0 V, if the connection works.
         """
         rate = self.identity.rate / divider
         self.require(voltages, rate)
+        self._require_rest()
         self.load(voltages, divider)
+        self._refuse(self.other_motion())
         try:
-            self.start()
-            self._wait(voltages.size / rate, watch)
+            self.run(voltages.size / rate, watch)
         except BaseException:
             with suppress(DriverError):  # the first error is reported
                 self.stop()
@@ -305,10 +451,20 @@ class Controller(ABC):
             np.isfinite(measured.voltage + measured.displacement)
         ):
             raise DriverError(f'{self.address}: the record did not come whole; try again')
+        self._require_played(voltages, rate, measured.voltage)
         return measured
 
-    def _wait(self, seconds: float, watch: Callable[[], None]) -> None:
+    def run(self, seconds: float, watch: Callable[[], None] = lambda: None) -> None:
+        """Start the loaded wave of this length [s], and wait for its end.
+
+        Raises
+        ------
+        DriverError
+            If it does not start or end.
+        """
         end = time.monotonic() + seconds + _AFTER
+        self._is_playing = True
+        self.start()
         while self.is_running:
             watch()
             if time.monotonic() > end:
@@ -317,3 +473,41 @@ class Controller(ABC):
                     'stopped'
                 )
             time.sleep(min(_LOOK, seconds))
+        self._is_playing = False
+
+    def _in_steps(self, begin: float, end: float, slew: float) -> None:
+        """Move the output by commands, each of a step that the slew allows in one tick."""
+        count = math.ceil(abs(end - begin) * self.identity.rate / slew)
+        if not math.isfinite(self.limits.slew):
+            count = _FEW
+        for k in range(1, count + 1):
+            # the last one exactly: a range may end there
+            self.step(end if k == count else begin + (end - begin) * k / count)
+            time.sleep(abs(end - begin) / slew / count)
+
+    def _refuse(self, what: str) -> None:
+        if what:
+            raise DriverError(f'{self.address}: {what}, by another client; no wave was started')
+
+    def _require_rest(self) -> None:
+        """Refuse unless the axis is ours and rests at 0 V in open loop."""
+        self.claim()
+        self._refuse(self.other_motion() or ('' if self.is_open else 'the servo is on'))
+        voltage = abs(self.voltage)
+        self._refuse(f'the output is at {voltage:g} V' if voltage > _REST * self.span else '')
+        if voltage * self.identity.rate > self.limits.slew:
+            self.set_voltage(0.0)
+
+    def _require_played(self, wave: FloatArray, rate: float, voltage: FloatArray) -> None:
+        """Refuse a record whose voltage is not the wave, but for its delay and rounding."""
+        off = np.abs(voltage - wave)
+        step = float(np.max(np.abs(np.diff(wave))))
+        allowed = _AGREED * float(np.ptp(wave)) + step * (1.0 + self.lag * rate)
+        allowed += self.noise
+        if np.any(off > allowed) or not self.is_open:
+            k = int(np.argmax(off > allowed))
+            raise DriverError(
+                f'{self.address}: the output was not the wave: {voltage[k]:.4g} V instead of '
+                f'{wave[k]:.4g} V after {k / rate:.3g} s. Another client drives it, or its output '
+                'is limited; there is no record of it'
+            )

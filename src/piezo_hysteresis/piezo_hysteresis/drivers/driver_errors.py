@@ -11,3 +11,7 @@ class DriverError(PiezoError):
 
 class ConnectionLostError(DriverError):
     """The controller no longer responds; a new connection is required."""
+
+
+class UnknownCommandError(DriverError):
+    """A controller does not know a command."""

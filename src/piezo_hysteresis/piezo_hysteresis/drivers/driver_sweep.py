@@ -147,14 +147,18 @@ def measured(
     """
     first, wave = whole(voltages, controller.identity.rate / divider)
     played = controller.play(wave, divider, watch)
+    # A model holds a voltage until the next sample. An output that moves in a straight line has
+    # reached the next voltage there: that one is paired with the sample.
+    ahead = int(controller.interpolates and divider > 1)
     own = slice(first, first + voltages.size)
+    reached = played.voltage[ahead:]
     return Record(
         name,
         played.dt,
-        played.voltage[own],
+        reached[own],
         played.displacement[own],
         info=replace(info, start=_start(voltages)),
-        before=played.voltage[:first],
+        before=reached[:first],
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
+from pathlib import Path
 from typing import Any, Protocol
 
 from piezo_hysteresis.common.wording import reason_of
@@ -23,11 +24,12 @@ class Wire(Protocol):
 
     Attributes
     ----------
-    address : str
-        For messages.
+    address, peer : str
+        For messages; the same for every connection to one device.
     """
 
     address: str
+    peer: str
 
     def send(self, data: bytes) -> None:
         """Send all data.
@@ -38,15 +40,15 @@ class Wire(Protocol):
             If the connection is lost.
         """
 
-    def receive(self) -> bytes:
-        """Return the next bytes, at least one.
+    def receive(self, seconds: float | None = None) -> bytes:
+        """Return the next bytes, at least one, within a time shorter than the timeout [s].
 
         Raises
         ------
         DriverError
             If the connection is lost.
         TimeoutError
-            If no byte arrives before the timeout.
+            If no byte arrives in time.
         """
 
     def close(self) -> None:
@@ -72,11 +74,12 @@ class TcpWire:
     """
 
     def __init__(self, host: str, port: int, timeout: float = TIMEOUT) -> None:
-        self.address = f'{host}:{port}'
+        self.address, self._timeout = f'{host}:{port}', timeout
         try:
             self._socket = socket.create_connection((host, port), timeout)
             # else a command and the query after it wait 40 ms for each other's acknowledgement
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self.peer = str(self._socket.getpeername()[:2])
         except (OSError, OverflowError) as error:
             why = reason_of(error)
             raise DriverError(
@@ -90,9 +93,10 @@ class TcpWire:
         except OSError as error:
             raise lost(self.address, error) from None
 
-    def receive(self) -> bytes:
+    def receive(self, seconds: float | None = None) -> bytes:
         """Return the next bytes."""
         try:
+            self._socket.settimeout(min(seconds or self._timeout, self._timeout))
             data = self._socket.recv(1 << 16)
         except TimeoutError:
             raise
@@ -126,7 +130,7 @@ class SerialWire:
     """
 
     def __init__(self, path: str, baud: int = BAUD, timeout: float = TIMEOUT) -> None:
-        self.address, self._timeout = path, timeout
+        self.address, self.peer, self._timeout = path, str(Path(path).resolve()), timeout
         try:
             import serial
         except ImportError:
@@ -153,9 +157,9 @@ class SerialWire:
         except self._failures as error:
             raise lost(self.address, error) from None
 
-    def receive(self) -> bytes:
+    def receive(self, seconds: float | None = None) -> bytes:
         """Return the next bytes."""
-        end = time.monotonic() + self._timeout
+        end = time.monotonic() + min(seconds or self._timeout, self._timeout)
         while True:
             try:
                 data = bytes(self._port.read(max(1, self._port.in_waiting)))

@@ -140,7 +140,7 @@ class ControllerThread:
         self._connect, self._on_state, self._every = connect, on_state, every
         self.problem, self.doing, self.losses = 'not connected yet', '', 0
         self._controller: Controller | None = None
-        self._has_driven = False
+        self._was_driving = False
         self._jobs: queue.Queue[_Job] = queue.Queue()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name='controller', daemon=True)
@@ -201,8 +201,10 @@ class ControllerThread:
     def _connected(self) -> bool:
         try:
             self._controller = self._connect()
-            if self._has_driven:
-                self._controller.stop()
+            if self._was_driving:
+                self._controller.stop(is_ours=True)
+                self._controller.release()
+                self._was_driving = False
         except PiezoError as error:
             self._lose(error)
             return False
@@ -212,6 +214,7 @@ class ControllerThread:
     def _lose(self, error: PiezoError) -> None:
         self.problem = str(error)
         if self._controller is not None:
+            self._was_driving |= self._controller.is_claimed
             self._controller.disconnect()
             self._controller = None
             self.losses += 1
@@ -220,7 +223,7 @@ class ControllerThread:
         if self._controller is None:
             return
         try:
-            if self._has_driven:
+            if self._controller.is_claimed:
                 self._controller.stop()
         except DriverError as error:
             self.problem = str(error)
@@ -244,7 +247,6 @@ class ControllerThread:
         records: list[Record] = []
         reason, is_cancelled = '', False
         try:
-            self._has_driven = True
             controller.open_loop()
             self._measure(controller, job, records)
         except _Stopped:
@@ -255,19 +257,24 @@ class ControllerThread:
                 self._lose(error)
         finally:
             self.doing = ''
-        if self._controller is not None and (reason or is_cancelled):
+        if self._controller is not None:
             try:
-                self._controller.stop()
-            except DriverError as error:
+                if (reason or is_cancelled) and controller.is_claimed:
+                    controller.stop()
+                controller.release()
+            except ConnectionLostError as error:
                 self._lose(error)
                 reason = reason or str(error)
+            except DriverError as error:
+                controller.release()
+                reason = f'{reason}; {error}'.removeprefix('; ')
+        rate = records[0].rate if records else 0.0
         if records:
             try:
                 job.order.bag.parent.mkdir(parents=True, exist_ok=True)
                 write_measured(job.order.bag, records, controller.about())
             except (PiezoError, OSError) as error:
-                reason = reason or reason_of(error)
-        rate = records[0].rate if records else 0.0
+                reason, records = f'{reason}; {reason_of(error)}'.removeprefix('; '), []
         return SweepOutcome(records, rate, reason, is_cancelled and not reason)
 
     def _measure(self, controller: Controller, job: _Job, records: list[Record]) -> None:

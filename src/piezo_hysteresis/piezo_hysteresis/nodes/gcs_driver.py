@@ -80,6 +80,7 @@ class GcsDriver(GuardedNode):
             high if is_given else None,
             params.number('limits.slew') or None,
             params.number('timeout'),
+            params.flag('take_over'),
         )
 
     def _note(self, voltage: float, displacement: float) -> None:

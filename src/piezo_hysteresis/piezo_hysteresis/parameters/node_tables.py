@@ -272,6 +272,11 @@ GCS_DRIVER = ParameterTable(
             'limits.slew', 0.0, 'Fastest change of the voltage; 0 is any.', 'V/s', 0.0, 1e12,
             read_only=True,
         ),
+        ParameterSpec(
+            'take_over', False,
+            'Whether a sweep stops the wave or motion of another client; else it is refused.',
+            read_only=True,
+        ),
         ParameterSpec('actuator', '', 'Name of the actuator in the records.'),
         ParameterSpec('folder', RESULTS, 'Folder in which bags are written.', read_only=True),
         ParameterSpec(

@@ -1,15 +1,17 @@
 """State of a simulated controller: servo, wave generator, data recorder, errors and actuator.
 
-One axis ``1``, driven by channel ``1``; with the servo off, wave generator and ``SVA`` set its
-voltage. Time follows the clock of the computer in servo ticks.
+One axis; with the servo off, wave generator and ``SVA`` set its voltage, with the servo on its
+position. Time follows the clock of the computer in servo ticks.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +20,9 @@ from piezo_sim.plant import FloatArray, Plant
 #: Points of a wave table and of a record table.
 MOST_POINTS = 1 << 17
 _AT_ONCE = 1 << 15  # largest number of ticks per simulation call
+_LOOP = 20  # ticks per step of the closed loop
+_GAIN = 0.01  # share of the error that the closed loop takes away in a step
+_ON_TARGET = 2e-3  # share of the travel within which an axis is on target
 _IDLE = 2.0  # longest simulated part of a time without client and wave [s]
 
 
@@ -30,7 +35,7 @@ class GcsError(Exception):
 
 
 #: Error numbers of rejected commands, as in the manuals.
-SYNTAX, UNKNOWN, SERVO, LIMITS, STOPPED, AXIS, RANGE = 1, 2, 5, 7, 10, 15, 17
+SYNTAX, UNKNOWN, SERVO, LIMITS, STOPPED, AXIS, RANGE, PARAMETER = 1, 2, 5, 7, 10, 15, 17, 54
 
 #: Recordable quantities: commanded position, position, output voltage.
 TARGET, POSITION, OUTPUT = 1, 2, 7
@@ -48,6 +53,8 @@ class Generator:
         Number of repetitions; 0 for unlimited.
     divider : int
         Servo ticks per point.
+    is_straight : bool
+        Whether the output moves in a straight line from point to point; else in steps.
     offset : float
         Added to every point [V].
     first : int
@@ -57,6 +64,7 @@ class Generator:
     table: int = 0
     cycles: int = 0
     divider: int = 1
+    is_straight: bool = False
     offset: float = 0.0
     first: int = -1
 
@@ -113,7 +121,39 @@ class SimulatedController:
         self.generator, self.recorder = Generator(), DataRecorder()
         self.servo, self.error = False, 0
         self.voltage = self.position = 0.0
+        self.target = 0.0  # in closed loop [m]
         self._set, self._tick, self._start, self._skipped = 0.0, 0, now(), 0
+
+    @cached_property
+    def travel(self) -> tuple[float, float]:
+        """Lowest and highest position, by a slow way over the range of the voltage [m]."""
+        way = np.interp(np.arange(12_000), [0, 4000, 12_000], [0.0, self.low, self.high])
+        found = copy.deepcopy(self.plant).run(way)
+        return float(found.min()), float(found.max())
+
+    @property
+    def is_on_target(self) -> bool:
+        """Whether the position is that of the closed loop, or the loop is open."""
+        if not self.servo:
+            return True
+        low, high = self.travel
+        return abs(self.target - self.position) <= _ON_TARGET * (high - low)
+
+    def switch_servo(self, is_on: bool) -> None:
+        """Switch the servo; the voltage is held."""
+        self.advance()
+        if is_on and not self.servo:
+            self.target = min(max(self.position, self.travel[0]), self.travel[1])
+        self.servo, self._set = is_on, self.voltage
+
+    def move(self, position: float) -> None:
+        """Set the target of the closed loop [m], as ``MOV`` does."""
+        if not self.servo:
+            raise GcsError(SERVO)
+        if not self.travel[0] <= position <= self.travel[1]:
+            raise GcsError(LIMITS)
+        self.advance()
+        self.target = position
 
     def set_voltage(self, voltage: float) -> None:
         """Set the output voltage [V], as ``SVA`` does."""
@@ -127,14 +167,19 @@ class SimulatedController:
     def start(self) -> None:
         """Start the wave generator and the recorder."""
         wave = self.tables.get(self.generator.table)
-        if wave is None or self.servo:
-            raise GcsError(SERVO if self.servo else RANGE)
+        if wave is None:
+            raise GcsError(RANGE)
+        low, high = (1e6 * end for end in self.travel) if self.servo else (self.low, self.high)
         shifted = wave + self.generator.offset
-        if shifted.min() < self.low or shifted.max() > self.high:
+        if shifted.min() < low or shifted.max() > high:
             raise GcsError(LIMITS)
         self.advance()
-        self.generator.first = self.recorder.first = self._tick
-        self.recorder.samples = {}
+        self.generator.first = self._tick
+        self.restart_recorder()
+
+    def restart_recorder(self) -> None:
+        """Record from the present tick on."""
+        self.recorder.first, self.recorder.samples = self._tick, {}
 
     def stop(self) -> None:
         """Stop the wave generator; the voltage keeps its value."""
@@ -157,8 +202,8 @@ class SimulatedController:
             if self.generator.first < 0 and idle > 0:
                 self._skipped += idle
                 due -= idle
-            count = min(due - self._tick, _AT_ONCE)
-            commands = self._commands(count)
+            count = min(due - self._tick, _LOOP if self.servo else _AT_ONCE)
+            commands = self._closed(count) if self.servo else self._commands(count)
             readings = self.plant.run(commands)
             self._record(commands, readings)
             self._tick += count
@@ -189,11 +234,23 @@ class SimulatedController:
         if made.first >= 0:
             wave = self.tables[made.table] + made.offset
             ticks = np.arange(self._tick, self._tick + count)
-            place = (ticks - made.first) // made.divider
-            playing = ticks < self._end
-            commands[playing] = wave[place[playing] % wave.size]
-            commands[~playing] = wave[-1]
+            place, part = np.divmod(ticks - made.first, made.divider)
+            commands = wave[place % wave.size]
+            if made.is_straight:
+                last = made.cycles * wave.size - 1 if made.cycles else np.inf
+                following = wave[np.minimum(place + 1, last).astype(int) % wave.size]
+                commands = commands + (following - commands) * (part / made.divider)
+            commands[ticks >= self._end] = wave[-1]
         return commands
+
+    def _closed(self, count: int) -> FloatArray:
+        """Return the voltage of the next ticks in closed loop, where a wave is in um [V]."""
+        if self.generator.first >= 0:
+            self.target = 1e-6 * float(self._commands(1)[0])
+        gain = (self.high - self.low) / (self.travel[1] - self.travel[0])
+        wanted = self._set + _GAIN * gain * (self.target - self.position)
+        self._set = min(max(wanted, self.low), self.high)
+        return np.full(count, self._set)
 
     def _record(self, commands: FloatArray, readings: FloatArray) -> None:
         if self.recorder.first < 0:
@@ -202,5 +259,8 @@ class SimulatedController:
         kept = ticks % self.recorder.divider == 0
         for table, option in self.recorder.options.items():
             room = MOST_POINTS - self.recorder.count(table)
-            source = commands if option == OUTPUT else 1e6 * readings
+            source = {
+                POSITION: 1e6 * readings,
+                TARGET: np.full(commands.size, 1e6 * self.target) if self.servo else commands,
+            }.get(option, commands)
             self.recorder.samples.setdefault(table, []).append(source[kept][:room])

@@ -9,19 +9,26 @@ import numpy as np
 from piezo_sim.gcs.controller import (
     AXIS,
     MOST_POINTS,
+    OUTPUT,
+    PARAMETER,
     POSITION,
     RANGE,
     STOPPED,
     SYNTAX,
+    TARGET,
     UNKNOWN,
+    DataRecorder,
     GcsError,
     SimulatedController,
 )
 
 IDENTITY = '(c) piezo_sim, E-000.1CD, 0000000001, 1.0.0'
-UPDATE_TIME = '0X0E000200'  # parameter with the period of the servo [s]
-_NAMES = {1: 'Target Position of axis 1', 2: 'Current Position of axis 1',
-          7: 'Control Voltage of output 1'}  # fmt: skip
+UPDATE_TIME, AXIS_UNIT = 0x0E000200, 0x07000601  # period of the servo [s], unit of the position
+_NAMES = {TARGET: 'Target Position of axis', POSITION: 'Current Position of axis',
+          OUTPUT: 'Control Voltage of output'}  # fmt: skip
+_PARAMETERS = ('The following parameters are valid:',
+               f'0x{UPDATE_TIME:08X}=\t0\t1\tFLOAT\tservo\tServo Update Time',
+               f'0x{AXIS_UNIT:08X}=\t0\t1\tCHAR\taxis\tAxis Unit', 'end of help')  # fmt: skip
 Words = Sequence[str]
 
 
@@ -31,41 +38,79 @@ class Language:
     Parameters
     ----------
     controller : SimulatedController
-        Controlled device.
+        Controlled device; its state is that of axis 1.
+    *others : SimulatedController
+        Of axes 2, 3, ...: wave tables, recorder tables and errors are those of the first.
+    has_one_rate : bool
+        Whether all wave generators share one rate, as on many controllers: ``WTR 0 ...``.
+
+    Attributes
+    ----------
+    unit : str
+        Of the position.
     """
 
     controls: tuple[int, ...] = (5, 7, 9, 24)
+    unit = 'UM'
 
-    def __init__(self, controller: SimulatedController) -> None:
-        self._controller = controller
+    def __init__(
+        self,
+        controller: SimulatedController,
+        *others: SimulatedController,
+        has_one_rate: bool = False,
+    ) -> None:
+        self._controller, self._has_one_rate = controller, has_one_rate
+        self._axes = {str(k + 1): each for k, each in enumerate((controller, *others))}
+        self._sources = {1: '1', 2: '1'}  # axis of each record table
+        for other in others:
+            other.tables, other.recorder.options = controller.tables, {}
+        voltage, each = lambda made: f'{made.voltage:.9f}', self._each
         self._known: dict[str, Callable[[Words], str | None]] = {
             '*IDN?': lambda _: IDENTITY,
+            'CSV?': lambda _: '2.0',
+            'HLP?': lambda _: '\n'.join(['The following commands are valid:', *self._commands(),
+                                         'end of help']),
+            'HDR?': lambda _: '\n'.join(['#RecordOptions', *(f'{k}={_NAMES[k]}' for k in _NAMES),
+                                         '#TriggerOptions', '0=WGO', 'end of help']),
             'ERR?': self._last_error,
-            'SAI?': lambda _: '1',
-            'SPA?': self._parameter,
-            'SVO': self._servo, 'SVO?': lambda parts: self._of_axis(parts, int(controller.servo)),
-            'SVA': self._set_voltage,
-            'SVA?': lambda parts: self._of_axis(parts, f'{controller.voltage:.9f}'),
-            'VOL?': lambda parts: self._of_axis(parts, f'{controller.voltage:.9f}'),
-            'POS?': lambda parts: self._of_axis(parts, f'{1e6 * controller.position:.9f}'),
-            'VMI?': lambda parts: self._of_axis(parts, f'{controller.low:.9f}'),
-            'VMA?': lambda parts: self._of_axis(parts, f'{controller.high:.9f}'),
+            'SAI?': lambda _: '\n'.join(self._axes),
+            'TWG?': lambda _: str(len(self._axes)), 'TNR?': lambda _: str(len(self._sources)),
+            'SPA?': self._parameters,
+            'HPA?': lambda _: '\n'.join(_PARAMETERS),
+            'PUN?': each(lambda _: self.unit),
+            'SVO': self._servo, 'SVO?': each(lambda made: int(made.servo)),
+            'SVA': self._set_voltage, 'SVA?': each(voltage), 'VOL?': each(voltage),
+            'MOV': self._move, 'MOV?': each(lambda made: f'{1e6 * made.target:.9f}'),
+            'ONT?': each(lambda made: int(made.is_on_target)),
+            'POS?': each(lambda made: f'{1e6 * made.position:.9f}'),
+            'TMN?': each(lambda made: f'{1e6 * made.travel[0]:.9f}'),
+            'TMX?': each(lambda made: f'{1e6 * made.travel[1]:.9f}'),
+            'VMI?': each(lambda made: f'{made.low:.9f}'),
+            'VMA?': each(lambda made: f'{made.high:.9f}'),
             'WAV': self._wave, 'WAV?': self._wave_length, 'WCL': self._clear,
-            'WSL': self._select, 'WGC': self._cycles, 'WTR': self._wave_rate, 'WOS': self._offset,
-            'WGO': self._go,
-            'WGO?': lambda parts: self._of_axis(parts, int(controller.is_running)),
-            'DRC': self._configure, 'DRT': lambda _: None, 'RTR': self._record_rate,
-            'RTR?': lambda _: f'{controller.recorder.divider}',
+            'WSL': self._select, 'WSL?': each(lambda made: made.generator.table),
+            'WGC': self._cycles, 'WGC?': each(lambda made: made.generator.cycles),
+            'WTR': self._wave_rate, 'WTR?': self._wave_rates,
+            'WOS': self._offset, 'WOS?': each(lambda made: made.generator.offset),
+            'WGO': self._go, 'WGO?': each(lambda made: int(made.is_running)),
+            'DRC': self._configure, 'DRC?': self._configured, 'DRT': lambda _: None,
+            'RTR': self._record_rate, 'RTR?': lambda _: f'{controller.recorder.divider}',
             'DRL?': self._recorded, 'DRR?': self._records,
             'STP': lambda _: self._stop(),
         }  # fmt: skip
+
+    def _commands(self) -> list[str]:
+        """Return the lines of ``HLP?``."""
+        controls = ['#5', '#7', '#9', '#24']
+        return [f'{name} - see the manual' for name in (*controls, *sorted(self._known))]
 
     def answer(self, line: str) -> str | None:
         """Return the answer to a line, without the last line feed; None without an answer."""
         parts = line.split()
         if not parts:
             return None
-        self._controller.advance()
+        for made in self._axes.values():
+            made.advance()
         try:
             known = self._known.get(parts[0].upper())
             if known is None:
@@ -79,12 +124,12 @@ class Language:
 
     def control(self, byte: int) -> str | None:
         """Return the answer to a single-character command."""
-        if byte == 5:
-            return '0'
         if byte == 7:
             return '\xb1'
-        if byte == 9:
-            return f'{int(self._controller.is_running)}'
+        if byte in (5, 9):
+            made = self._axes.values()
+            bits = [each.is_running if byte == 9 else not each.is_on_target for each in made]
+            return f'{sum(bit << k for k, bit in enumerate(bits)):x}'
         if byte == 24:
             self._stop()
         return None
@@ -98,26 +143,40 @@ class Language:
         return str(number)
 
     def _stop(self) -> None:
-        self._controller.stop()
+        for made in self._axes.values():
+            made.stop()
         self._controller.error = STOPPED
 
-    def _of_axis(self, parts: Words, value: object = '') -> str:
-        if parts and parts[0] != '1':
+    def _axis(self, name: str) -> SimulatedController:
+        if name not in self._axes:
             raise GcsError(AXIS)
-        return f'1={value}'
+        return self._axes[name]
 
-    def _parameter(self, parts: Words) -> str:
-        if parts[1].upper() != UPDATE_TIME:
-            raise GcsError(RANGE)
-        return f'{parts[0]} {parts[1]}={1.0 / self._controller.plant.rate:.9g}'
+    def _each(self, value: Callable[[SimulatedController], object]) -> Callable[[Words], str]:
+        """Return the answer to a query about some axes, or all."""
+        return lambda parts: '\n'.join(
+            f'{name}={value(self._axis(name))}' for name in parts or self._axes
+        )
+
+    def _parameters(self, parts: Words) -> str:
+        """``SPA? axis parameter...``: numbers are equal however they are written."""
+        lines = []
+        for axis, name in zip(parts[::2], parts[1::2], strict=True):
+            rate = self._axis(axis).plant.rate
+            known = {UPDATE_TIME: f'{1.0 / rate:.9g}', AXIS_UNIT: self.unit}
+            if (number := int(name, 0)) not in known:
+                raise GcsError(PARAMETER)
+            lines.append(f'{axis} {name}={known[number]}')
+        return '\n'.join(lines)
 
     def _servo(self, parts: Words) -> None:
-        self._of_axis(parts)
-        self._controller.servo = bool(int(parts[1]))
+        self._axis(parts[0]).switch_servo(bool(int(parts[1])))
 
     def _set_voltage(self, parts: Words) -> None:
-        self._of_axis(parts)
-        self._controller.set_voltage(float(parts[1]))
+        self._axis(parts[0]).set_voltage(float(parts[1]))
+
+    def _move(self, parts: Words) -> None:
+        self._axis(parts[0]).move(1e-6 * float(parts[1]))
 
     def _wave(self, parts: Words) -> None:
         """``WAV table X|& PNT start count values...``: create a table, or append points to it."""
@@ -138,57 +197,89 @@ class Language:
         self._controller.tables.pop(int(parts[0]), None)
 
     def _select(self, parts: Words) -> None:
-        self._controller.generator.table = int(parts[1])
+        self._axis(parts[0]).generator.table = int(parts[1])
 
     def _cycles(self, parts: Words) -> None:
-        self._controller.generator.cycles = max(int(parts[1]), 0)
+        self._axis(parts[0]).generator.cycles = max(int(parts[1]), 0)
 
     def _wave_rate(self, parts: Words) -> None:
-        if int(parts[1]) < 1:
+        """``WTR generator ticks interpolation``; 0 means every generator."""
+        divider, kind = int(parts[1]), int(parts[2]) if len(parts) > 2 else 0
+        if divider < 1 or kind not in (0, 1) or (self._has_one_rate and parts[0] != '0'):
             raise GcsError(RANGE)
-        self._controller.generator.divider = int(parts[1])
+        for made in self._axes.values() if parts[0] == '0' else [self._axis(parts[0])]:
+            made.advance()
+            made.generator.divider, made.generator.is_straight = divider, bool(kind)
+
+    def _wave_rates(self, parts: Words) -> str:
+        names = ['0'] if self._has_one_rate else list(parts or self._axes)
+        made = [self._controller if name == '0' else self._axis(name) for name in names]
+        return '\n'.join(
+            f'{name}={each.generator.divider} {int(each.generator.is_straight)}'
+            for name, each in zip(names, made, strict=True)
+        )
 
     def _offset(self, parts: Words) -> None:
-        self._controller.generator.offset = float(parts[1])
+        self._axis(parts[0]).generator.offset = float(parts[1])
 
     def _go(self, parts: Words) -> None:
-        self._of_axis(parts)
-        if int(parts[1], 0):
-            self._controller.start()
-        else:
-            self._controller.stop()
+        made = self._axis(parts[0])
+        if not int(parts[1], 0):
+            made.stop()
+            return
+        made.start()
+        for each in self._axes.values():  # the recorder starts with any generator
+            each.restart_recorder()
 
     def _configure(self, parts: Words) -> None:
-        option = int(parts[2])
-        if option not in _NAMES:
+        table, axis, option = int(parts[0]), parts[1], int(parts[2])
+        if option not in _NAMES or table not in self._sources:
             raise GcsError(RANGE)
-        self._controller.recorder.options[int(parts[0])] = option
+        source = self._axis(axis)
+        for made in self._axes.values():
+            made.recorder.options.pop(table, None)
+        source.recorder.options[table] = option
+        self._sources[table] = axis
+
+    def _configured(self, parts: Words) -> str:
+        tables = [int(word) for word in parts] or list(self._sources)
+        return '\n'.join(
+            f'{each}={self._sources[each]} {self._source(each).options[each]}' for each in tables
+        )
+
+    def _source(self, table: int) -> DataRecorder:
+        """Return the recorder of the axis that fills a table."""
+        if table not in self._sources:
+            raise GcsError(RANGE)
+        return self._axes[self._sources[table]].recorder
 
     def _record_rate(self, parts: Words) -> None:
         if int(parts[0]) < 1:
             raise GcsError(RANGE)
-        self._controller.recorder.divider = int(parts[0])
+        for made in self._axes.values():
+            made.recorder.divider = int(parts[0])
 
     def _recorded(self, parts: Words) -> str:
-        tables = [int(word) for word in parts] or sorted(self._controller.recorder.options)
-        return '\n'.join(f'{each}={self._controller.recorder.count(each)}' for each in tables)
+        tables = [int(word) for word in parts] or list(self._sources)
+        return '\n'.join(f'{each}={self._source(each).count(each)}' for each in tables)
 
     def _records(self, parts: Words) -> str:
         """``DRR? start count tables...``: the header, then a line for each sample."""
-        recorder = self._controller.recorder
         first, count, tables = int(parts[0]) - 1, int(parts[1]), [int(each) for each in parts[2:]]
         columns = []
         for table in tables:
-            pieces = recorder.samples.get(table, [])
+            pieces = self._source(table).samples.get(table, [])
             column = (np.concatenate(pieces) if pieces else np.empty(0))[first : first + count]
             if column.size != count:
                 raise GcsError(RANGE)
             columns.append(column)
+        # Numbers as a controller writes them: its client takes 5e-05 for a text.
+        dt = self._controller.recorder.divider / self._controller.plant.rate
         head = ['# REM piezo_sim', '# VERSION = 1', '# TYPE = 1', '# SEPARATOR = 32',
-                f'# DIM = {len(tables)}',
-                f'# SAMPLE_TIME = {recorder.divider / self._controller.plant.rate:.9g}',
+                f'# DIM = {len(tables)}', f'# SAMPLE_TIME = {dt:.12f}',
                 f'# NDATA = {count}']  # fmt: skip
-        options = [recorder.options.get(table, POSITION) for table in tables]
-        head += [f'# NAME{k} = {_NAMES[option]}' for k, option in enumerate(options)]
+        for k, table in enumerate(tables):
+            name = _NAMES[self._source(table).options[table]]
+            head.append(f'# NAME{k} = {name} {self._sources[table]}')
         rows = [' '.join(f'{value:.9g}' for value in row) for row in zip(*columns, strict=True)]
         return '\n'.join([*head, '# END_HEADER', *rows])

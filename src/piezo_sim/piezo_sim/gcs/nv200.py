@@ -1,7 +1,7 @@
 """Commands of an NV200 of piezosystem jena, with the same simulated actuator.
 
-Each answer ends with the byte XON. With an open loop, set point and wave are voltages; the wave
-generator drives the output if it is selected as the source of the set point.
+Each answer ends with the byte XON. With an open loop, set point and wave are voltages, else
+positions; the wave generator drives the output if it is selected as the source of the set point.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from piezo_sim.gcs.controller import (
     LIMITS,
     OUTPUT,
     POSITION,
+    TARGET,
     GcsError,
     SimulatedController,
 )
@@ -21,10 +22,17 @@ from piezo_sim.gcs.controller import (
 #: Number of points of the wave and of values of a recorder.
 POINTS, VALUES = 1024, 6144
 _UNKNOWN, _MISSING, _RANGE = 2, 3, 4  # error numbers
-_SOURCES = {0: POSITION, 2: OUTPUT}
-_FIXED = {'desc': 'SIMULATED', 'acserno': '1', 'sr': '2000', 'setlpon': '0', 'poslpon': '1',
-          'notchon': '0', 'setlpf': '10000', 'poslpf': '1000', 'notchf': '1000',
-          'stat': '129'}  # fmt: skip
+#: What a recorder holds: position, set point, voltage, position in open loop.
+_SOURCES = {0: POSITION, 1: TARGET, 2: OUTPUT, 5: POSITION}
+#: What is only read: an actuator with a strain gauge (acmeasure 1).
+_FIXED = {'desc': 'SIMULATED', 'acserno': '1', 'acmeasure': '1', 'unitcl': 'um', 'unitol': 'V',
+          'temp': '30.0', 'giarb': '0', 'recidx': '0'}  # fmt: skip
+#: What a client may set and read again, without an effect on the simulation.
+_SETTINGS = {'sr': '2000', 'setlpon': '0', 'poslpon': '1', 'notchon': '0', 'setlpf': '10000',
+             'poslpf': '1000', 'notchf': '1000', 'notchb': '100', 'kp': '0.1', 'ki': '100',
+             'kd': '0', 'pcf': '0,0,0', 'ctrlmode': '0', 'monsrc': '0', 'spisrc': '0',
+             'trgfkt': '0', 'trgedg': '0', 'trgsrc': '0', 'trgss': '0.001', 'trgse': '0.001',
+             'trgsi': '0.001', 'trglen': '1'}  # fmt: skip
 Words = Sequence[str]
 
 
@@ -48,6 +56,7 @@ class Nv200Language:
         self._wave = np.full(POINTS, self._percent(0.0))
         self._numbers = {'modsrc': 0, 'gsarb': 0, 'gearb': POINTS - 1, 'goarb': 0, 'gcarb': 1,
                          'gtarb': 1, 'recast': 0, 'recstr': 1, 'reclen': VALUES}  # fmt: skip
+        self._fixed, self._settings = dict(_FIXED), dict(_SETTINGS)
         self._set_point = 0.0
         self._sources = {0: 0, 1: 2}
         self._single: dict[int, float] | None = None
@@ -55,7 +64,10 @@ class Nv200Language:
             'cl': self._loop, 'set': self._set, 'meas': self._measured,
             'avmin': lambda _: f'{controller.low:.3f}',
             'avmax': lambda _: f'{controller.high:.3f}',
-            'gbarb': self._point, 'grun': self._run, 'giarb': lambda _: '0',
+            'posmin': lambda _: f'{1e6 * controller.travel[0]:.3f}',
+            'posmax': lambda _: f'{1e6 * controller.travel[1]:.3f}',
+            'stat': self._status, 'gbarb': self._point, 'gparb': self._position_point,
+            'grun': self._run,
             'recsrc': self._source, 'recrun': self._record, 'recout': self._value,
             'recoutf': self._all,
         }  # fmt: skip
@@ -89,8 +101,13 @@ class Nv200Language:
     def _found(self, word: str, parts: Words) -> str | None:
         if word in self._known:
             return self._known[word](parts)
-        if word in _FIXED:
-            return _FIXED[word]
+        if word in self._fixed:
+            return self._fixed[word]
+        if word in self._settings:
+            if not parts:
+                return self._settings[word]
+            self._settings[word] = ','.join(parts)
+            return None
         if word not in self._numbers:
             raise Nv200Error(_UNKNOWN)
         if not parts:
@@ -100,33 +117,58 @@ class Nv200Language:
             self._apply()
         return None
 
+    def _status(self, _: Words) -> str:
+        """Return the register: actuator, sensor, loop, filters, processing."""
+        ons = [self._settings[name] != '0' for name in ('poslpon', 'notchon')]
+        bits = {0: True, 3: self._controller.servo, 4: ons[0], 5: ons[1], 7: True}
+        return str(sum(bit << k for k, bit in bits.items()) + (int(self._fixed['acmeasure']) << 1))
+
+    @property
+    def _range(self) -> tuple[float, float]:
+        """Range of set point and wave: voltage [V], or position in closed loop [um]."""
+        made = self._controller
+        if made.servo:
+            return 1e6 * made.travel[0], 1e6 * made.travel[1]
+        return made.low, made.high
+
     def _percent(self, voltage: float) -> float:
-        low, high = self._controller.low, self._controller.high
+        low, high = self._range
         return 100.0 * (voltage - low) / (high - low)
 
     def _apply(self) -> None:
-        """Set the output to the set point, if that is the selected source."""
-        if self._numbers['modsrc'] == 0 and not self._controller.servo:
+        """Set output or target to the set point, if that is the selected source."""
+        if self._numbers['modsrc'] != 0:
+            return
+        if self._controller.servo:
+            self._controller.move(1e-6 * self._set_point)
+        else:
             self._controller.set_voltage(self._set_point)
 
     def _loop(self, parts: Words) -> str | None:
+        made = self._controller
         if not parts:
-            return str(int(self._controller.servo))
-        self._controller.servo = bool(int(parts[0]))
+            return str(int(made.servo))
+        if self._fixed['acmeasure'] == '0' and int(parts[0]):
+            raise Nv200Error(_RANGE)
+        made.switch_servo(bool(int(parts[0])))
+        self._set_point = 1e6 * made.target if made.servo else made.voltage
         return None
 
     def _set(self, parts: Words) -> str | None:
         if not parts:
             return f'{self._set_point:.3f}'
-        voltage = float(parts[0])
-        if not self._controller.low <= voltage <= self._controller.high:
+        value, (low, high) = float(parts[0]), self._range
+        if not low <= value <= high:
             raise Nv200Error(_RANGE)
-        self._set_point = voltage
+        self._set_point = value
         self._apply()
         return None
 
     def _measured(self, _: Words) -> str:
-        return f'{1e6 * self._controller.position:.6f}'
+        """Return the position, or the voltage where there is no sensor."""
+        made = self._controller
+        has_sensor = self._fixed['acmeasure'] != '0'
+        return f'{1e6 * made.position if has_sensor else made.voltage:.6f}'
 
     def _point(self, parts: Words) -> str | None:
         index = int(parts[0])
@@ -140,6 +182,14 @@ class Nv200Language:
         self._wave[index] = value
         return None
 
+    def _position_point(self, parts: Words) -> str | None:
+        """Set or return a point of the wave as a position [um]."""
+        low, high = (1e6 * end for end in self._controller.travel)
+        if len(parts) < 2:
+            return f'{parts[0]},{low + 0.01 * self._wave[int(parts[0])] * (high - low):.6f}'
+        percent = 100.0 * (float(parts[1]) - low) / (high - low)
+        return self._point([parts[0], f'{percent:.9g}'])
+
     def _run(self, parts: Words) -> str | None:
         made = self._controller
         if not parts:
@@ -151,7 +201,8 @@ class Nv200Language:
             raise Nv200Error(_RANGE)
         first, last = self._numbers['gsarb'], self._numbers['gearb']
         share = 0.01 * self._wave[first : last + 1]
-        made.tables[1] = made.low + share * (made.high - made.low)
+        low, high = self._range
+        made.tables[1] = low + share * (high - low)
         made.generator.table, made.generator.divider = 1, self._numbers['gtarb']
         made.generator.cycles, made.generator.offset = self._numbers['gcarb'], 0.0
         made.recorder.options = {k: _SOURCES[self._sources[k]] for k in (0, 1)}
@@ -173,8 +224,9 @@ class Nv200Language:
         made = self._controller
         if parts:
             if int(parts[0]):
-                now = {0: 1e6 * made.position, 2: made.voltage}
-                self._single = {k: now[self._sources[k]] for k in (0, 1)}
+                target = 1e6 * made.target if made.servo else made.voltage
+                now = {POSITION: 1e6 * made.position, TARGET: target, OUTPUT: made.voltage}
+                self._single = {k: now[_SOURCES[self._sources[k]]] for k in (0, 1)}
             return None
         if self._single is not None:
             return '0'

@@ -116,8 +116,8 @@ class Conversation:
                 yield self._language.framed(answer)
 
 
-class GcsServer(socketserver.TCPServer):
-    """Server of a controller for one client at a time; it continues after a client disconnects.
+class GcsServer(socketserver.ThreadingTCPServer):
+    """Server of a controller for several clients at a time.
 
     Parameters
     ----------
@@ -127,16 +127,24 @@ class GcsServer(socketserver.TCPServer):
         Local port; 0 selects a free one.
     fault : Fault, optional
         Injected fault.
+    language : ServedProtocol, optional
+        Protocol; GCS 2 where none is given.
     """
 
     allow_reuse_address = True
+    daemon_threads = True
 
     def __init__(
-        self, controller: SimulatedController, port: int = 0, fault: Fault | None = None
+        self,
+        controller: SimulatedController,
+        port: int = 0,
+        fault: Fault | None = None,
+        language: ServedProtocol | None = None,
     ) -> None:
         super().__init__(('127.0.0.1', port), _Client)
         self.controller, self.fault = controller, fault or Fault()
-        self.language = Language(controller)
+        self.language = language or Language(controller)
+        self.lock = threading.Lock()
 
 
 class _Client(socketserver.BaseRequestHandler):
@@ -149,7 +157,9 @@ class _Client(socketserver.BaseRequestHandler):
         talk = Conversation(self.server.language, self.server.fault)
         try:
             while not talk.is_over and (data := self.request.recv(1 << 16)):
-                for answer in talk.answers(bytes(data)):
+                with self.server.lock:
+                    answers = list(talk.answers(bytes(data)))
+                for answer in answers:
                     self.request.sendall(answer)
         except OSError:  # the client has disconnected
             return

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from piezo_hysteresis.drivers.driver_errors import DriverError
+from contextlib import suppress
+
+from piezo_hysteresis.drivers.driver_errors import DriverError, UnknownCommandError
 from piezo_hysteresis.drivers.wires import ATTEMPTS, Wire, silent
 
 PORT = 50_000
-STOP, RUNNING, IDENTITY = b'\x18', b'\x09', '*IDN?'
+MOVING, RUNNING, IDENTITY = b'\x05', b'\x09', '*IDN?'
+_PLAIN = (IDENTITY, 'ERR?', 'SAI?')  # answers without an equals sign
+_UNKNOWN = 2  # error number
+_SILENT = 1.0  # longest silence before it is asked for an error [s]
 
 #: What the usual error numbers mean, and what to do.
 ERRORS = {
@@ -17,6 +22,7 @@ ERRORS = {
     10: 'it was stopped',
     15: 'there is no such axis',
     17: 'a parameter is out of range',
+    54: 'it does not know this parameter',
 }
 
 
@@ -30,7 +36,7 @@ class GcsConnection:
     """
 
     def __init__(self, wire: Wire) -> None:
-        self._wire, self.address = wire, wire.address
+        self._wire, self.address, self.peer = wire, wire.address, wire.peer
         self._rest, self._identity = b'', ''
         self._is_late = False
 
@@ -51,19 +57,20 @@ class GcsConnection:
     def ask(self, text: str | bytes) -> list[str]:
         """Send a query; return the lines of the response.
 
-        After a timeout, the late response is discarded first.
+        After a timeout, the late response is discarded first. A controller does not answer what it
+        refuses: after a second of silence it is asked for its error.
 
         Raises
         ------
         DriverError
-            If the connection is lost, or the response is not complete before the timeout.
+            If it refuses, the connection is lost, or the response is not complete in time.
         """
         if self._is_late:
             self._catch_up()
         self.send(text)
-        lines = []
+        lines: list[str] = []
         while True:
-            line = self._line(text)
+            line = self._line(text, is_first=not lines)
             lines.append(line.rstrip(' \n'))
             if not line.endswith(' \n'):
                 break
@@ -80,15 +87,22 @@ class GcsConnection:
             If it was not, with the reason.
         """
         self.send(text)
-        (answer,) = self.ask('ERR?')
-        number = self._integer(answer, 'ERR?')
+        self.require(text, self.error())
+
+    def error(self) -> int:
+        """Return the number of the last error, 0 for none; this clears it."""
+        return self._integer(self.ask('ERR?')[0], 'ERR?')
+
+    def require(self, text: str, number: int) -> None:
+        """Raise the error of a command, if there is one."""
         if number:
             reason = ERRORS.get(number, f'error {number}; see its manual')
-            raise DriverError(f'{self.address}: {text[:40]!r} is refused: {reason}')
+            kind = UnknownCommandError if number == _UNKNOWN else DriverError
+            raise kind(f'{self.address}: {text[:40]!r} is refused: {reason}')
 
-    def is_running(self) -> bool:
-        """Return whether a wave generator plays."""
-        return self._integer(self.ask(RUNNING)[0], RUNNING, 16) != 0
+    def bits(self, text: bytes) -> int:
+        """Return one bit for each axis or generator."""
+        return self._integer(self.ask(text)[0], text, 16)
 
     def value(self, text: str) -> str:
         """Return the text after the ``=`` of the response to a query."""
@@ -125,15 +139,26 @@ class GcsConnection:
             return
         raise silent(self.address, IDENTITY)
 
-    def _line(self, text: str | bytes) -> str:
+    def _line(self, text: str | bytes, is_first: bool) -> str:
+        is_plain = isinstance(text, bytes) or text in _PLAIN
         try:
-            return self._next()
+            if is_plain or not is_first:
+                return self._next()
+            with suppress(TimeoutError):
+                return self._next(_SILENT)
+            self.send('ERR?')
+            line = self._next()
+            if not line.strip().isdigit():  # it was only late; the answer to ERR? is on its way
+                self._is_late = True
+                return line
+            self.require(str(text), int(line))
         except TimeoutError:
-            self._is_late = True
-            raise silent(self.address, text) from None
+            pass
+        self._is_late = True
+        raise silent(self.address, text)
 
-    def _next(self) -> str:
+    def _next(self, seconds: float | None = None) -> str:
         while b'\n' not in self._rest:
-            self._rest += self._wire.receive()
+            self._rest += self._wire.receive(seconds)
         line, self._rest = self._rest.split(b'\n', 1)
         return line.decode('latin-1') + '\n'

@@ -2,47 +2,29 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.drivers.controller import UNLIMITED, Controller, Identity, Measurement
-from piezo_hysteresis.drivers.driver_errors import DriverError
-from piezo_hysteresis.drivers.gcs.gcs_connection import IDENTITY, STOP, GcsConnection
+from piezo_hysteresis.drivers.controller import Controller, Identity, Measurement, metres_of
+from piezo_hysteresis.drivers.driver_errors import DriverError, UnknownCommandError
+from piezo_hysteresis.drivers.gcs.gcs_connection import IDENTITY, MOVING, RUNNING, GcsConnection
 
-_UPDATE_TIME = '0x0E000200'  # period of the servo [s]
-_POSITION, _OUTPUT = 2, 7  # what the recorder holds: position [µm], voltage of the output [V]
-_TABLE = 1
+_UPDATE_TIME, _UNIT = '0x0E000200', '0x07000601'  # period of the servo [s]; unit of the axis
+_POSITION, _OUTPUT = 2, 7  # what the recorder holds: position, voltage of the output [V]
 _POINTS_PER_LINE = 100
 
 
 class GcsController(Controller):
-    """One axis in open loop.
-
-    Parameters
-    ----------
-    connection : GcsConnection
-        Connection to the controller; closed if the axis does not exist.
-    limits : Limits
-        Limits in addition to those of the controller.
-    axis : str
-        Name of the axis and of its output.
-
-    Raises
-    ------
-    DriverError
-        If the axis does not exist.
-    """
+    """One axis in open loop; parameters and errors as in `Controller`."""
 
     most_points = 60_000  # that every controller of this kind holds
+    interpolates = True
     filters = 'those of the controller, at the rate of its servo; see its manual'
 
     _line: GcsConnection
-
-    def __init__(
-        self, connection: GcsConnection, limits: Limits = UNLIMITED, axis: str = '1'
-    ) -> None:
-        super().__init__(connection, limits, axis)
 
     def _look(self, given: Limits) -> None:
         connection, axis = self._line, self.axis
@@ -51,7 +33,8 @@ class GcsController(Controller):
             raise DriverError(
                 f'{connection.address}: there is no axis {axis}; it has {", ".join(axes)}'
             )
-        self._channel = axes.index(axis) + 1  # of its output and its wave generator
+        self._channel = axes.index(axis) + 1  # of its output, wave generator and wave table
+        self._bit = 1 << (self._channel - 1)
         name, _, firmware = connection.ask(IDENTITY)[0].rpartition(',')
         period = connection.number(f'SPA? {axis} {_UPDATE_TIME}')
         if not 0.0 < period < 1.0:
@@ -59,6 +42,12 @@ class GcsController(Controller):
         self.identity = Identity(name.strip(), firmware.strip(), 1.0 / period)
         low, high = (connection.number(f'{word} {self._channel}') for word in ('VMI?', 'VMA?'))
         self.limits = Limits(max(low, given.low), min(high, given.high), given.slew)
+        self.span, self.noise = high - low, 1e-5 * (high - low)
+        try:
+            unit = connection.value(f'PUN? {axis}')
+        except UnknownCommandError:
+            unit = connection.value(f'SPA? {axis} {_UNIT}')
+        self._metres = metres_of(unit, self.address)
 
     @property
     def voltage(self) -> float:
@@ -68,52 +57,84 @@ class GcsController(Controller):
     @property
     def displacement(self) -> float:
         """Position as the controller measures it [m]."""
-        return 1e-6 * self._line.number(f'POS? {self.axis}')
+        return self._metres * self._line.number(f'POS? {self.axis}')
 
     @property
     def is_running(self) -> bool:
         """Whether the wave generator plays."""
-        return self._line.is_running()
+        return bool(self._line.bits(RUNNING) & self._bit)
 
-    def open_loop(self) -> None:
-        """Switch the servo off, and go to 0 V.
+    def other_motion(self) -> str:
+        """Return what runs or moves on this axis, empty where nothing does."""
+        if self.is_running:
+            return 'its wave generator runs'
+        return 'the axis moves' if self._line.bits(MOVING) & self._bit else ''
 
-        Raises
-        ------
-        DriverError
-            If the controller keeps the servo on.
-        """
+    @property
+    def is_open(self) -> bool:
+        """Whether the servo is off."""
+        return self._line.number(f'SVO? {self.axis}') == 0.0
+
+    def switch_off(self) -> None:
+        """Switch the servo off; the voltage is held."""
         self._line.command(f'SVO {self.axis} 0')
-        if self._line.number(f'SVO? {self.axis}') != 0.0:
-            raise DriverError(f'{self._line.address}: the servo stays on; switch it off there')
-        self.ramp_to(0.0)
 
-    def set_voltage(self, voltage: float) -> None:
-        """Set the output voltage immediately [V]."""
+    def step(self, voltage: float) -> None:
+        """Set the output voltage at once [V]."""
         self._line.command(f'SVA {self.axis} {voltage:.9g}')
 
+    def go(self, begin: float, end: float, slew: float) -> None:
+        """Move the output by a wave; by steps while another generator uses the wave rate."""
+        if self._others():
+            self._in_steps(begin, end, slew)
+            return
+        ticks = max(1, math.ceil(1.001 * abs(end - begin) * self.identity.rate / slew))
+        divider = math.ceil((ticks + 1) / self.most_points)
+        self.load(np.linspace(begin, end, math.ceil(ticks / divider) + 1), divider)
+        self.run(ticks / self.identity.rate)
+        self.step(end)
+
     def halt(self) -> None:
-        """Stop the wave generator; the voltage is held."""
-        self._line.send(STOP)
-        self._line.ask('ERR?')  # clears the error of the stop
+        """Stop the wave generator of the axis; the voltage is held."""
+        self._line.send(f'WGO {self._channel} 0')
+        self._line.error()  # clears that of a generator at rest
+
+    def _others(self) -> int:
+        """Return which other wave generators run: recorder and often the rate are common."""
+        return self._line.bits(RUNNING) & ~self._bit
 
     def load(self, voltages: FloatArray, divider: int) -> None:
         """Load a wave [V], to be played once, and prepare the recorder."""
-        last, generator = voltages.size, self._channel
+        last, channel = voltages.size, self._channel
+        if other := self._others():
+            raise DriverError(
+                f'{self.address}: generator {other.bit_length()} runs too, and recorder and wave '
+                'rate are common: wait for its end or stop it there'
+            )
         for first in range(0, last, _POINTS_PER_LINE):
             part = voltages[first : first + _POINTS_PER_LINE]
             mode = '&' if first else 'X'
             values = ' '.join(f'{value:.9g}' for value in part)
             # each is awaited, so that the timeout holds for a line and not for a table
-            self._line.command(f'WAV {_TABLE} {mode} PNT 1 {part.size} {values}')
-        if self._line.number(f'WAV? {_TABLE} 1') != last:
+            self._line.command(f'WAV {channel} {mode} PNT 1 {part.size} {values}')
+        if self._line.number(f'WAV? {channel} 1') != last:
             raise DriverError(f'{self._line.address}: the wave did not arrive whole; try again')
         for text in (
-            f'WSL {generator} {_TABLE}', f'WGC {generator} 1', f'WOS {generator} 0',
-            f'WTR {generator} {divider} 1', f'DRC 1 {self.axis} {_POSITION}',
-            f'DRC 2 {generator} {_OUTPUT}', 'DRT 0 0 0', f'RTR {divider}',
+            f'WSL {channel} {channel}', f'WGC {channel} 1', f'WOS {channel} 0',
+            f'DRC 1 {self.axis} {_POSITION}', f'DRC 2 {channel} {_OUTPUT}', 'DRT 0 0 0',
+            f'RTR {divider}',
         ):  # fmt: skip
             self._line.command(text)
+        self._set_rate(divider)
+
+    def _set_rate(self, divider: int) -> None:
+        """Set the servo ticks per point: of the generator, or the one rate of all of them."""
+        wanted = f'{divider} {int(divider > 1)}'  # interpolated where a point lasts for ticks
+        for generator in (self._channel, 0):
+            self._line.send(f'WTR {generator} {wanted}')
+            if self._line.error() == 0 and self._line.value(f'WTR? {generator}') == wanted:
+                return
+        raise DriverError(f'{self.address}: it does not take the wave rate {wanted!r} (WTR)')
 
     def start(self) -> None:
         """Start wave generator and recorder."""
@@ -134,4 +155,4 @@ class GcsController(Controller):
             position, voltage = rows.T
         except (KeyError, ValueError):
             raise DriverError(f'{self._line.address}: the record cannot be read') from None
-        return Measurement(dt, voltage.copy(), 1e-6 * position)
+        return Measurement(dt, voltage.copy(), self._metres * position)

@@ -37,7 +37,7 @@ class Nv200Connection:
     """
 
     def __init__(self, wire: Wire) -> None:
-        self._wire, self.address = wire, wire.address
+        self._wire, self.address, self.peer = wire, wire.address, wire.peer
         self._rest, self._is_late = b'', False
 
     def close(self) -> None:

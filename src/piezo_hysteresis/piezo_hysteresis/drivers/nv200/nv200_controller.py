@@ -12,7 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.drivers.controller import UNLIMITED, Controller, Identity, Measurement
+from piezo_hysteresis.drivers.controller import Controller, Identity, Measurement, metres_of
 from piezo_hysteresis.drivers.driver_errors import DriverError
 from piezo_hysteresis.drivers.nv200.nv200_connection import MODEL, Nv200Connection
 
@@ -20,36 +20,18 @@ from piezo_hysteresis.drivers.nv200.nv200_connection import MODEL, Nv200Connecti
 SERVO = 20_000.0
 _POSITION, _OUTPUT = 0, 2  # what a recorder holds: position [µm], voltage of the output [V]
 _LINE, _GENERATOR = 0, 3  # what gives the set point: this connection, or the wave generator
+_NOISE = 2e-3  # of the measured voltage, share of the range
 _SLEW_OFF = 2000.0  # of the limiter of the set point [%/ms]
 _RECORDED = 1.0  # longest time that a recorder of one value takes [s]
 
 
 class Nv200Controller(Controller):
-    """The axis in open loop.
-
-    Parameters
-    ----------
-    connection : Nv200Connection
-        Connection to the controller; closed if it is of another kind.
-    limits : Limits
-        Limits in addition to those of the controller.
-    axis : str
-        The only axis is ``1``.
-
-    Raises
-    ------
-    DriverError
-        If another device responds, or another axis is requested.
-    """
+    """The only axis, 1, in open loop; parameters and errors as in `Controller`."""
 
     most_points = 1024
+    interpolates = False
 
     _line: Nv200Connection
-
-    def __init__(
-        self, connection: Nv200Connection, limits: Limits = UNLIMITED, axis: str = '1'
-    ) -> None:
-        super().__init__(connection, limits, axis)
 
     def _look(self, given: Limits) -> None:
         ask, number = self._line.ask, self._line.number
@@ -60,6 +42,12 @@ class Nv200Controller(Controller):
             raise DriverError(f'{self.address}: {name[:40]!r} answers, which is no NV200')
         actuator, serial = ','.join(self._line.values('desc')), self._line.values('acserno')[0]
         self.identity = Identity(f'piezosystem jena {name}, {actuator}, {serial}', '', SERVO)
+        if not number('acmeasure'):
+            raise DriverError(
+                f'{self.address}: the actuator has no position sensor (acmeasure 0): there is '
+                'no displacement to record'
+            )
+        self._metres = metres_of(self._line.values('unitcl')[0], self.address)
         self._low, self._high = number('avmin'), number('avmax')
         if not self._low < self._high:
             raise DriverError(f'{self.address}: a range of {self._low:g} .. {self._high:g} V')
@@ -69,6 +57,10 @@ class Nv200Controller(Controller):
             max(self._low, given.low), min(self._high, given.high), min(own, given.slew)
         )
         self.filters = self._filters()
+        self.span = self._high - self._low
+        self.noise = _NOISE * self.span  # the voltage is measured, not that of the wave
+        if number('setlpon'):
+            self.lag += 1.0 / (2.0 * np.pi * number('setlpf'))
 
     def _filters(self) -> str:
         """Return the active filters, which are not changed."""
@@ -97,7 +89,7 @@ class Nv200Controller(Controller):
     @property
     def displacement(self) -> float:
         """Position as the controller measures it [m]."""
-        return 1e-6 * self._line.number('meas')
+        return self._metres * self._line.number('meas')
 
     @property
     def is_running(self) -> bool:
@@ -108,39 +100,47 @@ class Nv200Controller(Controller):
         """Return voltage [V] and displacement [m]; None while the recorder is in use."""
         return None if self.is_running else super().state()
 
-    def open_loop(self) -> None:
-        """Switch the servo off, and go to 0 V.
+    def other_motion(self) -> str:
+        """Return what drives the output, empty where nothing does."""
+        if self.is_running:
+            return 'its wave generator runs'
+        source = self._line.number('modsrc')
+        return '' if source in (_LINE, _GENERATOR) else f'source {source:g} (modsrc) drives it'
 
-        Raises
-        ------
-        DriverError
-            If the controller keeps the servo on.
-        """
-        ask = self._line.ask
+    @property
+    def is_open(self) -> bool:
+        """Whether the servo is off."""
+        return self._line.number('cl') == 0.0
+
+    def switch_off(self) -> None:
+        """Switch the servo off; the voltage is held."""
+        if self.is_open and self._line.number('modsrc') == _LINE:
+            return
         before = self.voltage
-        ask('cl,0')
-        if self._line.number('cl') != 0.0:
-            raise DriverError(f'{self.address}: the loop stays closed; open it there')
-        self.set_voltage(before)
-        ask(f'modsrc,{_LINE}')
-        self.ramp_to(0.0)
+        self._line.ask('cl,0')
+        if self.is_open:
+            self.step(before)
+            self._line.ask(f'modsrc,{_LINE}')
 
-    def set_voltage(self, voltage: float) -> None:
-        """Set the set point of the output immediately [V]."""
+    def step(self, voltage: float) -> None:
+        """Set the set point of the output at once [V]."""
         self._line.ask(f'set,{voltage:.6f}')
+
+    def go(self, begin: float, end: float, slew: float) -> None:
+        """Move the output by steps: a wave is not interpolated."""
+        self._in_steps(begin, end, slew)
 
     def halt(self) -> None:
         """Stop the wave generator; the voltage is held."""
-        ask = self._line.ask
-        ask('grun,0')
-        if self._line.number('cl') == 0.0:
-            self.set_voltage(self.voltage)
-        ask(f'modsrc,{_LINE}')
+        self._line.ask('grun,0')
+        if self.is_open and self._line.number('modsrc') != _LINE:
+            self.step(self.voltage)
+            self._line.ask(f'modsrc,{_LINE}')
 
     def load(self, voltages: FloatArray, divider: int) -> None:
         """Load a wave [V], to be played once, and prepare the recorder."""
         ask, count = self._line.ask, voltages.size
-        if self._line.number('cl') != 0.0:
+        if not self.is_open:
             raise DriverError(f'{self.address}: the loop is closed, a wave would be a position')
         percent = 100.0 * (voltages - self._low) / (self._high - self._low)
         for k, value in enumerate(percent):
@@ -157,7 +157,7 @@ class Nv200Controller(Controller):
 
     def start(self) -> None:
         """Start wave generator and recorder."""
-        self.set_voltage(0.0)
+        self.step(0.0)
         self._line.ask(f'modsrc,{_GENERATOR}')
         self._line.ask('grun,1')
 
@@ -174,4 +174,4 @@ class Nv200Controller(Controller):
                 columns.append(np.array(values, np.float64))
             except ValueError:
                 raise DriverError(f'{self.address}: the record cannot be read') from None
-        return Measurement(divider / SERVO, columns[1], 1e-6 * columns[0])
+        return Measurement(divider / SERVO, columns[1], self._metres * columns[0])
