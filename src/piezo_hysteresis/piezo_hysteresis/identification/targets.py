@@ -88,6 +88,9 @@ class Target:
         Weight of each residual in a fit, less than 1 for outliers; None if all are 1.
     input_uncertainty : InputUncertainty or None
         Error of its input, if that was measured.
+    shared : (ndarray, ndarray) or None
+        Derivatives by the nuisance parameters of the record, shape (q, m), and the weights of
+        their prior, of another model; None if each model determines its own.
     """
 
     name: str
@@ -110,6 +113,7 @@ class Target:
     valid: FloatArray | None = None
     influence: FloatArray | None = None
     input_uncertainty: InputUncertainty | None = None
+    shared: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def weight(self) -> float:

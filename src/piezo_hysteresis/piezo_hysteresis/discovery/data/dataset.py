@@ -22,6 +22,12 @@ from piezo_hysteresis.records import Record
 HELD_OUT = 0.25
 # Whole records are held out from this number of records on.
 FEWEST_TO_SPARE = 6
+# Samples on which models are fitted; of longer records the later samples are left out.
+FIT_SAMPLES = 60_000
+# Samples of a view that suffice at any sampling rate.
+FEWEST_SAMPLES = 2_000
+# Ratio of frequencies up to which drives show the same effects.
+SIMILAR = 10.0
 # Share of the largest rate of change of an input that counts as the largest.
 ALMOST = 0.98
 
@@ -76,7 +82,8 @@ def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
 
     With many sines, some are held out completely, but never the extremes of frequency and
     amplitude. The other sines and the chirps then train completely, because the end of a chirp is
-    an extreme of frequency as well. Of any other record the last part is held out.
+    an extreme of frequency as well. Of any other record the last part is held out, and of an
+    extreme that is unlike all held-out records.
 
     Parameters
     ----------
@@ -102,21 +109,60 @@ def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
     train_whole = ('sine', 'chirp') if spared else ('sine',)
     training: list[Target] = []
     held_out: list[Target] = []
+    extremes: list[Target] = []
     for record, noise in zip(records, noises, strict=True):
         view = with_noise(whole(record, begins=first_guess(record, start)), noise)
         if record.name in spared:
             held_out.append(view)
             continue
         if len(records) >= FEWEST_TO_SPARE and record.info.excitation in train_whole:
-            training.append(view)
+            extremes.append(view)
             continue
         first, last = cut(view, 1.0 - HELD_OUT)
         training.append(first)
         held_out.append(last)
-    if not held_out:
-        parts = [cut(view, 1.0 - HELD_OUT) for view in training]
-        training, held_out = [first for first, _ in parts], [last for _, last in parts]
-    return Dataset(tuple(records), tuple(training), tuple(held_out), periods, floor)
+    cut_too = _unlike(extremes, held_out)
+    for view in extremes:
+        parts = cut(view, 1.0 - HELD_OUT) if view.name in cut_too else (view,)
+        training.append(parts[0])
+        held_out += parts[1:]
+    order = {record.name: place for place, record in enumerate(records)}
+    training.sort(key=lambda view: order[view.name])
+    fitted = thinned(training, FIT_SAMPLES, periods)
+    return Dataset(tuple(records), fitted, tuple(held_out), periods, floor)
+
+
+def _unlike(whole: Sequence[Target], held_out: Sequence[Target]) -> set[str]:
+    """Return the names of records that are unlike all held-out ones, so that their end joins them.
+
+    Every effect must be able to show itself on held-out samples: creep with the slowest drive, a
+    mode with the fastest, a nonlinearity with the largest and a drift in the longest record.
+    """
+    if not whole or not held_out:
+        return {view.name for view in whole}
+    driven = [view for view in whole if view.frequency > 0.0]
+
+    def reach(view: Target) -> float:
+        return float(np.ptp(view.voltage[view.origin :]))
+
+    def seconds(view: Target) -> float:
+        return (view.voltage.size - view.origin) * view.dt
+
+    slowest = min(driven, key=lambda v: (v.frequency, -reach(v)), default=None)
+    fastest = max(driven, key=lambda v: (v.frequency, reach(v)), default=None)
+    largest, longest = max(whole, key=reach), max(whole, key=seconds)
+    slow = min((v.frequency for v in held_out if v.frequency > 0.0), default=np.inf)
+    fast = max(np.inf if v.frequency == 0.0 else v.frequency for v in held_out)
+    found = set[str]()
+    if slowest is not None and slow > SIMILAR * slowest.frequency:
+        found.add(slowest.name)
+    if fastest is not None and SIMILAR * fast < fastest.frequency:
+        found.add(fastest.name)
+    if 2.0 * max(map(reach, held_out)) < reach(largest):
+        found.add(largest.name)
+    if 2.0 * max(map(seconds, held_out)) < seconds(longest):
+        found.add(longest.name)
+    return found
 
 
 def _period(record: Record) -> int:
@@ -181,9 +227,10 @@ def beginning_like(data: Dataset, views: Sequence[Target]) -> Dataset:
 def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> tuple[Target, ...]:
     """Shorten views from their end until about `samples` are simulated in total.
 
-    Every view keeps three periods or half a second, and its fastest motion: the end of a chirp
-    contains frequencies that occur nowhere else. The longest of the slowest views keeps more,
-    because slow effects are visible only there.
+    Every view keeps half a second or `FEWEST_SAMPLES`, with three periods, or one slower period
+    and its turning points, and its fastest motion: the end of a chirp contains frequencies that
+    occur nowhere else. The longest of the slowest views keeps more, because slow effects are
+    visible only there.
     """
     total = sum(v.voltage.size for v in views)
     if total <= samples:
@@ -191,7 +238,7 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
     least = [
         min(
             v.voltage.size,
-            max(v.first + max(3 * periods.get(v.name, 0), round(0.5 / v.dt)), _fastest(v)),
+            max(v.first + _shortest(v, periods.get(v.name, 0)), _fastest(v)),
         )
         for v in views
     ]
@@ -202,6 +249,12 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
     share = max(0.0, spare) / max(float(excess.sum()), 1.0)
     kept = [base + int(share * more) for base, more in zip(least, excess, strict=True)]
     return tuple(part_of(v, 0, n - v.first) for v, n in zip(views, kept, strict=True))
+
+
+def _shortest(view: Target, period: int) -> int:
+    """Return the samples that a view keeps: three periods, or one that is long."""
+    least = min(round(0.5 / view.dt), FEWEST_SAMPLES)
+    return max(min(3 * period, max(round(1.25 * period), least)), least)
 
 
 def _fastest(view: Target) -> int:

@@ -28,7 +28,6 @@ from piezo_hysteresis.records import Record
 
 SLOWEST = 3
 START_SAMPLES = 60_000
-RECORDS_SAMPLES = 240_000  # for the search of starting values; the fits after it use fewer
 EVALUATIONS = 60
 # Number of starting points, and of revisions of the initial conditions by a fit.
 _COUNT, _REVISIONS = 4, 3
@@ -191,11 +190,8 @@ def _from_data(
 ) -> list[ModelSpec]:
     """Return starting values from output-error fits to all training records and to the slowest."""
     known = {r.name: r for r in data.records}
-    short = thinned(data.training, RECORDS_SAMPLES, data.periods)
-    records = [
-        known[view.name] if few is view else known[view.name].section(0, few.voltage.size)
-        for view, few in zip(data.training, short, strict=True)
-    ]
+    records = [known[view.name].section(0, view.voltage.size - view.origin)
+               for view in data.training]  # fmt: skip
     slow, starts = _slow_records(records), list[ModelSpec]()
     for chosen in (records, slow) if len(slow) < len(records) else (records,):
         if starts and end.skips('starts from the slowest records'):

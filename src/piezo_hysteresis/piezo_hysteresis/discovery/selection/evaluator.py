@@ -5,9 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from math import inf, log
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.significance import Improvement
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
+from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import EFFECT_NAMES, Candidate, candidates
 
@@ -90,6 +92,26 @@ class Evaluator(ABC):
         self.views = data.training
         self.screened = thinned(self.views, policy.screening_samples, data.periods)
         self.short = thinned(self.views, policy.first_fit_samples, data.periods)
+
+    def with_shared_starts(self, before: ModelSpec) -> Self:
+        """Return an evaluator whose brief fits use the unknown initial states of one model.
+
+        To first order these states have the same effect with every candidate, so that screening
+        and first fits need no search for them.
+        """
+        packed, late = before.model.pack(before.values), before.sampling_offset
+
+        def sharing(view: Target) -> Target:
+            if view.begins.kind != 'estimate':
+                return view
+            known = Prediction(before.model, packed, view, late).nuisances
+            return replace(view, shared=(known.rows, known.prior))
+
+        other = copy(self)
+        other.screened, other.short = (
+            tuple(self.map(sharing, views)) for views in (self.screened, self.short)
+        )
+        return other
 
     # --- differences between a joint fit and a fixed baseline ------------------------------
 

@@ -82,6 +82,7 @@ def select(
     progress : callable
         Called with ``(fraction, message)``.
     """
+    evaluator = evaluator.with_shared_starts(before)
     every = refined_candidates(evaluator, before)
     free = evaluator.free_of(before)
     screen = Screen(

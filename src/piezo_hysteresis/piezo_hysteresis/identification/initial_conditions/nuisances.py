@@ -81,6 +81,8 @@ def nuisances_of(
     factors : ndarray, shape (m,), optional
         Weight of each residual.
     """
+    if target.shared is not None:
+        return Nuisances(*target.shared, pull=np.zeros(len(target.shared[1])))
     if target.begins.kind != 'estimate':
         own = np.ones((int(target.own_zero), target.measured.size))
         return Nuisances(own, np.zeros(len(own)), pull=np.zeros(len(own)))

@@ -28,6 +28,11 @@ SETTLING = 3.0
 # Number of its cycles, up to a time limit [s]: in a Bouc-Wen loop around an offset voltage the
 # effect of the initial state decays by some 60 % per cycle.
 _CYCLES, _LONGEST = 10, 10.0
+# The same in samples: at a high sampling rate the modes that a record shows are fast, and so is
+# their decay. Earlier cycles only set the memory: steps of this share of the range suffice.
+_SETTLING_SAMPLES, _RAMP_SAMPLES, _COARSE = 3_000, 1_000, 0.02
+# Number of samples of a lead-in above which it has two cycles, or one.
+_MOST_SAMPLES = 20_000
 NEAR_ZERO = 0.05  # first voltage over the largest up to which a record begins at 0 V
 _RAMP = 0.5  # time from one level to the next [s], slow against any mode
 _EDGE = 4  # smallest number of ticks of a lead-in, for the interpolation between ticks
@@ -160,11 +165,22 @@ def lead_in(record: Record, start: RecordStart) -> FloatArray:
     if start.kind == 'step' and record.before is not None:
         return np.concatenate([np.zeros(_EDGE), record.before])
     if start.kind == 'settled':
-        cycle = record.voltage[: cycle_of(record)]
-        period = cycle.size * record.dt
-        few = min(_CYCLES, ceil(_LONGEST / period))
-        return np.tile(cycle, max(2, few, ceil(SETTLING / period)))
+        return _cycles(record.voltage[: cycle_of(record)], record.dt)
     return path_to(record.voltage[:2], start, record.dt)
+
+
+def _cycles(cycle: FloatArray, dt: float) -> FloatArray:
+    """Return repeated cycles: the early ones with few samples, the end at the sampling rate."""
+    period = cycle.size * dt
+    settling = min(SETTLING, _SETTLING_SAMPLES * dt)
+    count = max(2, min(_CYCLES, ceil(_LONGEST / period)), ceil(settling / period))
+    largest = float(np.max(np.abs(np.diff(cycle, append=cycle[:1])), initial=0.0))
+    step = max(1, int(_COARSE * float(np.ptp(cycle)) / largest)) if largest > 0.0 else cycle.size
+    if count * cycle.size > step * _MOST_SAMPLES:
+        count = 2 if 2 * cycle.size <= step * _MOST_SAMPLES else 1
+    voltage = np.tile(cycle, count)
+    late = max(voltage.size - ceil(settling / dt), 0)
+    return np.concatenate([voltage[late % step : late : step], voltage[late:]])
 
 
 def path_to(drive: FloatArray, start: RecordStart, dt: float) -> FloatArray:
@@ -177,11 +193,11 @@ def path_to(drive: FloatArray, start: RecordStart, dt: float) -> FloatArray:
         first -= float(drive[-1] - drive[0])
     if start.kind == 'step':
         return np.zeros(_EDGE)
-    count = max(round(_RAMP / dt), _EDGE)
+    count = max(min(round(_RAMP / dt), _RAMP_SAMPLES), _EDGE)
     ramp = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, count + 1) / count)
     legs = [a + (b - a) * ramp for a, b in pairwise((0.0, *start.levels, first))]
     if start.kind == 'rest':
-        legs.append(np.full(max(round(SETTLING / dt), _EDGE), first))
+        legs.append(np.full(max(min(round(SETTLING / dt), _SETTLING_SAMPLES), _EDGE), first))
     return np.concatenate(legs)
 
 
