@@ -191,6 +191,8 @@ def test_doubtful_records_are_fitted_with_a_warning() -> None:
     assert 'clipped' in finding.sentence
     early = replace(r, displacement=np.roll(r.displacement, -20))
     assert any('ahead of the voltage' in f.sentence for f in check_records([early]))
+    fast = replace(r, dt=1.0 / 63.0, info=RecordInfo(frequency=7.0))
+    assert any('few harmonics' in f.sentence and not f.fatal for f in check_records([fast]))
     assert check_records(RECORDS) == []
 
 

@@ -16,7 +16,8 @@ from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.records import Record
 
-_SAMPLES_PER_PERIOD = 10
+# Samples per period below which the shape of a loop is not seen, and below which its size is not.
+_SAMPLES_PER_PERIOD, _FEWEST_PER_PERIOD = 10, 4
 _OPPOSED = -0.5  # correlation below which displacement and input have opposite signs
 _COMMON = 0.3  # correlation or coherence from which displacement and input belong together
 _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
@@ -197,10 +198,11 @@ def _coverage(record: Record) -> list[tuple[bool, str]]:
         return []
     per_period = record.rate / frequency
     if per_period < _SAMPLES_PER_PERIOD:
-        return _fatal(
-            f'{per_period:.1f} samples per period of {frequency:.4g} Hz are too few; sample '
-            f'at {20 * frequency:.4g} Hz or more'
-        )
+        few = f'{per_period:.1f} samples per period of {frequency:.4g} Hz'
+        better = f'sample at {20 * frequency:.4g} Hz or more'
+        if per_period < _FEWEST_PER_PERIOD:
+            return _fatal(f'{few} are too few; {better}')
+        return _uncertain(f'{few} show few harmonics; {better} for the shape of the loop')
     return []
 
 

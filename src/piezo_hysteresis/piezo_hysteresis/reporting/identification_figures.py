@@ -17,7 +17,7 @@ from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
 from piezo_hysteresis.reporting.signals import thinned
 
 _PANELS = 6
-_DRAWN = 4000  # points of a loop; more increase only the file size
+_LAST = 20_000  # drawn samples of a record without a period
 _MODEL, _ERROR, _FLOOR = ROLES['model'], ROLES['error'], '#000000'
 
 
@@ -74,7 +74,7 @@ def _panels(count: int) -> tuple[Figure, list[Any]]:
 def _tail(record: Record) -> slice:
     """Return the last two periods, or the end of a record without a period."""
     frequency = record.info.frequency
-    count = round(2 / (frequency * record.dt)) if frequency > 0 else 5 * _DRAWN
+    count = round(2 / (frequency * record.dt)) if frequency > 0 else _LAST
     return slice(max(len(record) - count, record.warm_up_samples), None)
 
 
@@ -82,12 +82,10 @@ def _loops(records: Sequence[Record], simulated: Mapping[str, FloatArray]) -> Fi
     figure, axes = _panels(len(records))
     for axis, record in zip(axes, records, strict=True):
         cut = _tail(record)
-        every = slice(None, None, max(1, (len(record) - cut.start) // _DRAWN))
-        u = record.voltage[cut][every]
-        measured = 1e6 * record.displacement[cut][every]
-        axis.plot(u, measured, color=GREY, lw=3.5, label='measured')
-        model = 1e6 * simulated[record.name][cut][every]
-        axis.plot(u, model, '--', color=_MODEL, label='model')
+        u, measured = record.voltage[cut], 1e6 * record.displacement[cut]
+        axis.plot(*thinned(u, measured), color=GREY, lw=3.5, label='measured')
+        model = 1e6 * simulated[record.name][cut]
+        axis.plot(*thinned(u, model), '--', color=_MODEL, label='model')
         axis.set_title(record.name, fontsize='medium')
         force = record.info.input_unit == 'N'
         axis.set_xlabel('force [N]' if force else 'voltage [V]')
