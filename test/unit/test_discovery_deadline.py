@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import time
 
 import numpy as np
 import pytest
@@ -46,6 +47,15 @@ def test_what_is_skipped_is_noted_once() -> None:
     assert end.passed
     assert all(end.skips(each) for each in ('creep', 'drift', 'creep'))
     assert list(end.untried) == ['creep', 'drift']
+
+
+def test_the_elimination_has_time_after_the_search() -> None:
+    end = Deadline(100.0, began=time.monotonic() - 80.0)
+    assert end.skips('creep')
+    later = end.with_reserve()
+    assert not later.skips('elimination')
+    assert list(later.untried) == ['creep']
+    assert Deadline(100.0, began=time.monotonic() - 101.0).with_reserve().passed
 
 
 @pytest.mark.parametrize('seconds', [0.0, -1.0, math.nan])

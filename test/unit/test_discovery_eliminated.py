@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,10 @@ from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, Mod
 from piezo_hysteresis.discovery.selection.elimination import Step, retested
 from piezo_hysteresis.discovery.selection.finalist_starts import led_by_best_start
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
-from piezo_hysteresis.discovery.selection.rounds import round_of
+from piezo_hysteresis.discovery.selection.rounds import SelectionRound, round_of
+from piezo_hysteresis.discovery.selection.search import Found, eliminated
+from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model, add_effect, described, named
@@ -21,6 +25,7 @@ from piezo_hysteresis.records import Record, RecordInfo
 DT, DELAY, COUNT = 1e-4, 2.5e-4, 3000
 OWN = {'natural_frequency': 540.0, 'damping_ratio': 0.026}
 NOISE = 1.5e-7
+GAIN = Improvement(1.0, 9.0, 1e-6)
 SINES = ((1.0, 9.0), (1.0, 31.0), (0.7, 62.0), (0.4, 47.0))
 
 
@@ -88,6 +93,31 @@ def test_a_lag_is_eliminated_if_a_delay_implies_a_start_with_a_step(
     assert final.floors < 1.05
     late = final.values['delay'] - final.sampling_offset
     assert late == pytest.approx(DELAY, rel=0.02)
+
+
+def test_a_search_without_time_lists_nothing_unlikely_or_at_a_bound(
+    scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit],
+) -> None:
+    evaluator, start, _, both = scene
+    ended = copy(evaluator)
+    ended.deadline = Deadline(1e-9)
+    lag = both.added[0]
+
+    def names(fit: CandidateFit, share: float) -> list[str]:
+        middle = replace(fit, added=fit.added[:1])
+        unlikely = SelectionRound(start, (middle,), (share,), GAIN, 2)
+        last = SelectionRound(middle, (fit,), (1.0,), GAIN, 2)
+        steps = (Step(unlikely, middle), Step(last, fit))
+        found = eliminated(Found(ended, start, fit, steps))
+        assert {added.effect for added in found.final.added} == {s.fit.effect for s in found.steps}
+        return [step.fit.effect for step in found.steps]
+
+    assert names(both, 0.6) == ['amplifier_lag', 'transport_delay']
+    assert names(both, 0.0) == ['transport_delay']
+    (time,) = lag.names.values()
+    high = next(q.high for q in both.model.parameters if q.name == time)
+    assert names(replace(both, values=both.values | {time: high}), 0.6) == ['transport_delay']
+    assert 'elimination of redundant effects' in ended.deadline.untried
 
 
 @pytest.mark.parametrize('accepted', [True, False])

@@ -188,7 +188,7 @@ def discover(
     data = split(known, how.choices.start)
     progress(0.02, 'checked, split and noise measured')
     base, outcome = find(data, baseline, how, progress, nothing_new=len(own) == len(given))
-    found = outcome.found
+    found, end = outcome.found, end.with_reserve()
     measured = found.evaluator.measured
     proof = prove(measured, outcome.before, outcome.after)
     limits: tuple[DetectionLimit, ...] = ()

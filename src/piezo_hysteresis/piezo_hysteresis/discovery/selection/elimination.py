@@ -20,6 +20,11 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound, select
 
+# Probability below which an effect is not listed by a search that its time limit ended.
+_UNLIKELY = 0.005
+# Relative distance from an end of its range at which a parameter counts as limited by it.
+_AT_BOUND = 1e-3
+
 
 @dataclass(frozen=True)
 class Step:
@@ -89,6 +94,36 @@ def retested(
             here = next(k for k, step in enumerate(kept) if step.fit.effect == name)
             kept[here] = Step(again, again.best)
     return evaluator, kept, final
+
+
+def without_unfinished(
+    evaluator: Evaluator, start: CandidateFit, steps: Sequence[Step], final: CandidateFit
+) -> tuple[list[Step], CandidateFit]:
+    """Remove the effects that a search ended by its time limit has not settled.
+
+    Such an effect has hardly any probability, or parameters at the end of their range.
+    """
+    kept = list(steps)
+    for step in steps:
+        name = step.fit.effect
+        if step.round.probabilities()[name] >= _UNLIKELY and not _ends_at_a_bound(final, name):
+            continue
+        bare = _without(evaluator, final, start, name, compared=False)
+        if bare is None:
+            continue
+        kept, final = _less(kept, name), bare
+    return kept, final
+
+
+def _ends_at_a_bound(fit: CandidateFit, name: str) -> bool:
+    """Return whether a fitted parameter of an effect is at an end of its range."""
+    own = {each for added in fit.added if added.effect == name for each in added.names.values()}
+    return any(
+        abs(fit.values[q.name] - end) <= _AT_BOUND * abs(end)
+        for q in fit.model.parameters
+        if q.name in own and not q.held
+        for end in (q.low, q.high)
+    )
 
 
 def pruned(evaluator: Evaluator, final: CandidateFit, start: CandidateFit) -> CandidateFit:

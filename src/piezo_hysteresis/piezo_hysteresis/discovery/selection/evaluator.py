@@ -113,6 +113,12 @@ class Evaluator(ABC):
         )
         return other
 
+    def with_reserve(self) -> Self:
+        """Return an evaluator that may use the time reserved for the elimination."""
+        other = copy(self)
+        other.deadline = self.deadline.with_reserve()
+        return other
+
     # --- differences between a joint fit and a fixed baseline ------------------------------
 
     @abstractmethod

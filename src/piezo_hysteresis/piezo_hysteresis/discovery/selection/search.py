@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
-from piezo_hysteresis.discovery.selection.elimination import Step, pruned, retested
+from piezo_hysteresis.discovery.selection.elimination import (
+    Step,
+    pruned,
+    retested,
+    without_unfinished,
+)
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.finalist_starts import led_by_best_start
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, select
@@ -52,27 +57,32 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
         return found
     first = found.steps[0].round
     progress(0.85, 'testing every effect with the others present')
-    best = _retested(found)
+    best = eliminated(found)
     for step in _others(evaluator, first):
         if not best.leaves_much or evaluator.deadline.skips(f'selection from {step.fit.effect}'):
             break
         progress(0.9, f'beginning again with {step.fit.effect}')
         again = replace(step, fit=_finished(evaluator, step.fit))
         seen = evaluator.with_tones_aligned(first.before)
-        other = _retested(_forward(seen, start, [again], lambda fraction, message: None))
+        other = eliminated(_forward(seen, start, [again], lambda fraction, message: None))
         policy = evaluator.policy
         if other.evaluator.score(other.final) < best.evaluator.score(best.final) - policy.better:
             best = other
     return best
 
 
-def _retested(found: Found) -> Found:
+def eliminated(found: Found) -> Found:
+    """Return the result without redundant effects, as far as the reserved time allows."""
     if found.evaluator.policy.elimination_rounds == 0 or not found.steps:
         return found
-    if len(found.steps) > 1 and found.evaluator.deadline.skips('elimination of redundant effects'):
-        return found
-    evaluator, steps, final = retested(found.evaluator, found.start, found.steps)
-    return replace(found, evaluator=evaluator, steps=tuple(steps), final=final)
+    evaluator, steps, final = found.evaluator.with_reserve(), list(found.steps), found.final
+    several = len(steps) > 1
+    if not (several and evaluator.deadline.skips('elimination of redundant effects')):
+        evaluator, steps, final = retested(evaluator, found.start, steps)
+    if evaluator.deadline.untried:
+        steps, final = without_unfinished(evaluator, found.start, steps, final)
+    last = found.last if steps else found.last or found.steps[-1].round
+    return Found(evaluator, found.start, final, tuple(steps), last)
 
 
 def _others(evaluator: Evaluator, first: SelectionRound) -> list[Step]:

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 
 from piezo_hysteresis.errors import IdentificationError
+
+# Share of the time that a search leaves to the elimination. Chosen.
+_RESERVED = 0.25
 
 
 @dataclass
 class Deadline:
     """A time limit that a search checks before each new step.
 
+    The elimination of redundant effects is skipped last: until then an effect may be listed that a
+    later one replaced.
+
     Attributes
     ----------
     seconds : float
-        Time limit from now; unlimited by default [s].
+        Time limit from `began`; unlimited by default [s].
+    reserved : float
+        Share of it that is kept for the elimination of redundant effects [1].
+    began : float
+        Monotonic time of the start; now by default [s].
     untried : dict of str to None
         Skipped steps, in the order of the search.
 
@@ -27,21 +37,26 @@ class Deadline:
     """
 
     seconds: float = inf
+    reserved: float = _RESERVED
+    began: float = field(default_factory=time.monotonic)
     untried: dict[str, None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Start the clock."""
+        """Check the limit."""
         if not (isinstance(self.seconds, (int, float)) and self.seconds > 0.0):
             raise IdentificationError(
                 f'the time limit must be a number above 0 s, got {self.seconds!r}; leave it out '
                 'for none'
             )
-        self._end = time.monotonic() + self.seconds
 
     @property
     def passed(self) -> bool:
         """Whether the time limit has passed."""
-        return time.monotonic() > self._end
+        return time.monotonic() - self.began > (1.0 - self.reserved) * self.seconds
+
+    def with_reserve(self) -> Deadline:
+        """Return the same limit with the time that is reserved for the elimination."""
+        return replace(self, reserved=0.0)
 
     def skips(self, what: str) -> bool:
         """Return whether the time limit has passed, and record the skipped step."""
