@@ -31,7 +31,7 @@ BLOCK = Block(
     slot=Slot.SLOW,
     parameters=(
         Parameter(
-            'gain_loss', '1', 0.0, -1.0, 1.0, 'Final share of the stroke that is lost.', 0.05
+            'gain_loss', '1', 0.0, 0.0, 1.0, 'Final share of the stroke that is lost.', 0.05
         ),
         Parameter(
             'gain_loss_time',
@@ -59,7 +59,6 @@ EFFECTS = (
         neutral={'gain_loss': 0.0},
         start={'gain_loss': 0.02},
         alternatives=(
-            {'gain_loss': -0.02},
             {'gain_loss_time': 1.0},
             {'gain_loss_time': 1e3, 'gain_loss': 0.5},
         ),

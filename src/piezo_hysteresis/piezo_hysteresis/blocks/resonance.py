@@ -18,6 +18,8 @@ from piezo_hysteresis.numerics.spectrum import windowed
 
 # A mode with a share nearer to 1 is the mode in series with the whole displacement.
 _NEARLY_WHOLE = 0.1
+# A second mode with a share so near to 1 leaves nothing to the first one: it is the first one.
+_WHOLE = 0.05
 
 # Start frequencies of fits in samples^-1: seven octaves, six frequencies per octave.
 _GRID = tuple(0.45 * 2.0 ** (-k / 6.0) for k in range(1, 43))
@@ -209,15 +211,19 @@ _MISTAKEN = ('odd_harmonic', 'transport_delay', 'amplifier_lag', 'rate_dependenc
 
 
 def _is_no_mode(values: Mapping[str, float]) -> bool:
-    """Return whether the mode does not ring, or lies within half the bandwidth of the first one.
+    """Return whether the mode does not ring, or is the first one of the model.
 
-    Damping on its bound is a lag or a delay; a mode at the first one changes its phase and gain.
+    Damping on its bound is a lag or a delay; a mode within half the bandwidth of the first one
+    changes its phase and gain; a mode that carries the whole displacement in place of the first
+    one is the first one at another frequency.
     """
     if values['resonance_damping'] >= 0.99 * _DAMPING.high:
         return True
     first = values.get('natural_frequency')
     if first is None:
         return False
+    if abs(values['resonance_share'] - 1.0) < _WHOLE:
+        return True
     return abs(values['resonance_frequency'] - first) <= values['damping_ratio'] * first
 
 

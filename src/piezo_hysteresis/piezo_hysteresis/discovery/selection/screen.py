@@ -200,7 +200,10 @@ class Screen:
         as a bank of plays, whose starting point is arbitrary. It is zero if the starting point
         equals the present model.
         """
-        if len(candidate.added) < _MANY and not candidate.effect.refits:
+        if candidate.effect.refits:
+            if any(values[name] != self._fit.values[name] for name in candidate.added):
+                return 0.0
+        elif len(candidate.added) < _MANY:
             return 0.0
         return self.nearby(candidate, values)
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 from piezo_hysteresis.discovery.detection.statements import in_prefixes
@@ -31,6 +33,8 @@ MENTIONED = POLICY.alternative
 LISTED = 3
 # Change in standard deviations from which a parameter counts as changed.
 CHANGED = POLICY.noise_deviations
+# Relative change of the gain from which it is stated.
+GAIN_CHANGED = 2e-3
 # Relative distance of a drive harmonic from a mode up to which the drive is listed. Within 4 % a
 # lightly damped mode amplifies at least twelve times, 1 / (1 - (1 - 0.04)^2), and a harmonic of
 # one per cent reaches an eighth of the drive. Chosen; it affects only this sentence.
@@ -66,7 +70,7 @@ def named_effects(
     found: dict[str, NamedEffect] = {}
     for step in steps:
         before = found.get(step.fit.effect)
-        one = _named(step, start, final, floor, certainty, further=before is not None)
+        one = _named(step, start, final, records, floor, certainty, further=before is not None)
         one = replace(one, look_alikes=alike.get(one.name, ()))
         found[one.name] = one if before is None else _joined(before, one)
     return tuple(_with_drives(each, records) for each in found.values())
@@ -123,6 +127,7 @@ def _named(
     step: Step,
     start: CandidateFit,
     final: CandidateFit,
+    records: Sequence[Record],
     floor: float,
     certainty: float,
     *,
@@ -141,8 +146,11 @@ def _named(
     variants = tuple(dict.fromkeys(added.variant for added in elements))
     numbers = _numbers(elements, start, final)
     evidence = _evidence(step, variants[0], floor, further=further)
+    changes: tuple[str, ...] = ()
     if winner == PARAMETER_SHIFT.name:
-        evidence.insert(1, _changes(numbers, start))
+        changes = changes_of(numbers, start, records)
+        what = ', '.join(changes) or 'none alone, all of them together'
+        evidence.insert(1, f'Changes: {what}.')
     return NamedEffect(
         name=winner,
         variant=', '.join(variants),
@@ -153,6 +161,7 @@ def _named(
         parameters=numbers,
         alternatives=others,
         evidence=tuple(evidence),
+        changes=changes,
     )
 
 
@@ -180,18 +189,67 @@ def _numbers(
     }
 
 
-def _changes(numbers: Mapping[str, Number], start: CandidateFit) -> str:
-    """Return a sentence with the changed parameters, most significant first."""
+def changes_of(
+    numbers: Mapping[str, Number], start: CandidateFit, records: Sequence[Record]
+) -> tuple[str, ...]:
+    """Return the changes of a baseline in words: its parameters, most significant first, and gain.
+
+    Parameters of the displacement that only follow the gain are not listed.
+
+    Parameters
+    ----------
+    numbers : mapping of str to Number
+        Parameters fitted again.
+    start : CandidateFit
+        The baseline.
+    records : sequence of Record
+        Measured records.
+    """
+    gain = _gain_ratio(numbers, start, records)
     sure: dict[str, float] = {}
     for name, number in numbers.items():
-        change = number.value - start.values[name]
-        if number.std and abs(change) > CHANGED * number.std:
-            sure[name] = abs(change) / number.std
-    changed = [
-        f'{name} from {start.values[name]:.4g} to {numbers[name].value:.4g} {numbers[name].unit}'
+        follows = number.unit.startswith('m')
+        change = abs(number.value - start.values[name] * (gain if follows else 1.0))
+        least = GAIN_CHANGED * abs(start.values[name]) if follows else 0.0
+        if number.std and change > max(CHANGED * number.std, least):
+            sure[name] = change / number.std
+    found = [
+        f'{name} {_between(start.values[name], numbers[name])}'
         for name in sorted(sure, key=lambda each: -sure[each])
     ]
-    return f'Changed parameters: {", ".join(changed) or "none alone, all of them together"}.'
+    if len(found) > LISTED:
+        found[LISTED:] = [counted(len(found) - LISTED, 'further parameter')]
+    if abs(gain - 1.0) >= GAIN_CHANGED:
+        found.append(f'gain {100.0 * (gain - 1.0):+.2g} %')
+    return tuple(found)
+
+
+def _between(before: float, after: Number) -> str:
+    """Return two values with their unit."""
+    if after.unit in ('', '1'):
+        return f'{before:.4g} to {after.value:.4g}'
+    return f'{in_prefixes(before, after.unit)} to {in_prefixes(after.value, after.unit)}'
+
+
+def _gain_ratio(
+    numbers: Mapping[str, Number], start: CandidateFit, records: Sequence[Record]
+) -> float:
+    """Return the gain with the fitted displacements over that of the baseline, slowest drive.
+
+    Frequencies and damping stay those of the baseline.
+    """
+    driven = [each for each in records if np.ptp(each.voltage) > 0.0]
+    if not driven:
+        return 1.0
+    slow = min(driven, key=lambda each: each.info.frequency or np.inf)
+    fitted = start.values | {k: n.value for k, n in numbers.items() if n.unit.startswith('m')}
+    before, after = (
+        np.asarray(start.model.respond(slow.voltage, start.model.pack(values), slow.dt))
+        for values in (start.values, fitted)
+    )
+    before, after = (each[slow.warm_up_samples :] for each in (before, after))
+    before = before - before.mean()
+    return float(before @ after) / max(float(before @ before), 1e-300)
 
 
 def _owner(name: str, final: CandidateFit) -> Added:
@@ -330,7 +388,10 @@ def _summary(verdict: Verdict) -> str:
     done = [f'adding {them}'] if missed else []
     for shift in shifts:
         others = [a.name for a in shift.alternatives if a.probability > MENTIONED]
-        findings.append(f'has parameters that do not fit these records{_or(others)}')
+        what = 'has parameters that do not fit these records'
+        if shift.changes:
+            what = f'no longer fits ({", ".join(shift.changes)})'
+        findings.append(f'{what}{_or(others)}')
         done.append('refitting them')
     return (
         f'The model {verdict.baseline} {" and ".join(findings)}; {" and ".join(done)} lowers the '

@@ -55,6 +55,8 @@ class NamedEffect:
         ``amplitude_m``, the measured amplitude of that harmonic.
     look_alikes : tuple of LookAlike
         Effects that these records cannot distinguish from it at its size.
+    changes : tuple of str
+        Changes of the baseline, most significant first: ``natural_frequency 800 to 650 Hz``.
     """
 
     name: str
@@ -68,6 +70,7 @@ class NamedEffect:
     evidence: tuple[str, ...]
     drives: tuple[dict[str, float], ...] = ()
     look_alikes: tuple[LookAlike, ...] = ()
+    changes: tuple[str, ...] = ()
 
     @property
     def effect_class(self) -> tuple[str, ...]:
