@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.data.dataset import FIT_SAMPLES, split
+from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, evaluated_on
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.workflow import discover
+from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -76,3 +81,51 @@ def test_a_chirp_trains_whole_where_sines_are_held_out() -> None:
     # alone it gives its last quarter
     alone = split([chirp])
     assert [v.measured.size for v in (*alone.training, *alone.held_out)] == [1500, 500]
+
+
+@pytest.mark.parametrize(
+    ('added', 'cut'),
+    [
+        ((), set()),
+        (((0.1, 1.0, 20.0),), {'sine_0.1Hz'}),  # creep shows in it alone
+        (((400.0, 1.0, 2.0),), {'sine_400Hz'}),
+        (((5.0, 3.0, 2.0),), {'sine_5Hz'}),
+        (((6.0, 1.0, 9.0),), {'sine_6Hz'}),
+    ],
+)
+def test_the_end_of_an_extreme_record_is_held_out_where_none_is_like_it(
+    added: tuple[tuple[float, float, float], ...], cut: set[str]
+) -> None:
+    def drive(frequency: float, size: float, seconds: float) -> Record:
+        t = np.arange(round(seconds * RATE)) / RATE
+        u = size * np.sin(2 * np.pi * frequency * t)
+        y = 1e-5 * u + NOISE * np.random.default_rng(round(frequency)).normal(size=t.size)
+        info = RecordInfo(excitation='sine', frequency=frequency, amplitude=size)
+        return Record(f'sine_{frequency:g}Hz', 1.0 / RATE, u, y, info=info)
+
+    usual = [drive(f, 1.0, 2.0) for f in (2.0, 3.0, 4.0, 7.0, 11.0, 13.0, 17.0)]
+    data = split([*usual, *(drive(*each) for each in added)])
+    trained = {v.name: v for v in data.training}
+    held_out = {v.name: v for v in data.held_out}
+    assert trained.keys() & held_out.keys() == cut
+    for name in cut:
+        # the parts do not overlap
+        assert trained[name].first + trained[name].measured.size <= held_out[name].first
+
+
+def test_long_records_are_fitted_in_part() -> None:
+    many = [record(f, f, seconds=20.0) for f in (2, 3, 4, 5, 7, 9)]
+    data = split(many)
+    assert sum(v.voltage.size for v in data.training) <= 1.1 * FIT_SAMPLES
+    assert min(v.measured.size for v in data.training) >= 2000
+
+
+def test_brief_fits_share_the_unknown_initial_states() -> None:
+    moving = [replace(v, begins=RecordStart('estimate')) for v in split([record(3, 1)]).training]
+    evaluator = FreeEvaluator(replace(split([record(3, 1)]), training=tuple(moving)), 0, 1)
+    before = evaluator.evaluated(ModelSpec(MODEL, dict(TRUE)))
+    sharing = evaluator.with_shared_starts(before)
+    assert all(view.shared is not None for view in (*sharing.short, *sharing.screened))
+    assert all(view.shared is None for view in sharing.views)
+    again, known = (evaluated_on(before, views) for views in (sharing.short, evaluator.short))
+    assert again.square == pytest.approx(known.square, rel=1e-6)

@@ -21,7 +21,7 @@ from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.simulate import simulate as simulate_records
 from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.identification.validate import validate
-from piezo_hysteresis.records import Record
+from piezo_hysteresis.records import Record, RecordInfo
 from piezo_sim.sweep import grid, simulate
 
 DT = 1e-3
@@ -113,3 +113,15 @@ def test_initial_conditions_are_searched_only_where_their_effect_lasts(
     (seen,) = revised(model, values, 0.0, [whole(record)], [record], Choices(), alone=True)
     assert seen.begins.kind == 'step'
     assert (len(evaluated) > 10) is searched
+
+
+@pytest.mark.parametrize('kind', ['rest', 'settled', 'settled slow'])
+def test_a_lead_in_has_few_samples_at_any_rate(kind: str) -> None:
+    dt, frequency = 1e-5, 0.5 if 'slow' in kind else 50.0
+    u = 1.0 + np.sin(2 * np.pi * frequency * dt * np.arange(round(2.0 / frequency / dt)))
+    record = Record('fast', dt, u, u, info=RecordInfo(frequency=frequency))
+    before = lead_in(record, RecordStart(kind.split()[0]))
+    assert before.size <= 50_000
+    assert abs(before[-1] - u[0]) < 0.01
+    # the last samples have the rate of the record
+    assert np.max(np.abs(np.diff(before[-2000:]))) < 2.0 * np.max(np.abs(np.diff(u)))
