@@ -14,7 +14,7 @@ from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import PathStage, free_states
 from piezo_hysteresis.models.simulation.state_space import run_path, run_path_four, step_of
 from piezo_hysteresis.models.simulation.substep_run import PathRun
-from piezo_hysteresis.models.simulation.substep_sensitivities import carried
+from piezo_hysteresis.models.simulation.substep_sensitivities import PathTangents
 
 DT = 1e-3
 ORIGIN = 500  # sample at which states are offset
@@ -172,9 +172,8 @@ def test_a_parameter_costs_what_is_behind_it_and_not_the_whole_run(
     monkeypatch.setattr(PathRun, 'respond', respond)
     u, own = drive(200), p[stage.columns]
     around = {j: (own[j] * (1 - 1e-6), own[j] * (1 + 1e-6)) for j in (0, 1, 7, 8)}
-    _, rows = carried(
-        stage.run, u, np.ones((2, u.size)), own, around, DT, start=0.0, frequency=0.0
-    )
+    run = PathTangents(stage.run, own, around, DT, start=0.0, frequency=0.0, incoming=2)
+    _, rows = run.go(u, np.ones((2, u.size)))
     assert rows.shape == (6, u.size)
     # a voltage that is higher throughout is told by that, whoever asks
     np.testing.assert_array_equal(rows[0], rows[1])

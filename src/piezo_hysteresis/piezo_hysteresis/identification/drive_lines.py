@@ -46,19 +46,24 @@ def drive_lines(
     count = voltage.size
     if drive <= 0.0 or drive * dt * count < periods:
         return None
-    size, laws = amplitudes(voltage, dt, drive), [np.ones(count)]
-    if varies(size, steady):
-        size /= max(float(size.max()), 1e-300)
-        laws += [size, size**2]
+    size = amplitudes(voltage, dt, drive)
+    laws = np.ones((3 if varies(size, steady) else 1, count))
+    if len(laws) > 1:
+        np.divide(size, max(float(size.max()), 1e-300), out=laws[1])
+        np.square(laws[1], out=laws[2])
+    del size
     highest = max(orders_below(drive, dt), default=0)
-    return ModulatedLines(np.array(laws), 2.0 * np.pi * drive * dt, highest, _DEPENDENT)
+    return ModulatedLines(laws, 2.0 * np.pi * drive * dt, highest, _DEPENDENT)
 
 
 def amplitudes(voltage: FloatArray, dt: float, drive: float) -> FloatArray:
     """Return half the range of a drive over each period, smoothed, shape (n,) [V]."""
     period = max(round(1.0 / (drive * dt)), 2)
-    reach = maximum_filter1d(voltage, period) - minimum_filter1d(voltage, period)
-    return np.asarray(0.5 * uniform_filter1d(reach, period))
+    reach = maximum_filter1d(voltage, period)
+    reach -= minimum_filter1d(voltage, period)
+    smooth = uniform_filter1d(reach, period)
+    smooth *= 0.5
+    return np.asarray(smooth, dtype=np.float64)
 
 
 def varies(reach: FloatArray, steady: float = STEADY) -> bool:

@@ -7,18 +7,20 @@ of a recording is its sampling offset, a nuisance parameter of the data.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import floor
+from collections.abc import Iterator, Sequence
+from math import ceil, floor
+from typing import NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.initial_conditions.initial_state import InitialStateRun
-from piezo_hysteresis.identification.sensitivities import sensitivities
+from piezo_hysteresis.identification.sensitivities import SensitivityRun
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import TickStage
+from piezo_hysteresis.numerics.qr import BLOCK
 
 
 def shifted(rows: FloatArray, samples: float) -> FloatArray:
@@ -153,6 +155,27 @@ def simulated(
     return read(y, target, samples_late(model, target.dt, sampling_offset))
 
 
+class Derivatives(NamedTuple):
+    """Simulated displacement and its derivatives over a part of the samples of a target.
+
+    Attributes
+    ----------
+    first : int
+        First driven sample.
+    displacement : ndarray, shape (n,)
+        As `simulated` [m].
+    rows : ndarray, shape (p, n)
+        Derivatives by the parameters [m per unit].
+    slope : ndarray, shape (n,)
+        Derivative by the sampling offset [m/s].
+    """
+
+    first: int
+    displacement: FloatArray
+    rows: FloatArray
+    slope: FloatArray
+
+
 def differentiated(
     model: Model,
     packed: FloatArray,
@@ -160,8 +183,10 @@ def differentiated(
     target: Target,
     sampling_offset: float = 0.0,
     motion: InitialStateRun | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the simulated displacement and its derivatives.
+) -> Iterator[Derivatives]:
+    """Yield the simulated displacement and its derivatives, block by block of samples.
+
+    The memory is that of a block for any length of the record.
 
     Parameters
     ----------
@@ -171,22 +196,29 @@ def differentiated(
         Parameters to differentiate by.
     motion : InitialStateRun, optional
         Run from initial states other than those of the lead-in, see `nuisances_of`.
-
-    Returns
-    -------
-    displacement : ndarray, shape (n,)
-        As `simulated` [m].
-    rows : ndarray, shape (len(free), n)
-        Derivatives by the parameters [m per unit].
-    slope : ndarray, shape (n,)
-        Derivative by the sampling offset [m/s].
     """
-    y, rows = sensitivities(
-        model, packed, free, target.drive, target.dt, target.frequency, target.start,
+    run = SensitivityRun(
+        model, packed, free, target.dt, target.frequency, target.start,
         origin=target.origin, offsets=() if motion is None else motion.moved,
     )  # fmt: skip
-    if motion is not None:
-        y = motion.response
     late = samples_late(model, target.dt, sampling_offset)
-    slope = (shifted(y, late + 1e-4) - shifted(y, late - 1e-4)) / (2e-4 * target.dt)
-    return read(y, target, late), read(rows, target, late), slope[: target.voltage.size]
+    drive, end = target.drive, target.voltage.size
+    size = drive.size if run.is_whole else BLOCK
+    reach = ceil(abs(late)) + 4  # samples on either side that the interpolation takes
+    y, rows, begin, done = np.empty(0), np.empty((len(free), 0)), 0, 0
+    for first in range(0, drive.size, size):
+        last = min(first + size, drive.size)
+        more, further = run.advance(drive[first:last])
+        more = more if motion is None else motion.response[first:last]
+        y = np.concatenate([y, more]) if begin < first else more
+        rows = np.concatenate([rows, further], axis=1) if begin < first else further
+        ready = end if last == drive.size else min(last - reach, end)
+        if ready > done:
+            here = slice(done - begin, ready - begin)
+            slope = (shifted(y, late + 1e-4) - shifted(y, late - 1e-4)) / (2e-4 * target.dt)
+            yield Derivatives(
+                done, shifted(y, late)[here], shifted(rows, late)[:, here], slope[here]
+            )
+            done = ready
+        kept = max(done - reach, begin)
+        y, rows, begin = y[kept - begin :], rows[:, kept - begin :], kept

@@ -10,16 +10,13 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.identification.free_run import differentiated
-from piezo_hysteresis.identification.initial_conditions.nuisances import (
-    Nuisances,
-)
+from piezo_hysteresis.identification.free_run import Derivatives, differentiated
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.numerics.qr import triangle
+from piezo_hysteresis.numerics.qr import extend, triangle
 
 #: Name of the nuisance parameter: delay of the displacement samples [s].
 SAMPLING_OFFSET = 'sampling_offset'
@@ -160,33 +157,40 @@ class Objective:
 
     def jacobian(self, target: Target, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return simulated samples, shape (m,), and derivatives, shape (p, m), of a target."""
-        rows = np.empty((len(self.free), target.measured.size))
         late = self.sampling_offset(x)
-        led_in = differentiated(self.model, self.packed(x), self._own, target, late)
-        return self._placed(target, led_in, rows), rows
+        found = differentiated(self.model, self.packed(x), self._own, target, late)
+        parts = [self._placed(target, each)[1:] for each in found]
+        y, rows = zip(*parts, strict=True)
+        return np.concatenate(y), np.concatenate(rows, axis=1)
 
-    def _placed(
-        self, target: Target, found: tuple[FloatArray, FloatArray, FloatArray], rows: FloatArray
-    ) -> FloatArray:
-        """Return simulated samples, shape (m,), and fill in derivatives, shape (p, m)."""
-        y, own, slope = found
-        rows[self._own_places] = own[:, target.compared]
+    def _placed(self, target: Target, found: Derivatives) -> tuple[slice, FloatArray, FloatArray]:
+        """Return which compared samples a part holds, simulated, and derivatives, (p, m)."""
+        inside, here = target.compared_in(found.first, found.first + found.slope.size)
+        rows = np.empty((len(self.free), inside.stop - inside.start))
+        rows[self._own_places] = found.rows[:, here]
         if SAMPLING_OFFSET in self.free:
-            rows[self.free.index(SAMPLING_OFFSET)] = target.pick(slope)
-        return target.pick(y)
+            rows[self.free.index(SAMPLING_OFFSET)] = found.slope[here]
+        return inside, found.displacement[here], rows
 
-    def _seen(self, found: Prediction) -> FloatArray:
-        """Return residual and Jacobian for `_without`, in one large array that is reused."""
+    def _factor(self, found: Prediction) -> FloatArray:
+        """Return the triangular factor of nuisances, derivatives and residual of a target.
+
+        The prior of the nuisances accounts for the offsets that the run contains.
+        """
         target, nuisances = found.target, found.nuisances
-        q, p, m = len(nuisances.rows), len(self.free), target.measured.size
-        seen = np.empty((q + p + 1, m + q))
-        part = seen[:, :m]
-        part[:q] = nuisances.rows
-        y = self._placed(target, found.sensitivities(self._own), part[q:-1])
-        np.subtract(y, target.measured, out=part[-1])
-        if target.factors is not None:
-            part *= target.factors
-        return seen
+        q, p, factors = len(nuisances.rows), len(self.free), target.factors
+        factor = np.zeros((q + p + 1, q + p + 1))
+        for part in found.derivatives(self._own):
+            inside, y, rows = self._placed(target, part)
+            seen = np.vstack([nuisances.rows[:, inside], rows, y - target.measured[inside]])
+            if factors is not None:
+                seen *= factors[inside]
+            extend(factor, seen)
+        prior = np.zeros((q + p + 1, q))
+        prior[:q] = np.diag(nuisances.prior)
+        prior[-1] = nuisances.prior * nuisances.pull
+        extend(factor, prior)
+        return factor
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Return R, Q'r and the cost at `x`, see `solver.Problem`."""
@@ -202,8 +206,8 @@ class Objective:
             target, weight = pair
             with np.errstate(over='ignore', invalid='ignore'):
                 found = Prediction(self.model, packed, target, late, weighted=True)
-                seen = self._seen(found)
-            free = _without(found.nuisances, seen)
+                factor = self._factor(found)
+            free = projected(factor, len(found.nuisances.rows))
             return free * (weight * target.weight)
 
         pairs = list(zip(self.targets, self.weights, strict=True))
@@ -221,25 +225,6 @@ class Objective:
         if not (np.all(np.isfinite(full)) and isfinite(cost)):
             return np.eye(p), np.zeros(p), float('inf')
         return full[:p, :p], full[:p, p], cost
-
-
-def _without(nuisances: Nuisances, seen: FloatArray) -> FloatArray:
-    """Return the triangular factor of `seen` with the nuisance parameters projected out.
-
-    Parameters
-    ----------
-    nuisances : Nuisances
-        Initial condition of the record, with the prior of its nuisance parameters.
-    seen : ndarray, shape (q + p + 1, m + q)
-        Rows of the nuisances, derivatives and residual, and space for the prior; overwritten.
-        `pull` accounts for the offsets that the run contains.
-    """
-    q = len(nuisances.rows)
-    if q:
-        seen[:q, -q:] = np.diag(nuisances.prior)
-        seen[q:-1, -q:] = 0.0
-        seen[-1, -q:] = nuisances.prior * nuisances.pull
-    return projected(triangle(seen), q)
 
 
 def projected(full: FloatArray, q: int) -> FloatArray:

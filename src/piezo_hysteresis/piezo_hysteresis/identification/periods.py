@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.numerics.spectrum import autocorrelation
 from piezo_hysteresis.records import Record
 
 Result = TypeVar('Result')
@@ -95,13 +96,16 @@ def like_lags(change: FloatArray, power: float, share: float) -> list[int]:
 def mean_changes(signal: FloatArray) -> FloatArray:
     """Return the mean square of ``x(k + lag) - x(k)`` for the lags 1 to n // 2 of a signal."""
     n = signal.size
+    most = n // 2
     centred = signal - signal.mean()
-    size = 1 << (2 * n - 1).bit_length()
-    correlation = np.fft.irfft(np.abs(np.fft.rfft(centred, size)) ** 2, size)
-    squares = np.concatenate([[0.0], np.cumsum(centred**2)])
-    lags = np.arange(1, n // 2 + 1)
-    energy = squares[n - lags] + squares[n] - squares[lags]
-    return np.asarray((energy - 2.0 * correlation[lags]) / (n - lags))
+    change = -2.0 * autocorrelation(centred)[1 : most + 1]
+    np.square(centred, out=centred)
+    squares = np.cumsum(centred, out=centred)
+    change += squares[::-1][1 : most + 1]
+    change += squares[-1]
+    change -= squares[:most]
+    change /= np.arange(n - 1, n - 1 - most, -1.0)
+    return np.asarray(change)
 
 
 def periodic_from(u: FloatArray, period: int) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.identification.free_run import (
+    Derivatives,
     StageCache,
     differentiated,
     read,
@@ -129,8 +130,8 @@ class Prediction:
             more = explained(error * weight, nuisances.pull)
             return error - more @ rows, nuisances.prior * (nuisances.pull + more)
 
-    def sensitivities(self, free: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the response and its derivatives, see `free_run.differentiated`."""
+    def derivatives(self, free: tuple[str, ...]) -> Iterator[Derivatives]:
+        """Yield the response and its derivatives, see `free_run.differentiated`."""
         return differentiated(
             self._model, self._packed, free, self.target, self._offset, self.nuisances.motion
         )

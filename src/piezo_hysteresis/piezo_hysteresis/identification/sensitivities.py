@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple, Protocol, TypeGuard
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from piezo_hysteresis.models.simulation.plan import (
     as_linear,
 )
 from piezo_hysteresis.models.simulation.state_layout import StateJump
-from piezo_hysteresis.models.simulation.substep_sensitivities import carried
+from piezo_hysteresis.models.simulation.substep_sensitivities import PathTangents
+from piezo_hysteresis.numerics.qr import BLOCK
 
 _MOST_VALUES = 2_000_000  # derivatives times samples stored along the path of each tick
 # Results of a first stage that are kept, more than the memories that a scan combines with a mode,
@@ -60,20 +61,8 @@ class FirstStage(dict[tuple[object, ...], tuple[FloatArray, FloatArray]]):
             self[key] = found
 
 
-def sensitivities(
-    model: Model,
-    packed: FloatArray,
-    free: Sequence[str],
-    voltage: FloatArray,
-    dt: float,
-    frequency: float = 0.0,
-    start: float = 0.0,
-    *,
-    origin: int = 0,
-    offsets: Sequence[StateOffset] = (),
-    first: FirstStage | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the free run from rest and its derivatives.
+class SensitivityRun:
+    """The free run of a chain from rest and its derivatives, block by block of samples.
 
     Blocks are differentiated by the generated derivative of their kernel. Linear runs are
     differenced by their own parameters. A delay of a held voltage moves it by whole ticks; the
@@ -88,8 +77,6 @@ def sensitivities(
         Parameters as `Model.pack` orders them.
     free : sequence of str
         Parameters to differentiate by.
-    voltage : ndarray, shape (n,)
-        Input from rest [V].
     dt, frequency, start : float
         Sampling interval [s], fundamental frequency of the drive [Hz], time of the first sample
         [s].
@@ -97,61 +84,113 @@ def sensitivities(
         Sample before which `offsets` are added to states.
     offsets : sequence of StateOffset
         Empty for a run from rest.
+    block : int
+        Number of samples of the largest block.
     first : FirstStage, optional
-        Known results of the first stage for the same input, which are extended.
+        Known results of the first stage for the same input in one block, which are extended.
 
-    Returns
-    -------
-    displacement : ndarray, shape (n,)
-        Free run [m].
-    rows : ndarray, shape (len(free), n)
-        Row j is the derivative by ``free[j]`` [m per unit of the parameter].
+    Attributes
+    ----------
+    is_whole : bool
+        Whether all samples must be given at once, since a stage is differenced along its input.
     """
-    given: dict[str, Any] = {'origin': origin, 'offsets': offsets, 'first': first}
-    held = delays_by_ticks(model)
-    if any(name in held for name in free):
-        others = [name for name in free if name not in held]
-        signal, tangent = sensitivities(
-            model, packed, others, voltage, dt, frequency, start, **given
-        )
-        rows = dict(zip(others, tangent, strict=True))
-        for name in set(free) - rows.keys():
-            two = _a_tick_apart(model, packed, name, dt)
-            before, after = (
-                sensitivities(model, each, (), voltage, dt, frequency, start, **given)[0]
-                for each in two
-            )
-            rows[name] = (after - before) / np.sum(two[1] - two[0])
-        return signal, np.array([rows[name] for name in free])
-    signal = np.ascontiguousarray(voltage, dtype=np.float64)
-    tangent = np.empty((0, signal.size))
-    columns: list[str] = []
-    for k, stage in enumerate(model.stages):
-        amounts = np.zeros(stage.initial_state(dt, start).size)
-        for each in offsets:
-            if each.stage == k:
-                amounts[each.place] += each.amount
-        jump = StateJump(origin if np.any(amounts) else 0, amounts)
-        clock = _Clock(dt, frequency, start, jump)
-        p = packed[stage.columns]
-        places = np.arange(packed.size)[stage.columns]
-        own = [model.parameters[place] for place in places]
-        columns += [each.name for each in own if each.name in free]
-        key = (p.tobytes(), *columns)
-        if k == 0 and first is not None and key in first:
-            signal, tangent = first[key]
-        elif isinstance(stage, TickStage):
-            signal, tangent = _alone(stage, own, p, free, signal, tangent, clock)
-        else:
-            numbers = [j for j, parameter in enumerate(own) if parameter.name in free]
-            carry = (
-                _by_quadrature if _is_quadrature(stage, p, signal, tangent, clock) else _by_path
-            )
-            signal, tangent = carry(stage, own, p, numbers, signal, tangent, clock)
-        if k == 0 and first is not None:
-            first.keep(key, (signal, tangent))
-    order = [columns.index(name) for name in free]
-    return signal, tangent if order == list(range(len(order))) else tangent[order]
+
+    def __init__(
+        self,
+        model: Model,
+        packed: FloatArray,
+        free: Sequence[str],
+        dt: float,
+        frequency: float = 0.0,
+        start: float = 0.0,
+        *,
+        origin: int = 0,
+        offsets: Sequence[StateOffset] = (),
+        block: int = BLOCK,
+        first: FirstStage | None = None,
+    ) -> None:
+        held = delays_by_ticks(model)
+        columns: list[str] = []
+        self._first, self._done = first, 0
+        self._stages: list[tuple[_Carrier, StateJump]] = []
+        for k, stage in enumerate(model.stages):
+            amounts = np.zeros(stage.initial_state(dt, start).size)
+            for each in offsets:
+                if each.stage == k:
+                    amounts[each.place] += each.amount
+            p, incoming = packed[stage.columns], len(columns)
+            own = [model.parameters[place] for place in np.arange(packed.size)[stage.columns]]
+            numbers = [j for j, q in enumerate(own) if q.name in free and q.name not in held]
+            columns += [own[j].name for j in numbers]
+            part = _Part(stage, own, p, numbers, _Clock(dt, frequency, start), incoming)
+            jump = StateJump(origin if np.any(amounts) else 0, amounts)
+            self._stages.append((_carrier(part, block), jump))
+            if k == 0:
+                self._key = (p.tobytes(), *columns)
+        self.is_whole = any(carrier.is_whole for carrier, _ in self._stages)
+        self._apart = {
+            name: [
+                (float(each[model.parameter_names.index(name)]), SensitivityRun(
+                    model, each, (), dt, frequency, start, origin=origin, offsets=offsets,
+                    block=block,
+                ))
+                for each in _a_tick_apart(model, packed, name, dt)
+            ]
+            for name in free
+            if name in held
+        }  # fmt: skip
+        self._order = [[*columns, *self._apart].index(name) for name in free]
+
+    def advance(self, voltage: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the displacement of the next samples and its derivatives.
+
+        Parameters
+        ----------
+        voltage : ndarray, shape (n,)
+            Input, from rest in the first block [V].
+
+        Returns
+        -------
+        displacement : ndarray, shape (n,)
+            Free run [m].
+        rows : ndarray, shape (len(free), n)
+            Row j is the derivative by ``free[j]`` [m per unit of the parameter].
+        """
+        signal = np.ascontiguousarray(voltage, dtype=np.float64)
+        tangent = np.empty((0, signal.size))
+        for k, (carrier, jump) in enumerate(self._stages):
+            kept = self._first if k == 0 else None
+            if kept is not None and self._key in kept:
+                signal, tangent = kept[self._key]
+                continue
+            here = StateJump(jump.sample - self._done, jump.amounts)
+            signal, tangent = carrier.go(signal, tangent, here)
+            if kept is not None:
+                kept.keep(self._key, (signal, tangent))
+        for (low, before), (high, after) in self._apart.values():
+            change = after.advance(voltage)[0] - before.advance(voltage)[0]
+            tangent = np.vstack([tangent, change / (high - low)])
+        self._done += signal.size
+        if self._order == list(range(len(self._order))):
+            return signal, tangent
+        return signal, tangent[self._order]
+
+
+def sensitivities(
+    model: Model,
+    packed: FloatArray,
+    free: Sequence[str],
+    voltage: FloatArray,
+    dt: float,
+    frequency: float = 0.0,
+    start: float = 0.0,
+    **given: Any,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the free run from rest and its derivatives in one block, see `SensitivityRun`."""
+    run = SensitivityRun(
+        model, packed, free, dt, frequency, start, block=np.size(voltage), **given
+    )
+    return run.advance(voltage)
 
 
 @dataclass(frozen=True)
@@ -159,140 +198,186 @@ class _Clock:
     dt: float
     frequency: float
     start: float
-    jump: StateJump
 
 
-def _alone(
-    stage: TickStage,
-    own: Sequence[Parameter],
-    p: FloatArray,
-    free: Sequence[str],
-    signal: FloatArray,
-    tangent: FloatArray,
-    clock: _Clock,
-) -> tuple[FloatArray, FloatArray]:
-    """Propagate tangents through one block, or several in parallel."""
-    columns = [j for j, parameter in enumerate(own) if parameter.name in free]
-    if moves_by_ticks(stage):
-        return _differenced(stage, own, p, columns, signal, tangent, clock)
-    if stage.block.system is not None and len(tangent):  # independent of its state
-        carried_on = as_linear(stage.block).carried(tangent, p, clock.dt)
-        output, rows = _alone(stage, own, p, free, signal, tangent[:0], clock)
-        return output, np.vstack([carried_on, rows])
-    state = stage.initial_state(clock.dt, clock.start)
-    moved = np.zeros((len(tangent) + len(columns), state.size))
-    at, found = At(stage.block, p, columns), []
-    for chunk in clock.jump.chunks(signal.size, signal.size, state):
-        each = partial(_through, signal[chunk], tangent[:, chunk], clock)
-        found.append(side_by_side(each, at, len(tangent), state, moved, clock.dt))
-    if len(found) == 1:
-        return found[0]
-    return np.concatenate([y for y, _ in found]), np.concatenate([r for _, r in found], axis=1)
+class _Part(NamedTuple):
+    """A stage with its parameters, those to differentiate by, and the rows from upstream."""
+
+    stage: Stage
+    own: Sequence[Parameter]
+    p: FloatArray
+    columns: Sequence[int]
+    clock: _Clock
+    incoming: int
+
+    def state(self) -> FloatArray:
+        """Return the state of the stage at rest."""
+        return self.stage.initial_state(self.clock.dt, self.clock.start)
 
 
-def _is_quadrature(
-    stage: Stage, p: FloatArray, signal: FloatArray, tangent: FloatArray, clock: _Clock
-) -> bool:
-    """Return whether the memory of a run is differentiated instead of the whole run."""
-    if not isinstance(stage, PathStage) or tangent.shape[0] or stage.run.by_quadrature is None:
-        return False
-    own = sum(len(part.block.parameters) for part in stage.run.by_quadrature.middle)
-    return stage.run.steps(p, clock.dt) == 0 and own * signal.size < _MOST_VALUES
+class _Carrier(Protocol):
+    """Propagates a signal and its derivatives through a stage, with the states of both."""
+
+    is_whole: bool
+
+    def go(
+        self, signal: FloatArray, tangent: FloatArray, jump: StateJump
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return signal and derivatives after the stage, those by its own parameters last."""
 
 
-def _by_quadrature(
-    stage: Stage,
-    own: Sequence[Parameter],
-    p: FloatArray,
-    columns: Sequence[int],
-    signal: FloatArray,
-    tangent: FloatArray,
-    clock: _Clock,
-) -> tuple[FloatArray, FloatArray]:
-    """Propagate tangents through a run by quadrature.
+def _carrier(part: _Part, block: int) -> _Carrier:
+    stage = part.stage
+    if isinstance(stage, TickStage):
+        return _Differenced(part) if moves_by_ticks(stage) else _Alone(part, stage)
+    if isinstance(stage, PathStage):
+        run, p, dt = stage.run, part.p, part.clock.dt
+        still = run.steps(p, dt) == 0
+        if still and run.by_quadrature is not None and not part.incoming:
+            own = sum(len(each.block.parameters) for each in run.by_quadrature.middle)
+            if own * block < _MOST_VALUES:
+                return _ByQuadrature(part, stage)
+        if not still and not run.order(p) > 0.0:
+            return _ByPath(part, stage)
+    return _Differenced(part)
+
+
+class _Alone:
+    """One block, or several in parallel."""
+
+    is_whole = False
+
+    def __init__(self, part: _Part, stage: TickStage) -> None:
+        self._clock, self._at = part.clock, At(stage.block, part.p, list(part.columns))
+        self._state = part.state()
+        # derivatives from upstream through a linear block are independent of its state
+        linear = stage.block.system is not None and part.incoming > 0
+        self._linear = as_linear(stage.block) if linear else None
+        if self._linear is not None:
+            still = self._linear.initial_state(part.clock.dt, 0.0)
+            self._carried = np.tile(still, (part.incoming, 1))
+        self._rows = 0 if linear else part.incoming
+        self._moved = np.zeros((self._rows + len(part.columns), self._state.size))
+
+    def go(
+        self, signal: FloatArray, tangent: FloatArray, jump: StateJump
+    ) -> tuple[FloatArray, FloatArray]:
+        found, clock = [], self._clock
+        incoming = tangent[: self._rows]
+        for chunk in jump.chunks(signal.size, signal.size, self._state):
+            each = partial(_through, signal[chunk], incoming[:, chunk], clock)
+            found.append(
+                side_by_side(each, self._at, len(incoming), self._state, self._moved, clock.dt)
+            )
+        output, rows = (
+            found[0]
+            if len(found) == 1
+            else (
+                np.concatenate([y for y, _ in found]),
+                np.concatenate([r for _, r in found], axis=1),
+            )
+        )
+        if self._linear is None:
+            return output, rows
+        on = self._linear.carried(tangent, self._at.values, clock.dt, self._carried)
+        return output, np.vstack([on, rows])
+
+
+class _ByQuadrature:
+    """A run by quadrature.
 
     A memory is differentiated at the nodes by its own kernel, and the linear blocks after it
     integrate the derivatives like the signal. The parameters of approach, delay and linear blocks
     are differenced.
     """
-    assert isinstance(stage, PathStage)
-    run, dt, layout = stage.run.by_quadrature, clock.dt, stage.run.layout(clock.dt)
-    assert run is not None
-    state = stage.initial_state(dt, clock.start)
-    middle: list[tuple[At, slice, FloatArray]] = []
-    places: list[int] = []
-    for part, place in zip(run.middle, layout.memories[1:], strict=False):
-        mine = [j for j in columns if part.span.start <= j < part.span.stop]
-        at = At(part.block, p[part.span], [j - part.span.start for j in mine])
-        places += mine
-        middle.append((at, place, np.zeros((len(places), state[place].size))))
-    behind = slice(layout.memories[1 + len(middle)].start, layout.size)
-    moving: list[tuple[int, FloatArray]] = []
-    for j in columns:
-        if j >= run.behind[0].span.start:
-            moving.append((j, p.copy()))
-            moving[-1][1][j] += parameter_step(own[j], p[j])
-    lasting = [
-        (np.zeros((count, state[behind].size)), np.zeros(count))
-        for count in (1 + len(places), *[1] * len(moving))
-    ]
-    answers = np.empty((len(places) + 1 + len(moving), signal.size))
-    for chunk in clock.jump.chunks(signal.size, signal.size, state):
-        if chunk.start == clock.jump.sample:
-            for states, inputs in lasting:
-                states[0] += clock.jump.amounts[behind]
-                inputs[0] += clock.jump.amounts[0]
-        nodes = run.node_values(signal[chunk], p, dt, state=state, layout=layout)
-        flat, rows = nodes.values.ravel(), np.empty((0, nodes.values.size))
-        for at, place, moved in middle:
-            each = partial(_through, flat, rows, clock)
-            flat, rows = side_by_side(each, at, len(rows), state[place], moved, dt)
-        together, *apart = lasting
-        answers[: 1 + len(places), chunk] = run.integrated(
-            np.vstack([flat, rows]), nodes, p, dt, memory=together
-        )
-        for row, (_, other), memory in zip(answers[1 + len(places) :], moving, apart, strict=True):
-            row[chunk] = run.integrated(flat[None], nodes, other, dt, memory=memory)[0]
-    known = dict(zip(places, answers[1:], strict=False))
-    for row, (j, other) in zip(answers[1 + len(places) :], moving, strict=True):
-        known[j] = (row - answers[0]) / (other[j] - p[j])
-    rest = [j for j in columns if j not in known]
-    _, others = _differenced(stage, own, p, rest, signal, tangent, clock)
-    known |= dict(zip(rest, others, strict=True))
-    result = np.empty((len(columns), signal.size))
-    for row, j in enumerate(columns):
-        result[row] = known[j]
-    return answers[0], result
+
+    is_whole = False
+
+    def __init__(self, part: _Part, stage: PathStage) -> None:
+        p, clock, run = part.p, part.clock, stage.run.by_quadrature
+        layout = stage.run.layout(clock.dt)
+        assert run is not None
+        self._part, self._run, self._layout = part, run, layout
+        self._state = part.state()
+        self._middle: list[tuple[At, slice, FloatArray]] = []
+        self._places: list[int] = []
+        for each, place in zip(run.middle, layout.memories[1:], strict=False):
+            mine = [j for j in part.columns if each.span.start <= j < each.span.stop]
+            at = At(each.block, p[each.span], [j - each.span.start for j in mine])
+            self._places += mine
+            moved = np.zeros((len(self._places), self._state[place].size))
+            self._middle.append((at, place, moved))
+        self._behind = slice(layout.memories[1 + len(self._middle)].start, layout.size)
+        self._moving: list[tuple[int, FloatArray]] = []
+        for j in part.columns:
+            if j >= run.behind[0].span.start:
+                self._moving.append((j, p.copy()))
+                self._moving[-1][1][j] += parameter_step(part.own[j], p[j])
+        self._lasting = [
+            (np.zeros((count, self._state[self._behind].size)), np.zeros(count))
+            for count in (1 + len(self._places), *[1] * len(self._moving))
+        ]
+        known = {*self._places, *(j for j, _ in self._moving)}
+        self._rest = [j for j in part.columns if j not in known]
+        self._others = _Differenced(part._replace(columns=self._rest))
+
+    def go(
+        self, signal: FloatArray, tangent: FloatArray, jump: StateJump
+    ) -> tuple[FloatArray, FloatArray]:
+        run, state, p, clock = self._run, self._state, self._part.p, self._part.clock
+        dt, own = clock.dt, 1 + len(self._places)
+        answers = np.empty((own + len(self._moving), signal.size))
+        for chunk in jump.chunks(signal.size, signal.size, state):
+            if chunk.start == jump.sample:
+                for states, inputs in self._lasting:
+                    states[0] += jump.amounts[self._behind]
+                    inputs[0] += jump.amounts[0]
+            nodes = run.node_values(signal[chunk], p, dt, state=state, layout=self._layout)
+            flat, rows = nodes.values.ravel(), np.empty((0, nodes.values.size))
+            for at, place, moved in self._middle:
+                each = partial(_through, flat, rows, clock)
+                flat, rows = side_by_side(each, at, len(rows), state[place], moved, dt)
+            together, *apart = self._lasting
+            answers[:own, chunk] = run.integrated(
+                np.vstack([flat, rows]), nodes, p, dt, memory=together
+            )
+            for row, (_, other), memory in zip(answers[own:], self._moving, apart, strict=True):
+                row[chunk] = run.integrated(flat[None], nodes, other, dt, memory=memory)[0]
+        known = dict(zip(self._places, answers[1:], strict=False))
+        for row, (j, other) in zip(answers[own:], self._moving, strict=True):
+            known[j] = (row - answers[0]) / (other[j] - p[j])
+        if self._rest:
+            _, others = self._others.go(signal, tangent, jump)
+            known |= dict(zip(self._rest, others, strict=True))
+        result = np.empty((len(self._part.columns), signal.size))
+        for row, j in enumerate(self._part.columns):
+            result[row] = known[j]
+        return answers[0], result
 
 
-def _by_path(
-    stage: Stage,
-    own: Sequence[Parameter],
-    p: FloatArray,
-    columns: Sequence[int],
-    signal: FloatArray,
-    tangent: FloatArray,
-    clock: _Clock,
-) -> tuple[FloatArray, FloatArray]:
-    """Propagate tangents along a path; delays, linear and stepless runs are differenced."""
-    if not isinstance(stage, PathStage):
-        return _differenced(stage, own, p, columns, signal, tangent, clock)
-    if stage.run.steps(p, clock.dt) == 0 or stage.run.order(p) > 0.0:
-        return _differenced(stage, own, p, columns, signal, tangent, clock)
-    around = {j: _around(own[j], float(p[j])) for j in columns}
-    late = [j for j in columns if j < stage.run.delays]
-    for j in late:
-        del around[j]
-    output, rows = carried(
-        stage.run, signal, tangent, p, around, clock.dt, start=clock.start,
-        frequency=clock.frequency, jump=clock.jump,
-    )  # fmt: skip
-    if not late:
-        return output, rows
-    nothing = tangent[:0]
-    _, others = _differenced(stage, own, p, late, signal, nothing, clock, output)
-    # delays are the first parameters of a run
-    return output, np.vstack([rows[: len(tangent)], others, rows[len(tangent) :]])
+class _ByPath:
+    """A run by the derivatives along its path; its delays are differenced."""
+
+    is_whole = False
+
+    def __init__(self, part: _Part, stage: PathStage) -> None:
+        clock, p = part.clock, part.p
+        late = [j for j in part.columns if j < stage.run.delays]  # its first parameters
+        around = {j: _around(part.own[j], float(p[j])) for j in part.columns if j not in late}
+        self._tangents = PathTangents(
+            stage.run, p, around, clock.dt, start=clock.start, frequency=clock.frequency,
+            incoming=part.incoming,
+        )  # fmt: skip
+        self._late = _Differenced(part._replace(columns=late, incoming=0)) if late else None
+
+    def go(
+        self, signal: FloatArray, tangent: FloatArray, jump: StateJump
+    ) -> tuple[FloatArray, FloatArray]:
+        output, rows = self._tangents.go(signal, tangent, jump)
+        if self._late is None:
+            return output, rows
+        _, others = self._late.go(signal, tangent[:0], jump, output)
+        return output, np.vstack([rows[: len(tangent)], others, rows[len(tangent) :]])
 
 
 def _around(parameter: Parameter, value: float) -> tuple[float, float]:
@@ -321,50 +406,75 @@ def _through(
     return through(kernel, signal, tangent, at, state, moved, *times)
 
 
-def _differenced(
-    stage: Stage,
-    own: Sequence[Parameter],
-    p: FloatArray,
-    columns: Sequence[int],
-    signal: FloatArray,
-    tangent: FloatArray,
-    clock: _Clock,
-    output: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Propagate tangents through a stage by differences, with its `output` if known."""
-    # on one grid, so that the difference is caused by the parameter alone
-    grid = {'steps': stage.run.steps(p, clock.dt)} if isinstance(stage, PathStage) else {}
+class _Differenced:
+    """A stage by differences of its own parameters, and of its input unless it is linear in it."""
 
-    def run(x: FloatArray, values: FloatArray) -> FloatArray:
-        state = stage.initial_state(clock.dt, clock.start)
+    def __init__(self, part: _Part) -> None:
+        self._part, stage, dt = part, part.stage, part.clock.dt
+        # on one grid, so that the difference is caused by the parameter alone
+        on_path = isinstance(stage, PathStage)
+        self._grid = {'steps': stage.run.steps(part.p, dt)} if isinstance(stage, PathStage) else {}
+        self.is_whole = on_path and part.incoming > 0
+        self._moved = [(part.p, part.state())]
+        for j in part.columns:
+            values = part.p.copy()
+            values[j] += parameter_step(part.own[j], part.p[j])
+            self._moved.append((values, part.state()))
+        self._carried = np.array([part.state() for _ in range(part.incoming)])
+
+    def go(
+        self,
+        signal: FloatArray,
+        tangent: FloatArray,
+        jump: StateJump,
+        output: FloatArray | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return signal and derivatives after the stage, with its `output` if known."""
+        part, incoming = self._part, len(tangent)
+        (p, state), *moved = self._moved
+        output = self._run(signal, p, state, jump) if output is None else output
+        result = np.empty((incoming + len(moved), signal.size))
+        if incoming:
+            result[:incoming] = self._along(signal, tangent, output, jump)
+        for row, j, (values, memory) in zip(result[incoming:], part.columns, moved, strict=True):
+            row[:] = (self._run(signal, values, memory, jump) - output) / (values[j] - p[j])
+        return output, result
+
+    def _along(
+        self, signal: FloatArray, tangent: FloatArray, output: FloatArray, jump: StateJump
+    ) -> FloatArray:
+        """Return the derivatives from upstream."""
+        part, stage, dt = self._part, self._part.stage, self._part.clock.dt
+        if isinstance(stage, LinearStage):
+            return stage.carried(tangent, part.p, dt, self._carried)
+        result = np.zeros_like(tangent)
+        if isinstance(stage, TickStage):  # a delay
+            for row, column, state in zip(result, tangent, self._carried, strict=True):
+                row[:] = stage.respond(
+                    np.ascontiguousarray(column), part.p, dt, state=state, frequency=0.0
+                )
+            return result
+        span = float(np.max(np.abs(signal), initial=0.0)) or 1.0
+        for row, column, state in zip(result, tangent, self._carried, strict=True):
+            size = float(np.max(np.abs(column), initial=0.0))
+            if size > 0.0:
+                step = _STEP * span / size
+                row[:] = (self._run(signal + step * column, part.p, state, jump) - output) / step
+        return result
+
+    def _run(
+        self, signal: FloatArray, values: FloatArray, state: FloatArray, jump: StateJump
+    ) -> FloatArray:
+        clock = self._part.clock
         return np.concatenate(
             [
-                stage.respond(
-                    x[chunk], values, clock.dt, state=state, frequency=clock.frequency, **grid
+                self._part.stage.respond(
+                    signal[chunk], values, clock.dt, state=state, frequency=clock.frequency,
+                    **self._grid,
                 )
-                for chunk in clock.jump.chunks(x.size, x.size, state)
+                for chunk in jump.chunks(signal.size, signal.size, state)
             ]
-        )
-
-    output = run(signal, p) if output is None else output
-    incoming = tangent.shape[0]
-    result = np.empty((incoming + len(columns), signal.size))
-    span = float(np.max(np.abs(signal), initial=0.0)) or 1.0
-    if isinstance(stage, LinearStage) and incoming:
-        result[:incoming] = stage.carried(tangent, p, clock.dt)
-    for j in range(0 if isinstance(stage, LinearStage) else incoming):
-        column = tangent[j]
-        size = float(np.max(np.abs(column), initial=0.0))
-        if size == 0.0:
-            result[j] = 0.0
-            continue
-        step = _STEP * span / size
-        result[j] = (run(signal + step * column, p) - output) / step
-    for place, j in enumerate(columns, start=incoming):
-        moved = p.copy()
-        moved[j] += parameter_step(own[j], p[j])
-        result[place] = (run(signal, moved) - output) / (moved[j] - p[j])
-    return output, result
+        )  # fmt: skip
 
 
 def moves_by_ticks(stage: Stage) -> TypeGuard[TickStage]:

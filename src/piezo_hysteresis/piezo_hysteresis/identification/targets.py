@@ -156,6 +156,13 @@ class Target:
         """Slice of the driven samples that are compared."""
         return slice(self.first, self.voltage.size, self.stride)
 
+    def compared_in(self, first: int, last: int) -> tuple[slice, slice]:
+        """Return which compared samples are among the driven ones of a part, and where in it."""
+        begin = max(0, -((self.first - first) // self.stride))
+        end = min(max(begin, -((self.first - last) // self.stride)), self.measured.size)
+        place = self.first + begin * self.stride - first
+        return slice(begin, end), slice(place, last - first, self.stride)
+
     def pick(self, simulated: FloatArray) -> FloatArray:
         """Return the compared samples of a response, shape (n,) or (n + 2,); shape (m,)."""
         return simulated[self.compared]

@@ -10,6 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 from piezo_hysteresis.numerics.qr import inner
+from piezo_hysteresis.numerics.spectrum import autocorrelation
 
 #: Scaled condition number beyond which single parameters are not determined.
 CONDITION_LIMIT = 1e6
@@ -92,9 +93,7 @@ def inflation(residuals: Sequence[FloatArray]) -> float:
         power = inner(e, e)
         if e.size < 8 or power <= 0.0:
             continue
-        size = 1 << (2 * e.size - 1).bit_length()
-        spectrum = np.abs(np.fft.rfft(e, size)) ** 2
-        rho = np.fft.irfft(spectrum, size)[: e.size // 2] / power
+        rho = autocorrelation(e)[: e.size // 2] / power
         end = int(np.argmax(rho <= 0.05)) or rho.size
         total += power * (1.0 + 2.0 * float(rho[1:end].sum()))
         weight += power

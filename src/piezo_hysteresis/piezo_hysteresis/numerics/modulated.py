@@ -13,7 +13,7 @@ import numpy as np
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.jit import jit, leaf
 from piezo_hysteresis.numerics.linalg import solve_square
-from piezo_hysteresis.numerics.qr import inner, orthonormal
+from piezo_hysteresis.numerics.qr import inner, orthonormalise
 
 # Samples of a block, whose turns and products of laws fit into the cache.
 _PIECE = 512
@@ -25,7 +25,7 @@ class ModulatedLines:
     Parameters
     ----------
     laws : ndarray, shape (a, n)
-        Amplitudes of the lines; the first one is constant.
+        Amplitudes of the lines, the first one constant; overwritten.
     step : float
         Angle of the fundamental per sample, 0 at sample 0 [rad].
     highest : int
@@ -40,7 +40,8 @@ class ModulatedLines:
     """
 
     def __init__(self, laws: FloatArray, step: float, highest: int, dependent: float) -> None:
-        self._laws, self._step, self._highest = orthonormal(laws, dependent), step, highest
+        orthonormalise(laws, dependent)
+        self._laws, self._step, self._highest = laws, step, highest
         count = len(laws)
         order = [0] * count + [n for n in range(1, highest + 1) for _ in range(2 * count)]
         self.orders: IntArray = np.array(order[1:], dtype=np.int64)

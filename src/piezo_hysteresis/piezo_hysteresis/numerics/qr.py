@@ -143,14 +143,25 @@ def orthonormal(rows: FloatArray, tolerance: float) -> FloatArray:
     A row is dependent if the share `tolerance` or less of it is orthogonal to the rows before it.
     """
     found = rows.copy()
-    for j in range(found.shape[0]):
-        before = sqrt(inner(found[j], found[j]))
+    orthonormalise(found, tolerance)
+    return found
+
+
+@jit
+def orthonormalise(rows: FloatArray, tolerance: float) -> None:
+    """Do the same in place."""
+    for j in range(rows.shape[0]):
+        row = rows[j]
+        before = sqrt(inner(row, row))
         for _ in range(2):
             for i in range(j):
-                found[j] -= inner(found[i], found[j]) * found[i]
-        size = sqrt(inner(found[j], found[j]))
-        found[j] *= 1.0 / size if size > tolerance * before else 0.0
-    return found
+                share, other = inner(rows[i], row), rows[i]
+                for k in range(row.size):
+                    row[k] -= share * other[k]
+        size = sqrt(inner(row, row))
+        factor = 1.0 / size if size > tolerance * before else 0.0
+        for k in range(row.size):
+            row[k] *= factor
 
 
 @jit

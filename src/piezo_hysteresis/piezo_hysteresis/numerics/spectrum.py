@@ -9,6 +9,7 @@ from __future__ import annotations
 from math import ceil
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
@@ -25,6 +26,21 @@ _SLOW = 3
 # each of the four neighbouring harmonics: ten harmonics that fall by a square law differ by half
 # from one to the next.
 _ALONE = 5.0
+
+
+def autocorrelation(signal: FloatArray) -> FloatArray:
+    """Return ``sum signal(k) signal(k + lag)`` for the lags 0 to n - 1, shape (n,).
+
+    Of a record of millions of samples it needs four times its memory: the length need not be a
+    power of two, and the spectrum is overwritten.
+    """
+    size = next_fast_len(2 * signal.size - 1, real=True)
+    spectrum = rfft(signal, size)
+    parts = spectrum.view(np.float64).reshape(-1, 2)
+    np.square(parts, out=parts)
+    parts[:, 0] += parts[:, 1]
+    parts[:, 1] = 0.0
+    return np.asarray(irfft(spectrum, size, overwrite_x=True)[: signal.size], dtype=np.float64)
 
 
 def windowed(signal: FloatArray, *, trend: bool = False) -> FloatArray:

@@ -19,6 +19,8 @@ from piezo_hysteresis.records.record import Record
 
 _MULTIPLIERS = (58_321, 74_933, 90_821, 103_091, 131_111, 176_041)
 _SUMS = len(_MULTIPLIERS)
+# Samples that are weighed at a time.
+_BLOCK = 1 << 16
 _TURN = 1 << 20
 # A copy differs by its rounding, two repeats by 1.4 times their noise. Six sums of two repeats
 # agree within this share of the noise once in (2 * 0.2 / 1.4 / sqrt(2 pi))^-6 = 5e5 pairs.
@@ -105,14 +107,14 @@ def recognised(records: Sequence[Record], known: Sequence[Fingerprint]) -> list[
 
 def _sums(samples: FloatArray, count: int) -> FloatArray:
     """Return the standard deviation and `count` sums, shape (count + 1,)."""
-    place = np.arange(samples.size, dtype=np.int64)
-    square = place * place % _TURN
-    deviation = samples - samples.mean()
-    found = [float(deviation.std())]
-    for each in _MULTIPLIERS[:count]:
-        weights = np.cos((2.0 * np.pi / _TURN) * (square * each % _TURN))
-        found.append(float(weights @ deviation) / sqrt(samples.size))
-    return np.array(found)
+    mean, totals = samples.mean(), np.zeros(count)
+    for begin in range(0, samples.size, _BLOCK):
+        deviation = samples[begin : begin + _BLOCK] - mean
+        place = np.arange(begin, begin + deviation.size, dtype=np.int64)
+        square = place * place % _TURN
+        for k, each in enumerate(_MULTIPLIERS[:count]):
+            totals[k] += np.cos((2.0 * np.pi / _TURN) * (square * each % _TURN)) @ deviation
+    return np.array([float(samples.std()), *(totals / sqrt(samples.size))])
 
 
 def _agree(known: FloatArray, samples: FloatArray, allowed: float) -> bool:

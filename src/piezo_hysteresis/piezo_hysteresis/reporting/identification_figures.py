@@ -124,8 +124,8 @@ def _spectra(
 
 def _amplitudes(signal: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
     window = np.hanning(signal.size)
-    window /= window.sum()
-    amplitude = 2 * np.abs(np.fft.rfft((signal - signal.mean()) * window)) + 1e-15
+    window *= (signal - signal.mean()) / window.sum()
+    amplitude = 2 * np.abs(np.fft.rfft(window)) + 1e-15
     return np.asarray(np.fft.rfftfreq(signal.size, dt), dtype=np.float64), amplitude
 
 

@@ -123,8 +123,8 @@ def amplitude_spectrum(signal: FloatArray, dt: float) -> tuple[FloatArray, Float
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(signal.size) / signal.size)
     window /= window.sum()
     # subtracted with the window weights, so that the mean does not leak into the first lines
-    centred = signal - float(window @ signal)
-    amplitude = 2 * np.abs(np.fft.rfft(centred * window))
+    window *= signal - float(window @ signal)
+    amplitude = 2 * np.abs(np.fft.rfft(window))
     frequencies = np.asarray(np.fft.rfftfreq(signal.size, dt), np.float64)
     return frequencies[1:], np.asarray(amplitude[1:], np.float64)
 

@@ -221,8 +221,9 @@ class Screen:
             if self._stopped():
                 return 0.0
             late = self._fit.sampling_offset
-            _, change, _ = differentiated(candidate.model, packed, candidate.added, view, late)
-            rows.append(change[:, view.compared])
+            for part in differentiated(candidate.model, packed, candidate.added, view, late):
+                _, here = view.compared_in(part.first, part.first + part.slope.size)
+                rows.append(part.rows[:, here])
         columns = np.hstack(rows)
         if not np.all(np.isfinite(columns)):
             return 0.0

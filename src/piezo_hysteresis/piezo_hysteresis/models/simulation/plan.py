@@ -152,18 +152,25 @@ class LinearStage:
         run_held(signal, output, state[ring:], *hold)
         return output
 
-    def carried(self, signals: FloatArray, p: FloatArray, dt: float) -> FloatArray:
-        """Return the responses to several inputs from rest, shape (m, n), in one pass."""
+    def carried(
+        self, signals: FloatArray, p: FloatArray, dt: float, states: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the responses to several inputs, shape (m, n), in one pass.
+
+        The `states`, shape (m, s), are updated in place; by default the inputs begin at rest.
+        """
         whole, hold = self.hold(p, dt)
+        if states is None:
+            states = np.tile(self.initial_state(dt, 0.0), (len(signals), 1))
         late = np.ascontiguousarray(signals)
-        if self.delays:
-            ring = np.zeros(self.delays * ring_size(dt) + 1)
+        ring = self.delays * ring_size(dt) + 1 if self.delays else 0
+        if ring:
             late = np.empty_like(signals)
-            for row, answer in zip(signals, late, strict=True):
-                shift(np.ascontiguousarray(row), answer, ring, whole)
-                ring[:] = 0.0
-        output = np.empty_like(late)
-        run_held_four(late, output, *hold)
+            for row, answer, state in zip(signals, late, states, strict=True):
+                shift(np.ascontiguousarray(row), answer, state[:ring], whole)
+        output, memory = np.empty_like(late), np.ascontiguousarray(states[:, ring:])
+        run_held_four(late, output, memory, *hold)
+        states[:, ring:] = memory
         return output
 
     def released(self, p: FloatArray, dt: float, count: int) -> FloatArray:

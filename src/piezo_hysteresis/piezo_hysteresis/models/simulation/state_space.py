@@ -214,22 +214,24 @@ def run_held(
 def run_held_four(
     x: FloatArray,
     y: FloatArray,
+    state: FloatArray,
     phi: FloatArray,
     gamma: FloatArray,
     row: FloatArray,
     gain: float,
 ) -> None:
-    """Return the outputs from rest for several held inputs, `x` and `y` of shape (m, n).
+    """Return the outputs for several held inputs, `x` and `y` of shape (m, n).
 
-    Four recursions are interleaved, because a single one mostly waits for its own last value. The
-    results are bitwise those of `run_held`.
+    The states, shape (m, s), are updated in place. Four recursions are interleaved, because a
+    single one mostly waits for its own last value. The results are bitwise those of `run_held`.
     """
     n, last = row.size, x.shape[0] - 1
     places, shares, counts = scratch((n, n)), scratch((n, n)), scratch(n)
     states, u, total, moved = np.empty((2, n, 4)), scratch(4), scratch(4), scratch(4)
     nonzero(phi, places, shares, counts)
     for begin in range(0, last + 1, 4):
-        states[:] = 0.0
+        for lane in range(4):
+            states[0, :, lane] = state[min(begin + lane, last)]
         for k in range(x.shape[1]):
             now, new = states[k & 1], states[1 - (k & 1)]
             for lane in range(4):
@@ -247,6 +249,8 @@ def run_held_four(
                     new[i, lane] = moved[lane]
             for lane in range(4):
                 y[min(begin + lane, last), k] = total[lane]
+        for lane in range(4):
+            state[min(begin + lane, last)] = states[x.shape[1] & 1, :, lane]
 
 
 @jit

@@ -145,66 +145,84 @@ def with_time(
     return output, answers
 
 
-def carried(
-    run: PathRun, signal: FloatArray, tangent: FloatArray, p: FloatArray, around: Around,
-    dt: float, *, start: float, frequency: float, jump: StateJump | None = None,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Return the output of a run from rest and its derivatives, one value per tick.
+class PathTangents:
+    """A run from rest and its derivatives, one value per tick, block by block of samples.
 
     Parameters
     ----------
     run : PathRun
         Run that is integrated by steps, with an input held over the tick.
-    signal, tangent : ndarray, shapes (n,) and (m, n)
-        Held input, and its derivatives from upstream.
     p : ndarray
         Parameters of the parts.
     around : mapping of int to pair of float
         Parameters to differentiate by, none of them a delay; see `Around`.
     dt, start, frequency : float
         Sampling interval [s], time of the first sample [s], fundamental frequency [Hz].
-    jump : StateJump, optional
-        Offsets of the state before one sample.
-
-    Returns
-    -------
-    output : ndarray, shape (n,)
-        As from `PathRun.respond`.
-    rows : ndarray, shape (m + len(around), n)
-        Derivatives from upstream, then by parameters in the order of the run.
+    incoming : int
+        Number m of derivatives from upstream.
     """
-    steps, layout = run.steps(p, dt), run.layout(dt)
-    timing, state = run.timing(p, dt, is_joined=False), run.initial_state(dt, start)
-    if run.delays:
-        signal = _late(signal, timing.ticks, state[layout.ring].size)
-        tangent = np.array([_late(row, timing.ticks, state[layout.ring].size) for row in tangent])
-        tangent = tangent.reshape(-1, signal.size)
-    clock = PathClock(dt, frequency, 3 * steps, timing.ahead)
-    pieces: list[_Through] = []
-    count = len(tangent)
-    for piece, step in zip(run.pieces(layout), run.made(p, dt, steps), strict=True):
-        memory = state[piece.memory]
-        pieces.append(_piece(piece, step, p, around, clock, memory, count))
-        count += len(_columns(piece, around))
-    output, rows = np.empty(signal.size), np.empty((count, signal.size))
-    last = np.zeros((1 + count, 1))
-    last[0, 0] = state[0]
-    at_once = max(1, _VALUES // (clock.points * (1 + count)))
-    jump = jump or StateJump(0, np.zeros(state.size))
-    for chunk in jump.chunks(signal.size, at_once, state):
-        if chunk.start == jump.sample:
-            last[0, 0] += jump.amounts[0]
-            for each, piece in zip(pieces, run.pieces(layout), strict=True):
-                if isinstance(each, _Linear):
-                    each.offset(jump.amounts[piece.memory])
-        path = np.repeat(signal[chunk], clock.points)
-        along = np.repeat(tangent[:, chunk], clock.points, axis=1)
-        for each in pieces:
-            path, along = each.go(path, along)
-        read_ticks(path, output[chunk], last[0], clock.points, timing.part)
-        for j, row in enumerate(along):
-            read_ticks(row, rows[j, chunk], last[1 + j], clock.points, timing.part)
-    return output, rows
+
+    def __init__(
+        self, run: PathRun, p: FloatArray, around: Around, dt: float, *, start: float,
+        frequency: float, incoming: int,
+    ) -> None:  # fmt: skip
+        steps, layout = run.steps(p, dt), run.layout(dt)
+        self._timing, self._state = (
+            run.timing(p, dt, is_joined=False),
+            run.initial_state(dt, start),
+        )
+        self._rings = np.zeros((1 + incoming, self._state[layout.ring].size if run.delays else 0))
+        self._clock = PathClock(dt, frequency, 3 * steps, self._timing.ahead)
+        self._pieces: list[tuple[_Through, slice]] = []
+        count = incoming
+        for piece, step in zip(run.pieces(layout), run.made(p, dt, steps), strict=True):
+            memory = self._state[piece.memory]
+            made = _piece(piece, step, p, around, self._clock, memory, count)
+            self._pieces.append((made, piece.memory))
+            count += len(_columns(piece, around))
+        self._last = np.zeros((1 + count, 1))
+        self._last[0, 0] = self._state[0]
+
+    def go(
+        self, signal: FloatArray, tangent: FloatArray, jump: StateJump | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the output of the next samples and its derivatives.
+
+        Parameters
+        ----------
+        signal, tangent : ndarray, shapes (n,) and (m, n)
+            Held input, and its derivatives from upstream.
+        jump : StateJump, optional
+            Offsets of the state before one sample.
+
+        Returns
+        -------
+        output : ndarray, shape (n,)
+            As from `PathRun.respond`.
+        rows : ndarray, shape (m + len(around), n)
+            Derivatives from upstream, then by parameters in the order of the run.
+        """
+        points, last, count = self._clock.points, self._last, len(self._last)
+        if self._rings.shape[1]:
+            late = zip((signal, *tangent), self._rings, strict=True)
+            signal, *moved = (_late(row, self._timing.ticks, ring) for row, ring in late)
+            tangent = np.array(moved).reshape(-1, signal.size)
+        output, rows = np.empty(signal.size), np.empty((count - 1, signal.size))
+        jump = jump or StateJump(0, np.zeros(self._state.size))
+        for chunk in jump.chunks(signal.size, max(1, _VALUES // (points * count)), self._state):
+            if chunk.start == jump.sample:
+                last[0, 0] += jump.amounts[0]
+                for each, memory in self._pieces:
+                    if isinstance(each, _Linear):
+                        each.offset(jump.amounts[memory])
+            path = np.repeat(signal[chunk], points)
+            along = np.repeat(tangent[:, chunk], points, axis=1)
+            for each, _ in self._pieces:
+                path, along = each.go(path, along)
+            read_ticks(path, output[chunk], last[0], points, self._timing.part)
+            for j, row in enumerate(along):
+                read_ticks(row, rows[j, chunk], last[1 + j], points, self._timing.part)
+        return output, rows
 
 
 def _piece(
@@ -247,7 +265,7 @@ def _moved_step(
     )
 
 
-def _late(signal: FloatArray, ticks: int, ring: int) -> FloatArray:
+def _late(signal: FloatArray, ticks: int, ring: FloatArray) -> FloatArray:
     answer = np.empty(signal.size)
-    shift(np.ascontiguousarray(signal), answer, np.zeros(ring), ticks)
+    shift(np.ascontiguousarray(signal), answer, ring, ticks)
     return answer
