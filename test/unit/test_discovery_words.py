@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.verdict.describe import growth
+from piezo_hysteresis.discovery.verdict.describe import _law, growth
+from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.records import Record
 
 
 @pytest.mark.parametrize(
@@ -19,5 +24,9 @@ def test_growth_and_decrease_are_distinguished(power: float, words: str) -> None
     assert words in growth('frequency', power)
 
 
-def test_sizes_without_a_law_are_not_described_as_constant() -> None:
-    assert growth('frequency', 0.05, 0.5) == 'Its change with the frequency follows no power law.'
+def test_sizes_without_a_law_get_no_sentence_about_one() -> None:
+    view = whole(Record('r', 1e-3, np.sin(np.arange(2000.0)), np.zeros(2000)))
+    views = [replace(view, frequency=each) for each in (1.0, 3.0, 10.0, 30.0)]
+    clean = np.array([1e-6, 3e-6, 1e-5, 3e-5])
+    assert 'increases with the frequency' in ' '.join(_law(views, clean, 1e-9))
+    assert _law(views, clean[[2, 0, 3, 1]], 1e-9) == []

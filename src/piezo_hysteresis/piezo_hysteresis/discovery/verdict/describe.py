@@ -116,7 +116,6 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
     ]
     if len(rows) < 3:
         return []
-    sentences = []
     clean = [(f, a, max(s**2 - floor**2, 1e-30) ** 0.5) for f, a, s in rows]
     table = np.array(clean)
     columns = [np.ones(len(table))]
@@ -132,12 +131,13 @@ def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
         return []
     logs = np.log(table[:, 2])
     scatter = float(np.std(logs - np.column_stack(columns) @ solved.values))
-    for name, power in zip(names, solved.values[1:], strict=True):
-        sentences.append(growth(name, float(power), scatter))
-    return sentences
+    if scatter > _SCATTER:
+        return []
+    pairs = zip(names, solved.values[1:], strict=True)
+    return [growth(name, float(power)) for name, power in pairs]
 
 
-def growth(name: str, power: float, scatter: float = 0.0) -> str:
+def growth(name: str, power: float) -> str:
     """Return a sentence on the change of the residual with the frequency or the amplitude.
 
     Parameters
@@ -146,11 +146,7 @@ def growth(name: str, power: float, scatter: float = 0.0) -> str:
         Name of the independent variable.
     power : float
         Exponent of the power law.
-    scatter : float
-        Standard deviation of the logarithm of the residuals about that law.
     """
-    if scatter > _SCATTER:
-        return f'Its change with the {name} follows no power law.'
     if abs(power) < _LEVEL:
         return f'It hardly depends on the {name}.'
     if power > 0:

@@ -377,8 +377,8 @@ def _summary(verdict: Verdict) -> str:
         left = f'the held-out gap is {held.after_in_floors:.3g} noise floors.'
         if held.after_in_floors < held.before_in_floors:
             left = f'the closest one lowers the held-out gap only from {gap}.'
-        known = 'effects that were tried' if verdict.not_tried else 'known effects'
-        return f'The model {verdict.baseline} misses an effect that is none of the {known}: {left}'
+        known = 'effect that was tried' if verdict.not_tried else 'known effect'
+        return f'The error of {verdict.baseline} is real, but no {known} explains it: {left}'
     more = ' A significant residual remains.' if verdict.unexplained.significant else ''
     shifts = [each for each in verdict.effects if each.name == PARAMETER_SHIFT.name]
     found = {each.name for each in verdict.effects}
