@@ -7,13 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.data.check import Check, check
+from piezo_hysteresis.discovery.data.check import Check, check, outside_of
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.models import named
+from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named
+from piezo_hysteresis.models.modelfile import Provenance
+from piezo_hysteresis.models.operating_range import OperatingRange
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.reporting.discovery_report import limits_of_records
 
+OUTSIDE = 'The records are outside what the model was identified on:'
 TIME = np.arange(3000) * 1e-3
 
 
@@ -79,3 +82,28 @@ def test_identify_and_discover_refuse_alike(why: Any) -> None:
             refuse(UNFIT[why])
         said.append(str(caught.value))
     assert said[0] == said[1]
+
+
+@pytest.mark.parametrize(
+    ('frequency', 'scale', 'said'),
+    [
+        (10.0, 1.0, ''),
+        (15.0, 1.05, ''),
+        (100.0, 1.0, '100 Hz against 1 .. 10 Hz'),
+        (0.2, 1.0, '0.2 Hz against 1 .. 10 Hz'),
+        (10.0, 2.0, '-2 .. 2 V against -1 .. 1 V'),
+    ],
+)
+def test_a_changed_operating_condition_is_told(frequency: float, scale: float, said: str) -> None:
+    model = named('classical')
+    seen = tuple(Condition(f, 1.0, 1e-5, 1e-8) for f in (1.0, 10.0))
+    given = ModelFile(
+        model,
+        model.defaults(),
+        provenance=Provenance(voltage=OperatingRange(-1.0, 1.0, 1e3, 0.0)),
+        discrepancy=Discrepancy(False, seen),
+    )
+    u = scale * np.sin(np.linspace(0.0, 20.0 * np.pi, 4001))
+    record = Record('r', 1e-3, u, u, info=RecordInfo(frequency=frequency))
+    found = outside_of([record], given)
+    assert found == (f'{OUTSIDE} {said}.' if said else '')

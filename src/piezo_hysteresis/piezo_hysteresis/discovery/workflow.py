@@ -11,7 +11,7 @@ from typing import Any
 
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.discovery.data.annotate import annotated
-from piezo_hysteresis.discovery.data.check import Check, check
+from piezo_hysteresis.discovery.data.check import Check, check, outside_of
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
 from piezo_hysteresis.discovery.detection.better_experiments import with_better_experiments
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
@@ -184,7 +184,8 @@ def discover(
     own = _own_records(given, baseline)
     known = [record for record in given if record.name not in own] or given
     coverage = check(known)
-    coverage = replace(coverage, findings=(*remarks, *coverage.findings))
+    unlike = outside_of(known, baseline) if isinstance(baseline, ModelFile) else ''
+    coverage = replace(coverage, findings=(*remarks, *coverage.findings), outside=unlike)
     data = split(known, how.choices.start)
     progress(0.02, 'checked, split and noise measured')
     base, outcome = find(data, baseline, how, progress, nothing_new=len(own) == len(given))

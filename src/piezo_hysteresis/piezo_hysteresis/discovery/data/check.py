@@ -11,9 +11,12 @@ from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 
 FEWEST_SAMPLES = 200
+# Ratio of frequencies, and share of a voltage range, from which a drive is unlike another one.
+OCTAVE, BEYOND = 2.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -26,10 +29,13 @@ class Check:
         Defects of the records, in words.
     confounded : tuple of (tuple of str, str)
         Effects that these records cannot distinguish, and the records that distinguish them.
+    outside : str
+        Sentence on operating conditions at which the model was not identified; empty without.
     """
 
     findings: tuple[str, ...]
     confounded: tuple[tuple[tuple[str, ...], str], ...]
+    outside: str = ''
 
     def experiments(self) -> list[str]:
         """Return the recommended records without duplicates."""
@@ -57,6 +63,41 @@ def check(records: Sequence[Record]) -> Check:
             f'no record has {FEWEST_SAMPLES} samples: record several periods of each excitation'
         )
     return Check(tuple(findings), tuple(_confounded(records)))
+
+
+def outside_of(records: Sequence[Record], given: ModelFile) -> str:
+    """Return a sentence on drives unlike those of a model file, empty if there are none.
+
+    A drive is unlike if its frequency is more than an octave beyond those at which the
+    discrepancy of the model is known, or its voltage beyond the range of the fitted records.
+    """
+    seen = () if given.discrepancy is None else given.discrepancy.conditions
+    known = [each.frequency for each in seen]
+    driven = [each for each in records if np.ptp(each.voltage) > 0.0]
+    drives = [each.info.frequency for each in driven if each.info.frequency > 0.0]
+    found = []
+    # a drive that is not periodic contains many frequencies
+    if drives and known and min(known) > 0.0:
+        least, most = min(drives), max(drives)
+        if most > OCTAVE * max(known) or least < min(known) / OCTAVE:
+            found.append(
+                f'{_span(least, most, "Hz")} against {_span(min(known), max(known), "Hz")}'
+            )
+    own = given.provenance.voltage
+    if driven and own is not None:
+        low = min(float(each.voltage.min()) for each in driven)
+        high = max(float(each.voltage.max()) for each in driven)
+        slack = BEYOND * (own.high - own.low)
+        if low < own.low - slack or high > own.high + slack:
+            unit = driven[0].info.input_unit
+            found.append(f'{_span(low, high, unit)} against {_span(own.low, own.high, unit)}')
+    if not found:
+        return ''
+    return f'The records are outside what the model was identified on: {", ".join(found)}.'
+
+
+def _span(low: float, high: float, unit: str) -> str:
+    return f'{low:.3g} {unit}' if low == high else f'{low:.3g} .. {high:.3g} {unit}'
 
 
 def _confounded(records: Sequence[Record]) -> list[tuple[tuple[str, ...], str]]:

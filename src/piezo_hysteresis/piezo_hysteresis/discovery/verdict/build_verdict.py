@@ -135,7 +135,7 @@ def build_verdict(
     elif verdict.held_baseline and kind == 'none' and not outcome.ends_in_noise:
         missing = instead(base.joint.model)[:-1]
         verdict = replace(verdict, next_experiments=(*missing, *verdict.next_experiments))
-    return replace(verdict, summary=summary_of(verdict))
+    return replace(verdict, summary=f'{summary_of(verdict)} {coverage.outside}'.rstrip())
 
 
 def _circumstances(view: Target) -> dict[str, Any]:
