@@ -566,30 +566,3 @@ def test_the_servo_must_be_off(server: GcsServer) -> None:
             made.play(np.zeros(10))
         made.open_loop()
         assert not server.controller.servo
-
-
-def test_the_client_of_the_maker_reads_the_same_samples(server: GcsServer) -> None:
-    pytest.importorskip('pipython')
-    from pipython.pidevice.gcs2.gcs2commands import GCS2Commands
-    from pipython.pidevice.gcsmessages import GCSMessages
-    from pipython.pidevice.interfaces.pisocket import PISocket
-
-    wave = np.concatenate([np.zeros(20), np.sin(np.arange(200) * np.pi / 100), np.zeros(20)])
-    with connected(server) as made:
-        made.open_loop()
-        ours = made.play(wave)
-    with PISocket(host='127.0.0.1', port=server.server_address[1]) as gateway:
-        theirs = GCS2Commands(GCSMessages(gateway))
-        assert theirs.qSVO() == {'1': False}
-        assert (theirs.qVMI()[1], theirs.qVMA()[1]) == (-5.0, 5.0)
-        header = theirs.qDRR([1, 2], 1, wave.size)
-        while theirs.bufstate is not True:
-            pass
-        position, voltage = np.array(theirs.bufdata)
-        assert float(header['SAMPLE_TIME']) == ours.dt
-        np.testing.assert_array_equal(voltage, ours.voltage)
-        np.testing.assert_array_equal(1e-6 * position, ours.displacement)
-        theirs.SVA('1', 0.5)
-        assert theirs.qVOL('1') == {'1': 0.5}
-        theirs.WAV_PNT(2, 1, 100, 'X', np.linspace(0.0, 1.0, 100).tolist())
-        assert theirs.qWAV(2, 1)[2][1] == 100

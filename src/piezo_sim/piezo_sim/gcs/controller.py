@@ -89,10 +89,20 @@ class DataRecorder:
     divider: int = 1
     first: int = -1
     samples: dict[int, list[FloatArray]] = field(default_factory=dict)
+    _counts: dict[int, int] = field(default_factory=dict)
 
     def count(self, table: int) -> int:
         """Return the number of samples in a table."""
-        return sum(part.size for part in self.samples.get(table, []))
+        return self._counts.get(table, 0)
+
+    def append(self, table: int, values: FloatArray) -> None:
+        """Add samples to a table."""
+        self.samples.setdefault(table, []).append(values)
+        self._counts[table] = self.count(table) + values.size
+
+    def restart(self, tick: int) -> None:
+        """Record from a tick on."""
+        self.first, self.samples, self._counts = tick, {}, {}
 
 
 class SimulatedController:
@@ -179,7 +189,7 @@ class SimulatedController:
 
     def restart_recorder(self) -> None:
         """Record from the present tick on."""
-        self.recorder.first, self.recorder.samples = self._tick, {}
+        self.recorder.restart(self._tick)
 
     def stop(self) -> None:
         """Stop the wave generator; the voltage keeps its value."""
@@ -259,8 +269,10 @@ class SimulatedController:
         kept = ticks % self.recorder.divider == 0
         for table, option in self.recorder.options.items():
             room = MOST_POINTS - self.recorder.count(table)
+            if room <= 0:
+                continue
             source = {
                 POSITION: 1e6 * readings,
                 TARGET: np.full(commands.size, 1e6 * self.target) if self.servo else commands,
             }.get(option, commands)
-            self.recorder.samples.setdefault(table, []).append(source[kept][:room])
+            self.recorder.append(table, source[kept][:room])
