@@ -110,7 +110,7 @@ def examined(what: str, index: int, seed: int, limit: float) -> Row:
     began = time.perf_counter()
     named, told = names_in(records, hidden.world.baseline, limit)
     seconds = time.perf_counter() - began
-    without = names_in(exact, hidden.world.baseline, limit)[0]
+    without = names_in(exact, hidden.world.baseline, limit)[0] if hidden.effects else ()
     names = tuple(name for names in hidden.names for name in names)
     world = hidden.world.name
     return Row(
@@ -122,20 +122,19 @@ def examined(what: str, index: int, seed: int, limit: float) -> Row:
 def table(rows: Sequence[Row]) -> str:
     """Return the table of the page."""
     lines = [
-        '| voltage | false names | `unknown` | exact: any | exact: right | of these, recorded |',
-        '|---|---|---|---|---|---|',
+        '| voltage | false names in nulls | `unknown` | singles: exact | of these, recorded |',
+        '|---|---|---|---|---|',
     ]
     for kind in (*KINDS, 'all'):
         own = [row for row in rows if kind in (row.kind, 'all')]
         nulls = [row for row in own if not row.hidden]
         false = sum(bool(set(row.named) - {'unknown'}) for row in nulls)
         unknown = sum('unknown' in row.named for row in nulls)
-        before = sum(bool(row.exact) for row in nulls)
         singles = [row for row in own if row.hidden]
         seen = [row for row in singles if set(row.names) & set(row.exact)]
         still = sum(bool(set(row.names) & set(row.named)) for row in seen)
         lines.append(
-            f'| {kind} | {interval(false, len(nulls))} | {unknown} | {before} '
+            f'| {kind} | {interval(false, len(nulls))} | {unknown} '
             f'| {len(seen)} of {len(singles)} | {interval(still, len(seen))} |'
         )
     return '\n'.join(lines)
@@ -155,9 +154,9 @@ def main(words: Sequence[str] | None = None) -> int:
     asked.out.mkdir(parents=True, exist_ok=True)
     rows = []
     counts = {'null': asked.nulls, 'single': asked.singles}
-    tasks = [(what, k) for what, count in counts.items() for k in range(count)]
+    tasks = [(k / count, what, k) for what, count in counts.items() for k in range(count)]
     with (asked.out / f'seed_{asked.seed}.jsonl').open('w', encoding='utf-8') as file:
-        for what, index in tasks:
+        for _, what, index in sorted(tasks):  # any part of a run has both kinds
             row = examined(what, index, asked.seed, asked.time_limit)
             rows.append(row)
             print(json.dumps(asdict(row)), file=file, flush=True)
