@@ -58,7 +58,10 @@ def test_an_excitation_waits_for_an_actuator_that_compiles(
     said = listener.listen(Log, '/rosout')
     states = listener.listen(ActuatorState, 'actuator/state')
     health = listener.watch_health()
+    held = tmp_path / 'held'  # until both were heard, however late the excitation starts
+    held.touch()
     with slow(processes, tmp_path, SIMULATOR, 1.4 * FRESH):
+        processes.environment['SLOW_WHILE'] = str(held)
         simulator = processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'})
     listener.tells(health, 'simulator', 'state', 'starting')
     excitation = processes.start(
@@ -72,6 +75,7 @@ def test_an_excitation_waits_for_an_actuator_that_compiles(
         health, 'excitation', None, 'waits for simulator: starting: compiles its kernels'
     )
     assert not states
+    held.unlink()
     assert processes.wait_for(excitation, 120.0) == 0
     listener.until(lambda: len(states) >= 500)
     assert log(simulator).count('compiles its kernels (first start only)') == 1

@@ -11,6 +11,7 @@ import importlib.util
 import os
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 
@@ -20,7 +21,9 @@ def hold_up(dispatcher: Any) -> None:
     def slowly(self: Any, args: Any, return_type: Any) -> Any:
         if self.py_func.__qualname__ == os.environ['SLOW_KERNEL']:
             end = time.monotonic() + float(os.environ['SLOW_SECONDS'])
-            while time.monotonic() < end:  # as the compiler does, this fills the thread
+            held = os.environ.get('SLOW_WHILE')  # a file
+            # as the compiler does, this fills the thread
+            while time.monotonic() < end or (held and Path(held).exists()):
                 sum(range(1000))
         return compiled(self, args, return_type)
 
