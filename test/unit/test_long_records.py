@@ -17,6 +17,7 @@ from piezo_hysteresis.identification.sensitivities import (
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.simulation.plan import free_states
+from piezo_hysteresis.numerics.qr import triangle
 from piezo_hysteresis.records import Record
 
 DT = 1e-3
@@ -105,3 +106,10 @@ def test_memory_of_a_linearisation_is_a_few_arrays_for_any_number_of_parameters(
     peak(1000)
     # a derivative by each of 12 unknowns would be 100 bytes, and there were three copies
     assert (peak(90_000) - peak(30_000)) / 60_000 < 8 * 4
+
+
+def test_the_remainder_of_a_dependent_column_leaves_no_infinite_factor() -> None:
+    """From piece to piece it shrinks, at last to numbers whose squares have no reciprocal."""
+    rows = np.array([np.full(600, 1e-160), np.ones(600), np.arange(600.0)])
+    factor = triangle(rows.copy())
+    np.testing.assert_allclose(factor.T @ factor, rows @ rows.T, rtol=1e-12, atol=1e-100)

@@ -61,6 +61,8 @@ def gram(rows: FloatArray) -> FloatArray:
 
 # Number of samples per piece of the factorisation, so that a piece fits into the cache.
 _PIECE = 512
+# Sum of squares below which its reciprocal may overflow.
+_VANISHED = 1e-290
 #: Samples of a block of a long record: whole pieces, so that blocks do not change a factor.
 BLOCK = 64 * _PIECE
 
@@ -101,7 +103,7 @@ def _reflect(r: FloatArray, rows: FloatArray, j: int, begin: int, end: int) -> N
     """Reflect row `j` of a block into `r`, shape (p, p), and update the later rows."""
     p, v = rows.shape[0], rows[j, begin:end]
     own = inner(v, v)
-    if own == 0.0:
+    if own <= _VANISHED:  # what is left of a dependent column shrinks from piece to piece
         return
     size = sqrt(r[j, j] * r[j, j] + own)
     alpha = -size if r[j, j] > 0.0 else size
