@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.harmonics.lines import solve_normal
+from piezo_hysteresis.compensation.harmonics.lines import factor, solve_normal
 from piezo_hysteresis.discovery.data.annotate import sine_frequency
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.estimate import scaled_condition
@@ -187,11 +187,29 @@ def test_harmonics_of_what_is_no_number_are_none(bad: Any) -> None:
     np.testing.assert_array_equal(phasors, np.zeros(len(phasors)))
     normal = np.eye(4)
     normal[3, 1] = bad
-    solution = np.empty(3)
-    assert np.isinf(solve_normal(np.ravel(normal), 100.0, solution))
+    flat, solution = np.ravel(normal), np.empty(3)
+    assert factor(flat, 3, 100.0, 0) == 4
+    assert np.isinf(solve_normal(flat, 100.0, solution))
     assert np.all(solution == 0.0)
 
 
 def test_a_voltage_that_stands_still_has_no_frequency() -> None:
     assert sine_frequency(np.zeros(1000), 1e-3) == 0.0
     assert sine_frequency(np.full(1000, 3.0), 1e-3) == 0.0
+
+
+def test_the_normal_equations_of_many_orders_are_solved_over_several_ticks() -> None:
+    rng = np.random.default_rng(3)
+    basis, truth = rng.standard_normal((1000, 129)), rng.standard_normal(129)
+    noise = 0.1 * rng.standard_normal(1000)
+    whole = np.column_stack([basis, basis @ truth + noise])
+    flat, solution = np.ravel(whole.T @ whole), np.empty(129)
+    row, ticks = 0, 0
+    while row < 130:
+        row, ticks = factor(flat, 129, 1000.0, row), ticks + 1
+    assert 10 < ticks < 100
+    deviation = solve_normal(flat, 1000.0, solution)
+    least = np.linalg.lstsq(basis, whole[:, -1])
+    np.testing.assert_allclose(solution, least[0], rtol=1e-9)
+    expected = np.sqrt(2.0 * least[1][0] / 871.0 / 1000.0)
+    np.testing.assert_allclose(deviation, expected, rtol=1e-6)

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 
 from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.common.registry import inside, package_of
+from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models.modelfile import ModelFile
 
 if TYPE_CHECKING:
     from piezo_hysteresis.ros.processes import NodeProcesses
@@ -60,6 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Start every node and wait for their end."""
     model = _checked(arguments.model)
+    rate = rate_of(ModelFile.load(model) if model else None)
     with ros_needed():
         from piezo_hysteresis.ros import processes
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -68,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     domain = int(os.environ.get('ROS_DOMAIN_ID') or 0)
     try:
         with processes.NodeProcesses(domain) as group:
-            for name, settings in nodes(arguments, model).items():
+            for name, settings in nodes(arguments, model, rate).items():
                 group.start(package_of(name), name, settings)
             _print_addresses(group, arguments, model)
             while time.monotonic() < end:
@@ -89,25 +92,27 @@ def _checked(model: str | None) -> str:
     return str(Path(model).resolve())
 
 
-def nodes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, object]]:
-    """Return the parameters of every node by its name."""
+def nodes(arguments: argparse.Namespace, model: str, rate: float) -> dict[str, dict[str, object]]:
+    """Return the parameters of every node by its name; `rate` is that of the model [Hz]."""
     readers = 3 if model else 2  # subscribers of the state; in lock-step tick 0 waits for them
     known: dict[str, object] = {'model_file': model} if model else {}  # ROS: no empty string
+    timed: dict[str, object] = {'rate': rate}
     return {
         'simulator': {
-            'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers
+            'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers, **timed
         },
         'control_loop': inside({
-            'feedforward': known or {'gain': 1.2857e-4},
-            'attenuation': {'enabled': bool(model), **known},
+            'feedforward': {**(known or {'gain': 1.2857e-4}), **timed},
+            'attenuation': {'enabled': bool(model), **known, **timed},
+            'feedback': timed,
             'excitation': {
                 'mode': 'reference', 'frequency': arguments.frequency,
                 'actuator': arguments.preset, 'folder': arguments.folder,
-                'reference.amplitude': 1e-6 * arguments.amplitude,
+                'reference.amplitude': 1e-6 * arguments.amplitude, **timed,
             },
         }),
-        'identification': {'only_records': False},
-        **({'gap_monitor': known} if model else {}),
+        'identification': {'only_records': False, **timed},
+        **({'gap_monitor': {**known, **timed}} if model else {}),
         'discovery': {'folder': arguments.folder, **known},
         'dashboard': {'folder': arguments.folder, 'port': arguments.port},
     }  # fmt: skip

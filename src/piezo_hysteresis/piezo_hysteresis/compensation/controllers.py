@@ -120,7 +120,7 @@ class Controllers:
             return self.plant
         gain = self._gain_of(given)
         assert gain is not None
-        return mode_of(given.model.unpack(given.packed), abs(gain(0.0)), self.dt)
+        return mode_of(given.model.unpack(given.packed), gain(0.0).real, self.dt)
 
     def _gain_of(self, given: ModelFile | None) -> LinearGain | None:
         if given is None:

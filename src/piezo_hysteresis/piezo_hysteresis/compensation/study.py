@@ -254,7 +254,7 @@ def _run(
     plant.reset()
     result = closed_loop(samples, links, plant, study.limits, study.controllers.dt)
     remarks = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
-    remarks += _limited(name, result, study.limits)
+    remarks += _limited(name, result, study.limits) + _uneven_period(study, result)
     return Run(name, result, tracking_metrics(result, study.from_seconds), remarks)
 
 
@@ -266,6 +266,21 @@ def _limited(name: str, result: LoopResult, limits: Limits) -> tuple[str, ...]:
         for key, what in limited(limits).items()
         if counts[key]
     )
+
+
+def _uneven_period(study: Study, result: LoopResult) -> tuple[str, ...]:
+    """Return a sentence about corners that are sampled at another phase in every period."""
+    dt, frequency = study.controllers.dt, float(getattr(study.waveform, 'frequency', 0.0))
+    corners = max((each.get('corners', 0) for each in result.counters.values()), default=0)
+    ticks = 1.0 / (frequency * dt) if frequency > 0.0 else 0.0
+    if corners < 2 or abs(ticks - round(ticks)) < 1e-6 * ticks:
+        return ()
+    whole = 1.0 / (round(ticks) * dt)
+    sentence = (
+        f'a period of the reference is {ticks:.2f} samples: its corners between samples excite '
+        f'the mode at frequencies that are no harmonics; {whole:.6g} Hz has a whole number'
+    )
+    return (sentence,)
 
 
 def _chains(study: Study) -> list[tuple[str, list[Link]]]:

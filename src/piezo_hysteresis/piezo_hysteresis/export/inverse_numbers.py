@@ -19,6 +19,8 @@ from piezo_hysteresis.compensation.inverses.physical import (
     MINIMUM,
     PLAYS,
     PhysicalInverse,
+    monotonic_bouc_wen,
+    monotonic_plays,
     saturation,
 )
 from piezo_hysteresis.compensation.inverses.structure_inverse import mode_coefficients
@@ -73,7 +75,7 @@ def _physical(law: str, place: Mapping[str, int], dt: float) -> Numbers:
         kind, structure = _MODE, (place['natural_frequency'], place['damping_ratio'], 0)
     else:
         kind, structure = _RIGID, (0, 0, 0)
-    count, solved = len(at), law != 'delayed'
+    count, solved, slope = len(at), law != 'delayed', 1 if plays else 0
 
     @leaf
     def repack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
@@ -85,16 +87,19 @@ def _physical(law: str, place: Mapping[str, int], dt: float) -> Numbers:
         elif kind == _MASS:
             stiffness = values[structure[2]]
             k1, k2 = values[structure[1]] / stiffness, values[structure[0]] / stiffness
-        if not (new[0] > 0.0 and k1 >= 0.0 and k2 >= 0.0):
+        if not (k1 >= 0.0 and k2 >= 0.0):
             return IMPOSSIBLE
-        if plays and not new[1] > 0.0:
+        if plays and not monotonic_plays(new):
             return IMPOSSIBLE
-        if solved and not plays and not new[0] - new[1] - abs(new[2]) > 0.0:
+        if not first and new[slope] * p[FIRST + slope] < 0.0:
+            return IMPOSSIBLE
+        inner, shift = (new[1], new[2]) if solved else (0.0, 0.0)
+        if not plays and not monotonic_bouc_wen(new[0], inner, shift):
             return IMPOSSIBLE
         if not (plays or first):
             own[hysteresis.H] *= saturation(new) / max(saturation(p[FIRST:]), 1e-300)
         lead = 0.5 * dt if k2 > 0.0 else 0.0
-        p[MINIMUM] = 0.1 * (new[1] if plays else new[0])
+        p[MINIMUM] = 0.1 * abs(new[slope])
         p[K1], p[K2] = k1, k2
         p[LEAD] = lead + (values[delay] if delay >= 0 else 0.0)
         for k in range(count):
@@ -122,13 +127,13 @@ def _extended(place: Mapping[str, int]) -> Numbers:
         new = scratch(count)
         for k in range(count):
             new[k] = values[at[k]] if at[k] >= 0 else 0.0
-        if not new[0] > 0.0:
+        if new[0] == 0.0 or (not first and new[0] * p[0] < 0.0):
             return IMPOSSIBLE
         if not first:
             own[hysteresis.H] *= saturation(new) / max(saturation(p), 1e-300)
         for k in range(count):
             p[k] = new[k]
-        p[count] = 0.1 * new[0]
+        p[count] = 0.1 * abs(new[0])
         return OK
 
     return Numbers(repack, tuple(name for name in (*EXTENDED, 'offset') if name in place))

@@ -28,6 +28,7 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     MOST,
     Harmonic,
     accumulate,
+    factor,
     fill_followed,
     fill_resonant,
     fill_separable,
@@ -87,7 +88,9 @@ WINDOWS, RESTARTS, BOUNDED, REVERTED = range(6, 10)
 # none; since the last step the sum of squares, its ticks and the turn it began with.
 # The frequency for which orders and gains were chosen last [Hz].
 _SHARE, _POWER, _SQUARES, _SQUARED, _TURN, _SCHEDULED = range(10, 16)
-_MEAN = 16
+# The next row of the fit to be factored.
+_FACTORED = 16
+_MEAN = 17
 _LINES = _MEAN + LINE_SIZE
 
 
@@ -168,14 +171,15 @@ def update(
         return
     if memory[_TICKS] <= memory[_SKIP]:
         return
-    fit = fit_of(int(memory[_FITTED]), p)
-    accumulate(
-        error,
-        phase,
-        memory[fit.orders : fit.orders + fit.found],
-        memory[fit.basis : fit.normal],
-        memory[fit.normal :],
-    )
+    if memory[_TICKS] <= memory[_SKIP] + memory[_LENGTH]:
+        fit = fit_of(int(memory[_FITTED]), p)
+        accumulate(
+            error,
+            phase,
+            memory[fit.orders : fit.orders + fit.found],
+            memory[fit.basis : fit.normal],
+            memory[fit.normal :],
+        )
     if memory[_TICKS] >= memory[_SKIP] + memory[_LENGTH]:
         close_window(memory, p, g, dt)
 
@@ -263,7 +267,7 @@ def drop_window(
     fresh = memory[WINDOWS] == 0.0 and memory[_FREQUENCY] == 0.0
     settle = max(round(p[SETTLE] / dt), int(memory[_LENGTH]) // 2)
     memory[_SKIP] = 0.0 if fresh else settle
-    memory[_TICKS] = memory[_SQUARES] = memory[_SQUARED] = 0.0
+    memory[_TICKS] = memory[_SQUARES] = memory[_SQUARED] = memory[_FACTORED] = 0.0
     if not kept:
         memory[_POWER] = 0.0
     # At an unchanged frequency the orders are the same; the gain of many takes long to evaluate.
@@ -347,15 +351,23 @@ def reschedule(
 
 @leaf
 def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
-    """Learn from the window that has ended, and begin the next."""
+    """Solve the fit of the window that has ended, then learn from it and begin the next."""
     fit = fit_of(int(memory[_FITTED]), p)
-    solution, normal = scratch(fit.size), memory[fit.normal : fit.end]
-    deviation = solve_normal(normal, memory[_TICKS] - memory[_SKIP], solution)
+    normal, ticks = memory[fit.normal : fit.end], memory[_LENGTH]
+    memory[_FACTORED] = factor(normal, fit.size, ticks, int(memory[_FACTORED]))
+    if memory[_FACTORED] <= fit.size:
+        return
+    solution = scratch(fit.size)
+    deviation = solve_normal(normal, ticks, solution)
     if not math.isfinite(deviation):  # no step without information
         drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
         return
     memory[WINDOWS] += 1.0
-    evaluate_window(normal[normal.size - 1] / (memory[_TICKS] - memory[_SKIP]), memory)
+    # The last row is the error in an orthonormal basis, and what the fit leaves of it.
+    power = 0.0
+    for k in range(normal.size - fit.size - 1, normal.size):
+        power += normal[k] * normal[k]
+    evaluate_window(power / ticks, memory)
     count = int(memory[_COUNT])
     with_mean = p[WITH_MEAN] > 0.0
     errors, changes = scratch((count + 1, 2)), scratch(count + 1)

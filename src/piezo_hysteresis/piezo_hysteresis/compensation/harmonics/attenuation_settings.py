@@ -45,9 +45,9 @@ class AttenuationSettings:
         choices=METHODS,
     )
     orders: tuple[int, ...] = setting(
-        (0, 1, 2, 3, 5),
-        'Harmonic orders to attenuate; 0 is the mean and -1 all that the plant follows, up to a '
-        'quarter of the rate, which only afc supports.',
+        (-1,),
+        'Harmonic orders to attenuate; 0 is the mean and -1 that and all orders that the plant '
+        'follows, up to the 64th and a quarter of the rate; rls needs them by number.',
         '1',
         low=-1,
         high=99,

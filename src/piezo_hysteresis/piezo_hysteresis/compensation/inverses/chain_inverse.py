@@ -89,17 +89,17 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
             joined = behind and inertia and block.between is Between.LINEAR
             numbers = packed_block(block, own, dt, 1e-4 * scale, joined)
             slope = float(numbers[FIRST_SLOPE])
-            if not (math.isfinite(slope) and slope > 0.0):
+            above, below = (from_rest(block, numbers, x, dt, joined) for x in (scale, -scale))
+            if not (math.isfinite(slope) and slope * (above - below) > 0.0):
                 raise CompensationError(
-                    f'block {block.name} does not rise with its input at rest (slope '
-                    f'{slope:g}), so the model has no inverse; identify with bounds '
-                    'that keep it rising'
+                    f'block {block.name} has slope {slope:g} at rest and does not keep its sign, '
+                    'so the model has no inverse; identify with bounds that keep it'
                 )
             if inertia and block.approach is not None and block.system is not None:
                 stages.lead += _end_before_mean(block.system(own), dt)
             (stages.back if behind else stages.front).append(_Solver(block, joined, numbers))
             stages.rest = from_rest(block, numbers, stages.rest, dt, joined)
-            scale *= slope
+            scale *= abs(slope)
     return stages
 
 
@@ -146,7 +146,7 @@ def _inverse_of(block: Block, own: FloatArray, values: Mapping[str, float]) -> t
 
 
 class ChainInverse(InverseLink):
-    """Feedforward for any model whose displacement increases with the voltage.
+    """Feedforward for any model whose displacement rises, or falls, with the voltage.
 
     From the reading back to the voltage: sensor and slow blocks and the hysteresis are solved
     numerically, sample by sample; modes are inverted on the reference's derivatives; a delay is
@@ -168,7 +168,7 @@ class ChainInverse(InverseLink):
     Raises
     ------
     CompensationError
-        If the output of a block does not increase with its input.
+        If the output of a block neither rises nor falls with its input.
     """
 
     def __init__(

@@ -8,7 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, take
-from piezo_hysteresis.compensation.inverses.physical import saturation
+from piezo_hysteresis.compensation.inverses.physical import keep_sign, saturation
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit
@@ -29,12 +29,17 @@ def _invert_extended(
     low: float,
     high: float,
 ) -> None:
-    """Solve Fujii 2018 (3) for u[k] with y = d, on the branch with a consistent sign."""
-    a1, a, a0, beta, gamma, c1, c2, minimum = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]
+    """Solve Fujii 2018 (3) for u[k] with y = d, on the branch with a consistent sign.
+
+    A falling model is that of the reversed displacement: all gains and gamma change their sign.
+    """
+    way = 1.0 if p[0] > 0.0 else -1.0
+    a1, a, a0, beta, gamma = way * p[0], way * p[1], way * p[2], p[3], way * p[4]
+    c1, c2, minimum = p[5], p[6], p[7]
     u, h = memory[_U], memory[_H]
     d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
     for k in range(reference.shape[1]):
-        d = reference[0, k]
+        d = way * reference[0, k]
         r = d - d1 - c1 * d2 - c2 * d3 + h - a1 * u
         sign = 1.0 if r > 0.0 else -1.0
         slope = a1 - a - sign * a0 + gamma * abs(h) + sign * beta * h
@@ -116,7 +121,7 @@ class ExtendedInverse(InverseLink):
     Raises
     ------
     CompensationError
-        If there is no such law, a parameter is missing or not finite, or A1 is not positive.
+        If there is no such law, a parameter is missing or not finite, or A1 is 0.
     """
 
     memory_size = 7
@@ -143,15 +148,13 @@ class ExtendedInverse(InverseLink):
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         with_defaults = {'A0': 0.0, **parameters}
         packed = take(with_defaults, NAMES, 'the inverse of the extended model')
-        if not packed[0] > 0:
-            raise CompensationError(
-                f'A1 = {packed[0]:g} m/V is not positive, so the model has no inverse; check the '
-                'polarity of the sensor and identify again'
-            )
-        minimum = 0.1 * packed[0] if self._minimum_slope is None else self._minimum_slope
+        if packed[0] == 0.0:
+            raise CompensationError('A1 is 0, so the model has no inverse; identify again')
+        minimum = 0.1 * abs(packed[0]) if self._minimum_slope is None else self._minimum_slope
         if not minimum > 0:
             raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
         return np.array([*packed, minimum])
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
+        keep_sign('A1', old, new)
         self.own[_H] *= saturation(new) / max(saturation(old), 1e-300)

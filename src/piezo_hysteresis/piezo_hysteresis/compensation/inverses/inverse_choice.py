@@ -197,7 +197,7 @@ def _by_law(
         return SlopeSelectedInverse(named, dt, **options)
     if law == 'numeric':
         return ChainInverse(model, named, dt, scale=scale, **options)
-    slope = abs(model_gain(model, values, dt, scale)(0.0))
+    slope = model_gain(model, values, dt, scale)(0.0).real
     straight = {'A1': slope, 'offset': float(named.get('offset', 0.0))}
     return PhysicalInverse(straight, dt, law='gain', **options)
 

@@ -21,7 +21,7 @@ from piezo_hysteresis.compensation.inverses.structure_inverse import (
 )
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.jit import jit, scratch
 
 Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
 _Kernel = Callable[
@@ -44,8 +44,14 @@ PLAYS = ('pi_range', 'w0', *(f'w{j}' for j in range(1, COUNT + 1)))
 MINIMUM, K1, K2, LEAD, FIRST = range(5)
 
 
-def _behind_structure(invert: _Kernel, size: int) -> Run:
-    """Return the inverse of a hysteresis with a given memory size, followed by a structure."""
+def _behind_structure(law: str, size: int) -> Run:
+    """Return the inverse of a hysteresis with a given memory size, followed by a structure.
+
+    A falling model is that of the reversed displacement: all gains and gamma change their sign.
+    """
+    invert, plays = _KERNELS[law], law == 'plays'
+    count, slope = (len(PLAYS), 1) if plays else (len(BOUC_WEN), 0)
+    kept = PLAYS.index('pi_range') if plays else BOUC_WEN.index('beta')
 
     @jit
     def run(
@@ -53,13 +59,18 @@ def _behind_structure(invert: _Kernel, size: int) -> Run:
         low: float, high: float,
     ) -> None:  # fmt: skip
         invert_structure(reference, voltage, memory[size:], p[K1], p[K2], p[LEAD], dt)
-        invert(voltage, voltage, memory[:size], p[FIRST:], p[MINIMUM], low, high)
+        sign, rising = 1.0 if p[FIRST + slope] > 0.0 else -1.0, scratch(count)
+        for k in range(count):
+            rising[k] = p[FIRST + k] if k == kept else sign * p[FIRST + k]
+        for k in range(voltage.size):
+            voltage[k] *= sign
+        invert(voltage, voltage, memory[:size], rising, p[MINIMUM], low, high)
 
     return run
 
 
 _SIZES = {law: hysteresis.H + (COUNT if law == 'plays' else 1) for law in _KERNELS}
-_RUNS = {law: _behind_structure(kernel, _SIZES[law]) for law, kernel in _KERNELS.items()}
+_RUNS = {law: _behind_structure(law, _SIZES[law]) for law in _KERNELS}
 
 
 class PhysicalInverse(InverseLink):
@@ -92,7 +103,7 @@ class PhysicalInverse(InverseLink):
     Raises
     ------
     CompensationError
-        If a parameter is missing or not finite, or the slope of the model is not positive.
+        If a parameter is missing or not finite, or the slope of the model changes its sign.
     """
 
     def __init__(
@@ -121,7 +132,7 @@ class PhysicalInverse(InverseLink):
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         packed = self._pack_hysteresis(parameters)
         steepest = packed[1] if self.law == 'plays' else packed[0]
-        minimum = 0.1 * steepest if self._minimum_slope is None else self._minimum_slope
+        minimum = 0.1 * abs(steepest) if self._minimum_slope is None else self._minimum_slope
         if not minimum > 0:
             raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
         k1, k2 = structure_coefficients(parameters)
@@ -135,10 +146,10 @@ class PhysicalInverse(InverseLink):
         what = f'the inverse {self.law!r}'
         if self.law == 'plays':
             packed = take(parameters, PLAYS, what)
-            if not (packed[0] > 0 and packed[1] > 0):
+            if not monotonic_plays(np.array(packed)):
                 raise CompensationError(
-                    'pi_range and w0 must be positive, or the Prandtl-Ishlinskii model has no '
-                    'inverse; identify again with that bound'
+                    'the Prandtl-Ishlinskii model has no inverse: pi_range must be positive, and '
+                    'w0 and the sum of all weights must have one sign; identify again'
                 )
             return packed
         if self.law == 'gain':
@@ -147,10 +158,11 @@ class PhysicalInverse(InverseLink):
         else:
             packed = take({'A0': 0.0, **parameters}, BOUC_WEN, what)
         # The delayed law only divides by A1.
-        check_rising(packed if self.law != 'delayed' else [packed[0], 0.0, 0.0])
+        check_monotonic(packed if self.law != 'delayed' else [packed[0], 0.0, 0.0])
         return packed
 
     def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
+        keep_sign('w0' if self.law == 'plays' else 'A1', old[FIRST:], new[FIRST:])
         # The states of the plays are voltages, which are unchanged.
         if self.law != 'plays':
             ratio = saturation(new[FIRST:]) / max(saturation(old[FIRST:]), 1e-300)
@@ -193,28 +205,48 @@ def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, floa
 @jit
 def saturation(bouc_wen: FloatArray) -> float:
     """Return the saturation level of h [m], by which h is scaled after a change."""
-    a, a0, beta, gamma = bouc_wen[1], bouc_wen[2], bouc_wen[3], bouc_wen[4]
+    a, a0, beta = bouc_wen[1], bouc_wen[2], bouc_wen[3]
+    gamma = bouc_wen[4] if bouc_wen[0] > 0.0 else -bouc_wen[4]
     return float(max(abs(a) + abs(a0), 1e-15) / max(beta + gamma, 1e-3))
 
 
-def check_rising(bouc_wen: list[float]) -> None:
-    """Raise an error for A1, A, A0, ... of a model whose slope from rest is not positive.
+@jit
+def monotonic_plays(plays: FloatArray) -> bool:
+    """Return whether a Prandtl-Ishlinskii model, range and weights, has an inverse."""
+    return bool(plays[0] > 0.0 and plays[1] * np.sum(plays[1:]) > 0.0)
+
+
+@jit
+def monotonic_bouc_wen(a1: float, a: float, a0: float) -> bool:
+    """Return whether the slope of a Bouc-Wen model from rest has the sign of A1."""
+    sign = 1.0 if a1 > 0.0 else -1.0
+    return bool(a1 != 0.0 and sign * (a1 - a) - abs(a0) > 0.0)
+
+
+def keep_sign(name: str, old: FloatArray, new: FloatArray) -> None:
+    """Refuse parameters that reverse a running inverse; the first gain is named `name`."""
+    place = 1 if name == 'w0' else 0
+    if old[place] * new[place] < 0.0:
+        raise CompensationError(
+            f'{name} = {new[place]:g} m/V would reverse the voltage of a running inverse; load '
+            'the model anew'
+        )
+
+
+def check_monotonic(bouc_wen: list[float]) -> None:
+    """Raise an error for A1, A, A0, ... of a model whose slope from rest has not the sign of A1.
 
     Raises
     ------
     CompensationError
-        If A1 or the slope from rest is not positive.
+        If A1 is 0, or the slope from rest is 0 or of the other sign.
     """
     a1, a, a0 = bouc_wen[:3]
-    if not a1 > 0:
+    if not monotonic_bouc_wen(a1, a, a0):
         raise CompensationError(
-            f'A1 = {a1:g} m/V is not positive, so the model has no inverse; check the polarity '
-            'of sensor and amplifier and identify again'
-        )
-    if not a1 - a - abs(a0) > 0:
-        raise CompensationError(
-            f'A1 - A - |A0| = {a1 - a - abs(a0):g} m/V is not positive: the model falls where '
-            'the voltage rises, so it has no inverse; identify with that bound'
+            f'A1 = {a1:g} m/V and the slope from rest, A1 - A -+ A0 = {a1 - a - a0:g} and '
+            f'{a1 - a + a0:g} m/V, have not one sign: the model turns back, so it has no '
+            'inverse; identify with that bound'
         )
 
 
@@ -230,6 +262,8 @@ def least_slope(parameters: Mapping[str, float]) -> float:
         ``A1, A, beta, gamma`` and, if not 0, ``A0``.
     """
     a1, a, a0, beta, gamma = take({'A0': 0.0, **parameters}, BOUC_WEN, 'the slope')
+    if a1 < 0.0:  # that of the reversed displacement
+        a1, a, a0, gamma = -a1, -a, -a0, -gamma
     highest = (a + abs(a0)) / (beta + gamma) if beta + gamma > 0 else math.inf
     steepest = max(beta - gamma, 0.0)
     return a1 - a - abs(a0) - (steepest * highest if steepest > 0 else 0.0)
