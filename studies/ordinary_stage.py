@@ -135,7 +135,7 @@ class Stage:
 
 @numba.njit
 def visit(level: float, turns: FloatArray, count: int) -> int:
-    """Move to a level, 0 to 1, and forget the loops that it passes; return the turns kept."""
+    """Move to a level, 0 to 1, and discard the loops that it passes; return the turns kept."""
     while count > 1:
         last, before = turns[count - 1], turns[count - 2]
         onwards = (level - last) * (last - before) > 0.0
