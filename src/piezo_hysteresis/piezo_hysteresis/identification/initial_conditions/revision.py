@@ -108,11 +108,12 @@ def revised(
     search = StartSearch(model, values, sampling_offset, records, choices.start, lasting=alone)
     given = [with_explained(search, each) for each in targets]
     seen = of_each(lambda each: search.best_start(each, choices.zero), given, workers)
-    seen = (
-        [search.settled(_zeroed([each], choices, search)[0]) for each in seen]
-        if alone
-        else _zeroed(seen, choices, search, fewest=2)
-    )
+    if alone:
+        ended = [search.settled(_zeroed([each], choices, search)[0]) for each in seen]
+        pairs = zip(ended, given, strict=True)
+        seen = [search.as_run(each, first, choices.zero) for each, first in pairs]
+    else:
+        seen = _zeroed(seen, choices, search, fewest=2)
     errors = [search.left(each) for each in seen]
     return [
         replace(each, precision=weight, influence=influence(each, error))

@@ -63,6 +63,8 @@ _WORTH_A_TRY = 100.0
 # number of Gauss-Newton steps afterwards.
 _STEPS = (0.12, 0.06, 0.03, 0.015)
 _TURNS = 3
+# Ratio of the squared error of a run to its linearised cost from which runs are compared.
+_MISLEADS = 1.5
 # Largest number of steps of the levels of the selected start, and their tolerance as a share of
 # the largest voltage.
 _SETTLING_TURNS = 10
@@ -87,6 +89,9 @@ class StartSearch:
     lasting : bool
         Whether the estimate must be valid for other models, too: levels before a record are
         physical, a state belongs to one model.
+    by_run : bool
+        Whether starts are compared by the error of their run. By default the effect of a start is
+        linearised, as in a fit, which finds starts of several levels sooner.
     """
 
     def __init__(
@@ -98,21 +103,26 @@ class StartSearch:
         wanted: str,
         *,
         lasting: bool = False,
+        by_run: bool = False,
     ) -> None:
         self._model, self._packed, self._late = model, model.pack(values), sampling_offset
         self._records = {record.name: record for record in records}
-        self._wanted, self._lasting = wanted, lasting
+        self._values, self._wanted = values, wanted
+        self._lasting, self._by_run = lasting, by_run
 
     def left(self, target: Target) -> FloatArray:
         """Return the residual of a target, shape (m,) [m]."""
-        return self._predicted(target).valid_error
+        return self._predicted(target).residual
 
     def _predicted(self, target: Target) -> Prediction:
         return Prediction(self._model, self._packed, target, self._late)
 
     def square(self, target: Target) -> float:
         """Return the sum of squares of the residual [m^2], infinite where it is not finite."""
-        return _square(self._predicted(target))
+        return self._square(self._predicted(target))
+
+    def _square(self, found: Prediction) -> float:
+        return square_of(found.valid_error if self._by_run else found.residual)
 
     def best_start(self, target: Target, zero: str) -> Target:
         """Return the target with the start of the smallest residual, or with its initial guess.
@@ -129,7 +139,7 @@ class StartSearch:
             return target
         free = replace(target, own_zero=zero != 'common')
         found = self._predicted(free)
-        kept = best = _square(found), target.begins
+        kept = best = self._square(found), target.begins
         others: list[Hypothesis] = []
         if self._is_free(record):
             starts = [
@@ -164,13 +174,13 @@ class StartSearch:
         target = found.target
         early = target.measured.size // _EARLY
         count = target.voltage.size - target.first - early * target.stride
-        left = found.valid_error[early:]
+        left = found.residual[early:]
         if target.valid is not None:
             left = left[target.valid[early:] > 0.0]
         if target.own_zero:
             left = left - left.mean()
         least = square_of(left)
-        if not (1.0 - _ALIKE) ** 2 * least > (1.0 - _SHOWN) * _square(found):
+        if not (1.0 - _ALIKE) ** 2 * least > (1.0 - _SHOWN) * self._square(found):
             return False
         limit = _ALIKE * sqrt(least / left.size)
         return all(
@@ -203,16 +213,40 @@ class StartSearch:
         if record is None or not target.begins.levels:
             return target
         found = self._predicted(target)
-        most, largest = _AS_WELL * _square(found), float(np.max(np.abs(record.voltage)))
+        most, largest = _AS_WELL * self._square(found), float(np.max(np.abs(record.voltage)))
         for _ in range(_SETTLING_TURNS):
             closer = self._stepped(found, record)
-            if closer is None or not _square(closer) <= most:
+            if closer is None or not self._square(closer) <= most:
                 return target
             pairs = zip(closer.target.begins.levels, found.target.begins.levels, strict=True)
             if max(abs(a - b) for a, b in pairs) <= _STILL * largest:
                 return closer.target
             found = closer
         return target
+
+    def as_run(self, target: Target, given: Target, zero: str) -> Target:
+        """Return the target with a start whose run fits better, if its linearised cost misleads.
+
+        Parameters
+        ----------
+        target, given : Target
+            Data with the best start by the linearised cost, and with the initial guess.
+        zero : str
+            Zero stated by the user.
+        """
+        if target.begins.kind != 'estimate':
+            return target
+        found = self._predicted(target)
+        least = square_of(found.valid_error)
+        if least <= _MISLEADS * square_of(found.residual):
+            return target
+        search = StartSearch(
+            self._model, self._values, self._late, list(self._records.values()), self._wanted,
+            lasting=self._lasting, by_run=True,
+        )  # fmt: skip
+        other = search.best_start(given, zero)
+        other = search.settled(replace(other, own_zero=target.own_zero))
+        return other if search.square(other) < least else target
 
     def _stepped(self, found: Prediction, record: Record) -> Prediction | None:
         """Return the prediction after a Gauss-Newton step of the levels, None out of reach."""
@@ -314,9 +348,9 @@ class StartSearch:
         found = self._predicted(led_in(target, record, best[1]))
         for _ in range(_TURNS):
             closer = self._stepped(found, record)
-            if closer is None or not _square(closer) <= best[0] * (1.0 + 1e-6):
+            if closer is None or not self._square(closer) <= best[0] * (1.0 + 1e-6):
                 break
-            found, best = closer, (_square(closer), closer.target.begins)
+            found, best = closer, (self._square(closer), closer.target.begins)
         return best
 
     def _plainest(
@@ -335,10 +369,6 @@ class StartSearch:
 
 def _cost(evaluated: Hypothesis) -> float:
     return evaluated[0]
-
-
-def _square(found: Prediction) -> float:
-    return square_of(found.valid_error)
 
 
 def square_of(error: FloatArray) -> float:
