@@ -128,7 +128,7 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
                                 'compensate --law fang2019', 'figures 7 to 11'),
         'PID': Equation('feedback', 'compensate --pid KP KI KD', 'figures 7 to 11'),
         'switch': Equation('one model below and one above 1 Hz',
-                           'compensate --model SLOW or FAST', 'figures 7 to 11'),
+                           'paper fang2019 --figure 7', 'figures 7 to 11'),
         'fuzzy PID': Equation('gains by fuzzy rules', 'compensate --feedback fuzzy_pid',
                               'figures 7 to 11'),
     },

@@ -163,10 +163,10 @@ def test_a_position_that_is_no_length_is_refused(monkeypatch: Any) -> None:
 def test_an_nv200_is_asked_what_it_measures(
     name: str, value: str, sentence: str, monkeypatch: Any
 ) -> None:
-    usual = Nv200Language._found
+    usual = Nv200Language.value_of
     monkeypatch.setattr(
         Nv200Language,
-        '_found',
+        'value_of',
         lambda self, word, parts: value if word == name else usual(self, word, parts),
     )
     with served('nv200') as (address, _), pytest.raises(DriverError, match=sentence):

@@ -291,4 +291,4 @@ def test_no_limit_is_below_what_a_free_run_in_double_precision_resolves() -> Non
     candidate = next(c for c in candidates(base) if c.effect.name == 'drift')
     left = 1e30 * np.sin(voltage)
     found = Signature(candidate, {}, {}, 1.0, 1e-12, left, False)
-    assert searched._factor(found) * found.rms >= 0.99e-10 * 1e-5
+    assert searched.detectable_factor(found) * found.rms >= 0.99e-10 * 1e-5

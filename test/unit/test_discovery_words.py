@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.verdict.describe import _law, growth
+from piezo_hysteresis.discovery.verdict.describe import growth, law_sentences
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.records import Record
 
@@ -28,5 +28,5 @@ def test_sizes_without_a_law_get_no_sentence_about_one() -> None:
     view = whole(Record('r', 1e-3, np.sin(np.arange(2000.0)), np.zeros(2000)))
     views = [replace(view, frequency=each) for each in (1.0, 3.0, 10.0, 30.0)]
     clean = np.array([1e-6, 3e-6, 1e-5, 3e-5])
-    assert 'increases with the frequency' in ' '.join(_law(views, clean, 1e-9))
-    assert _law(views, clean[[2, 0, 3, 1]], 1e-9) == []
+    assert 'increases with the frequency' in ' '.join(law_sentences(views, clean, 1e-9))
+    assert law_sentences(views, clean[[2, 0, 3, 1]], 1e-9) == []

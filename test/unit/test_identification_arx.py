@@ -40,6 +40,7 @@ def test_recovers_poles_and_zeros_exactly_without_noise() -> None:
     np.testing.assert_allclose(plain.denominator, BOTTOM, rtol=0.02)
 
 
+@pytest.mark.component
 def test_recovers_003_from_noise_of_its_sensor() -> None:
     found = fit_transfer_function([record(1e-9, 1), record(1e-9, 2)])
     np.testing.assert_allclose(found.numerator, TOP, rtol=0.03)

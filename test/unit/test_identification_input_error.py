@@ -90,6 +90,7 @@ def test_an_error_is_removed_but_for_what_is_stated(drive: str, kind: str) -> No
     assert bool(found.hum) == (kind == 'mains')
 
 
+@pytest.mark.component
 def test_parameters_are_not_biased_by_the_error_of_the_input() -> None:
     u = DRIVES['sine']
     clean = Record('a', 1.0 / RATE, u, plays(u))

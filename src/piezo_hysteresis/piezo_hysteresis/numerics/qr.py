@@ -103,7 +103,7 @@ def _reflect(r: FloatArray, rows: FloatArray, j: int, begin: int, end: int) -> N
     """Reflect row `j` of a block into `r`, shape (p, p), and update the later rows."""
     p, v = rows.shape[0], rows[j, begin:end]
     own = inner(v, v)
-    if own <= _VANISHED:  # what is left of a dependent column shrinks from piece to piece
+    if own <= _VANISHED:  # a dependent column shrinks from piece to piece
         return
     size = sqrt(r[j, j] * r[j, j] + own)
     alpha = -size if r[j, j] > 0.0 else size

@@ -121,7 +121,7 @@ def run(
 ) -> LoopResult:
     """Track the reference `spec` about the middle of the range for 12 s.
 
-    A ``switched inverse`` is that of `slow` for references up to 1 Hz, as in the paper.
+    A ``switched inverse`` is that of `slow` for references up to 1 Hz (Fang 2019 (switch)).
     """
     wave = from_spec({**spec, 'duration': 12.0, 'offset': 9e-6, 'ramp': 1.0})
     calm = kind.startswith('switched') and float(wave.sample(np.zeros(1)).frequency[0]) <= 1.0

@@ -258,8 +258,8 @@ class SimulatedController:
         if self.generator.first >= 0:
             self.target = 1e-6 * float(self._commands(1)[0])
         gain = (self.high - self.low) / (self.travel[1] - self.travel[0])
-        wanted = self._set + _GAIN * gain * (self.target - self.position)
-        self._set = min(max(wanted, self.low), self.high)
+        unlimited = self._set + _GAIN * gain * (self.target - self.position)
+        self._set = min(max(unlimited, self.low), self.high)
         return np.full(count, self._set)
 
     def _record(self, commands: FloatArray, readings: FloatArray) -> None:

@@ -87,7 +87,7 @@ class Nv200Language:
             return 'NV200/D_NET>'
         self._controller.advance()
         try:
-            found = self._found(word, parts)
+            found = self.value_of(word, parts)
         except Nv200Error as error:
             return f'error,{error.args[0]}'
         except GcsError as error:
@@ -98,7 +98,8 @@ class Nv200Language:
             return f'error,{_MISSING}'
         return '' if found is None else f'{word},{found}'
 
-    def _found(self, word: str, parts: Words) -> str | None:
+    def value_of(self, word: str, parts: Words) -> str | None:
+        """Return the value of a parameter as text, None for an unknown one."""
         if word in self._known:
             return self._known[word](parts)
         if word in self._fixed:

@@ -293,7 +293,7 @@ class Records:
             if found is not None and found.values == last:  # limited by the parameter bounds
                 break
             last = {} if found is None else found.values
-            factor = np.inf if found is None else self._factor(found)
+            factor = np.inf if found is None else self.detectable_factor(found)
             if found is not None and factor <= 1.0:
                 best = found
                 if factor > 1.0 / _NEAR:
@@ -347,7 +347,7 @@ class Records:
         left = self._nuisances.remove(self._whitening(changes))
         return Signature(candidate, start, values, scale, rms, left, False)
 
-    def _factor(self, found: Signature) -> float:
+    def detectable_factor(self, found: Signature) -> float:
         """Return the factor to the detection limit for an effect that is linear in its size."""
         away = np.sqrt(inner(found.whitened, found.whitened))
         low, high = DETECTED / away if away > 0.0 else np.inf, _LARGEST

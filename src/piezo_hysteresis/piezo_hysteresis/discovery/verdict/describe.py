@@ -54,7 +54,7 @@ def describe(
         )
     sentences += _harmonics(data, views, errors, floor)
     sentences += _lines(data, views, errors)
-    sentences += _law(views, sizes, floor)
+    sentences += law_sentences(views, sizes, floor)
     sentences += _bursts(views, errors, floor)
     sentences += _trend(views, errors, floor)
     return ' '.join(sentences)
@@ -108,7 +108,8 @@ def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray])
     return ['The records contain tones that are not harmonics, at different frequencies.']
 
 
-def _law(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
+def law_sentences(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
+    """Return sentences on how sizes by view [m] grow with the drive, above a floor [m]."""
     rows = [
         (v.frequency, float(np.max(np.abs(v.voltage))), float(s))
         for v, s in zip(views, sizes, strict=True)

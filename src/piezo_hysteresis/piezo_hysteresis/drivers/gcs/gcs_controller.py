@@ -129,12 +129,16 @@ class GcsController(Controller):
 
     def _set_rate(self, divider: int) -> None:
         """Set the servo ticks per point: of the generator, or the one rate of all of them."""
-        wanted = f'{divider} {int(divider > 1)}'  # interpolated where a point lasts for ticks
+        rate_and_mode = (
+            f'{divider} {int(divider > 1)}'  # interpolated where a point lasts for ticks
+        )
         for generator in (self._channel, 0):
-            self._line.send(f'WTR {generator} {wanted}')
-            if self._line.error() == 0 and self._line.value(f'WTR? {generator}') == wanted:
+            self._line.send(f'WTR {generator} {rate_and_mode}')
+            if self._line.error() == 0 and self._line.value(f'WTR? {generator}') == rate_and_mode:
                 return
-        raise DriverError(f'{self.address}: it does not take the wave rate {wanted!r} (WTR)')
+        raise DriverError(
+            f'{self.address}: it does not take the wave rate {rate_and_mode!r} (WTR)'
+        )
 
     def start(self) -> None:
         """Start wave generator and recorder."""
