@@ -10,8 +10,12 @@ shims=$(command -v python3.12 || true)
 for python in python3.14 python3.13 python3.12 "${shims%/shims/*}"/versions/3.1[2-9]*/bin/python; do
   if "$python" -c 'import sys, venv; sys.exit(sys.version_info < (3, 12))' 2>/dev/null; then
     "$python" -m venv --clear .venv-clients
-    .venv-clients/bin/python -I -m pip install -q --disable-pip-version-check \
-      -r requirements-clients.txt
+    if ! .venv-clients/bin/python -I -m pip install -q --disable-pip-version-check \
+      -r requirements-clients.txt; then
+      echo 'clients of the makers could not be installed, see above; their tests are skipped'
+      rm -rf .venv-clients
+      exit
+    fi
     echo "$wanted" >.venv-clients/.ready
     exit
   fi
