@@ -51,7 +51,7 @@ class Row:
     share: float
     named: tuple[str, ...]
     exact: tuple[str, ...]
-    told: int  # records whose voltage was called measured
+    measured: int  # records whose voltage was called measured
     of: int
     seconds: float
 
@@ -88,10 +88,10 @@ def names_in(
         found = discover(records, baseline, time_limit=limit, recommend=False)
     except PiezoError as error:
         return (f'refused: {error}',), 0
-    told = sum('measured, not commanded' in each for each in found.check.findings)
+    measured = sum('measured, not commanded' in each for each in found.check.findings)
     if found.verdict.verdict != 'named':
-        return (() if found.verdict.verdict == 'none' else (found.verdict.verdict,)), told
-    return tuple(effect.name for effect in found.verdict.effects), told
+        return (() if found.verdict.verdict == 'none' else (found.verdict.verdict,)), measured
+    return tuple(effect.name for effect in found.verdict.effects), measured
 
 
 def examined(what: str, index: int, seed: int, limit: float) -> Row:
@@ -108,13 +108,13 @@ def examined(what: str, index: int, seed: int, limit: float) -> Row:
     exact = records_of(hidden)
     records = [spoilt(record, kind, share, rng) for record in exact]
     began = time.perf_counter()
-    named, told = names_in(records, hidden.world.baseline, limit)
+    named, measured = names_in(records, hidden.world.baseline, limit)
     seconds = time.perf_counter() - began
     without = names_in(exact, hidden.world.baseline, limit)[0] if hidden.effects else ()
     names = tuple(name for names in hidden.names for name in names)
     world = hidden.world.name
     return Row(
-        hidden.key, world, hidden.effects, names, kind, share, named, without, told,
+        hidden.key, world, hidden.effects, names, kind, share, named, without, measured,
         len(records), seconds,
     )  # fmt: skip
 
@@ -162,7 +162,7 @@ def main(words: Sequence[str] | None = None) -> int:
             print(json.dumps(asdict(row)), file=file, flush=True)
             print(
                 f'{row.key:20} {row.world:10} {row.kind:9} {100 * row.share:.3g} % '
-                f'{row.hidden} -> {row.named}; exact {row.exact}; measured {row.told} of '
+                f'{row.hidden} -> {row.named}; exact {row.exact}; measured {row.measured} of '
                 f'{row.of}, {row.seconds:.0f} s',
                 flush=True,
             )

@@ -1,4 +1,4 @@
-"""PIPython on a GCS controller: print what it was told, as one line of JSON."""
+"""PIPython on a GCS controller: print the responses, as one line of JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipython.pidevice.interfaces.pisocket import PISocket
 UPDATE_TIME = 0x0E000200
 
 
-def told(port: int) -> dict[str, Any]:
+def responses(port: int) -> dict[str, Any]:
     """Play a wave of 500 points and read the recorder, then close the loop."""
     made = GCSDevice(gateway=PISocket('127.0.0.1', port))
     found: dict[str, Any] = {
@@ -57,4 +57,4 @@ def told(port: int) -> dict[str, Any]:
 
 
 if __name__ == '__main__':
-    print(json.dumps(told(int(sys.argv[1])), default=str), flush=True)
+    print(json.dumps(responses(int(sys.argv[1])), default=str), flush=True)

@@ -1,4 +1,4 @@
-"""The client nv200 of piezosystem jena: print what it was told, as one line of JSON."""
+"""The client nv200 of piezosystem jena: print the responses, as one line of JSON."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nv200.shared_types import StatusFlags
 from nv200.waveform_generator import WaveformGenerator, WaveformUnit
 
 
-async def told(port: str) -> dict[str, Any]:
+async def responses(port: str) -> dict[str, Any]:
     """Move, play two cycles of a wave and read the recorder, then close the loop."""
     made = NV200Device(SerialProtocol(port))
     await made.connect(False)
@@ -53,4 +53,4 @@ async def told(port: str) -> dict[str, Any]:
 
 
 if __name__ == '__main__':
-    print(json.dumps(asyncio.run(told(sys.argv[1])), default=str), flush=True)
+    print(json.dumps(asyncio.run(responses(sys.argv[1])), default=str), flush=True)

@@ -96,7 +96,7 @@ def stage(name: str, seed: int) -> Stage:
         'noise', 'raster', 'chirp', 'by hand',
     ],
 )  # fmt: skip
-def test_an_unknown_start_costs_no_accuracy_or_is_told(name: str, seed: int) -> None:
+def test_an_unknown_start_costs_no_accuracy_or_is_stated(name: str, seed: int) -> None:
     made = stage(name, seed)
     known = ph.identify([made.whole], 'prandtl_ishlinskii', begins='step')
     run = ph.simulate(known, made.whole, begins='step')
@@ -105,5 +105,5 @@ def test_an_unknown_start_costs_no_accuracy_or_is_told(name: str, seed: int) -> 
     (row,) = found.records
     error = made.part.displacement - ph.simulate(found, made.part)
     assert row.free_run_rms == float(np.sqrt(np.mean(error**2)))
-    told = any('do not determine' in each for each in found.warnings)
-    assert row.free_run_rms <= 1.5 * least or told
+    is_stated = any('do not determine' in each for each in found.warnings)
+    assert row.free_run_rms <= 1.5 * least or is_stated

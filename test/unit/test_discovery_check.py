@@ -76,16 +76,16 @@ UNFIT = {
 
 @pytest.mark.parametrize('why', UNFIT)
 def test_identify_and_discover_refuse_alike(why: Any) -> None:
-    said = []
+    sentences = []
     for refuse in (check, lambda records: identify(records, named('classical'))):
         with pytest.raises(IdentificationError, match=why) as caught:
             refuse(UNFIT[why])
-        said.append(str(caught.value))
-    assert said[0] == said[1]
+        sentences.append(str(caught.value))
+    assert sentences[0] == sentences[1]
 
 
 @pytest.mark.parametrize(
-    ('frequency', 'scale', 'said'),
+    ('frequency', 'scale', 'sentence'),
     [
         (10.0, 1.0, ''),
         (15.0, 1.05, ''),
@@ -94,7 +94,9 @@ def test_identify_and_discover_refuse_alike(why: Any) -> None:
         (10.0, 2.0, '-2 .. 2 V against -1 .. 1 V'),
     ],
 )
-def test_a_changed_operating_condition_is_told(frequency: float, scale: float, said: str) -> None:
+def test_a_changed_operating_condition_is_stated(
+    frequency: float, scale: float, sentence: str
+) -> None:
     model = named('classical')
     seen = tuple(Condition(f, 1.0, 1e-5, 1e-8) for f in (1.0, 10.0))
     given = ModelFile(
@@ -106,4 +108,4 @@ def test_a_changed_operating_condition_is_told(frequency: float, scale: float, s
     u = scale * np.sin(np.linspace(0.0, 20.0 * np.pi, 4001))
     record = Record('r', 1e-3, u, u, info=RecordInfo(frequency=frequency))
     found = outside_of([record], given)
-    assert found == (f'{OUTSIDE} {said}.' if said else '')
+    assert found == (f'{OUTSIDE} {sentence}.' if sentence else '')

@@ -48,14 +48,14 @@ def test_the_reported_error_is_that_of_a_free_run(
 ) -> None:
     records = sines(preset, *frequencies, cut=cut)
     found = identify(records, models.named(model))
-    told = validate(records, found)
+    validation = validate(records, found)
     for record, run, row in zip(
         records, simulate_records(found, records), found.records, strict=True
     ):
         error = (record.displacement - run)[record.warm_up_samples :]
         assert np.sqrt(np.mean(error**2)) == row.free_run_rms
-        assert told.simulated[record.name].tobytes() == run.tobytes()
-    assert told.records == found.records
+        assert validation.simulated[record.name].tobytes() == run.tobytes()
+    assert validation.records == found.records
 
 
 def test_a_part_that_closes_by_chance_does_not_begin_settled() -> None:

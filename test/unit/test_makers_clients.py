@@ -19,8 +19,8 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def told(script: str, address: str) -> dict[str, Any]:
-    """Return what a client was told by a controller."""
+def responses_of(script: str, address: str) -> dict[str, Any]:
+    """Return the responses that a client got from a controller."""
     words = [str(PYTHON), '-I', str(CLIENTS / script), address]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120.0, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -30,7 +30,7 @@ def told(script: str, address: str) -> dict[str, Any]:
 def test_pipython_of_pi_drives_the_simulated_controller() -> None:
     with serving(speed=1.0) as server:
         low, high = (1e6 * end for end in server.controller.travel)  # computed before it is asked
-        found = told('gcs_client.py', str(server.server_address[1]))
+        found = responses_of('gcs_client.py', str(server.server_address[1]))
     assert found['axes'] == ['1']
     assert found['range'] == [-5.0, 5.0]
     assert found['period'] == found['sample_time'] == 1.0 / RATE
@@ -47,7 +47,7 @@ def test_pipython_of_pi_drives_the_simulated_controller() -> None:
 def test_nv200_of_piezosystem_jena_drives_the_simulated_amplifier() -> None:
     with served('nv200', speed=1.0) as (address, controller):
         low, high = (1e6 * end for end in controller.travel)
-        found = told('nv200_client.py', address.removeprefix('nv200://'))
+        found = responses_of('nv200_client.py', address.removeprefix('nv200://'))
     assert found['range'] == [-5.0, 5.0]
     assert found['unit'] == 'um'
     assert found['has_sensor'] is True

@@ -13,10 +13,7 @@ from typing import Any
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import (
-    START_HELP,
-    STARTS,
-    ZERO_HELP,
-    ZEROS,
+    add_conditions,
     add_out,
     add_statements,
     statements_of,
@@ -54,8 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add('--workers', type=int, default=0, metavar='N', help='threads, 0 for one per core')
     add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
-    add('--start', choices=STARTS, default='auto', help=START_HELP)
-    add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
+    add_conditions(parser)
     add(
         '--policy',
         nargs='+',

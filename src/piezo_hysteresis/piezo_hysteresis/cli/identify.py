@@ -15,10 +15,7 @@ from typing import Any
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import (
-    START_HELP,
-    STARTS,
-    ZERO_HELP,
-    ZEROS,
+    add_conditions,
     add_out,
     add_statements,
     statements_of,
@@ -71,8 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='DATA',
         help='held-out data: the discrepancy of the model is estimated from them',
     )
-    add('--start', choices=STARTS, default='auto', help=START_HELP)
-    add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
+    add_conditions(parser)
     add('--hold', nargs='+', default=[], metavar='NAME=VALUE', help='parameters to fix (SI)')
     add('--set', nargs='+', default=[], metavar='NAME=VALUE', help='start values (SI)')
     add(

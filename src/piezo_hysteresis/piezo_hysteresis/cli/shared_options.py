@@ -12,10 +12,7 @@ from piezo_hysteresis.records.read_options import CLOCKS, ReadOptions
 
 __all__ = [
     'SALVAGE_HELP',
-    'STARTS',
-    'START_HELP',
-    'ZEROS',
-    'ZERO_HELP',
+    'add_conditions',
     'add_out',
     'add_reading',
     'add_statements',
@@ -25,15 +22,22 @@ __all__ = [
 
 SALVAGE_HELP = 'use the readable part of damaged data'
 
-START_HELP = (
+_START_HELP = (
     'initial condition of the records: at rest at 0 V with a step (step), at rest at their first '
     'voltage (rest), in their own steady cycle (settled), in a state to be estimated (estimate), '
     'or estimated from the data (auto)'
 )
-ZERO_HELP = (
+_ZERO_HELP = (
     'zero of the displacement: one for all records (common), one for each (record), or '
     'estimated from the data (auto)'
 )
+
+
+def add_conditions(parser: argparse.ArgumentParser) -> None:
+    """Add ``--start`` and ``--zero``: the initial condition and the zero of the records."""
+    add = parser.add_argument
+    add('--start', choices=STARTS, default='auto', help=_START_HELP)
+    add('--zero', choices=ZEROS, default='auto', help=_ZERO_HELP)
 
 
 def add_out(parser: argparse.ArgumentParser, default: str | None = None) -> None:

@@ -10,10 +10,7 @@ import argparse
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.shared_options import (
-    START_HELP,
-    STARTS,
-    ZERO_HELP,
-    ZEROS,
+    add_conditions,
     add_out,
     add_statements,
     statements_of,
@@ -35,8 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
     add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
     add('--steady', action='store_true', help=_STEADY)
-    add('--start', choices=STARTS, default='auto', help=START_HELP)
-    add('--zero', choices=ZEROS, default='auto', help=ZERO_HELP)
+    add_conditions(parser)
     add('--actuator', help='actuator, if a bag holds several')
     add_statements(parser)
     add('--detection-limits', action='store_true', help=LIMITS_HELP)

@@ -8,7 +8,7 @@ from math import sqrt
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.identification.input_error import ON_GRID, SLOW, InputError, input_error
 from piezo_hysteresis.identification.noise import differences_noise, steps_of, stroke_of
@@ -116,8 +116,13 @@ def _at_rest(record: Record, largest: Record) -> Record | None:
 
 
 @cached_per_record
+def _out_of_range(record: Record) -> BoolArray:
+    return out_of_range(record.voltage, record.displacement)
+
+
+@cached_per_record
 def _usable(record: Record) -> Record:
-    out = out_of_range(record.voltage, record.displacement)
+    out = _out_of_range(record)
     if np.any(out):
         record = replace(record, displacement=interpolated(record.displacement, out))
     error = _error_of(record)
@@ -130,7 +135,7 @@ def _usable(record: Record) -> Record:
 def _error_of(record: Record) -> InputError | None:
     if record.input_uncertainty is not None:
         return None
-    out = out_of_range(record.voltage, record.displacement)
+    out = _out_of_range(record)
     return input_error(record.voltage, interpolated(record.displacement, out), record.dt)
 
 
@@ -151,7 +156,7 @@ def _input(record: Record) -> list[str]:
 
 
 def _codes(record: Record) -> list[str]:
-    y, out = record.displacement, out_of_range(record.voltage, record.displacement)
+    y, out = record.displacement, _out_of_range(record)
     if not np.any(out):
         return []
     values, count = np.unique(y[out], return_counts=True)
