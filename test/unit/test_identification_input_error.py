@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import piezo_hysteresis as ph
 from piezo_hysteresis.identification.input_error import InputError, input_error
@@ -65,6 +66,17 @@ def found_in(u: np.ndarray, felt: np.ndarray) -> InputError | None:
 @pytest.mark.parametrize('drive', EXACT)
 def test_a_command_has_no_error(drive: str) -> None:
     assert found_in(EXACT[drive], EXACT[drive]) is None
+
+
+def test_a_drive_that_repeats_is_no_noise_although_the_displacement_lags() -> None:
+    u = np.tile(10.0 * np.random.default_rng(6).standard_normal(COUNT // 5), 5)
+    moved = 1e-7 * np.asarray(lfilter([1e-3], [1.0, -1.9, 0.901], u))
+    moved += 5e-9 * np.random.default_rng(1).standard_normal(COUNT)
+    assert input_error(u, moved, 1.0 / RATE) is None
+    noise = 0.05 * np.random.default_rng(7).standard_normal(COUNT)
+    found = input_error(u + noise, moved, 1.0 / RATE)
+    assert found is not None
+    assert found.rms == pytest.approx(0.05, rel=0.15)
 
 
 @pytest.mark.parametrize('kind', ['white', 'steps', 'held'])

@@ -14,9 +14,11 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     SETTLED,
     RecordStart,
     cycle_of,
+    first_guess,
     lead_in,
 )
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
+from piezo_hysteresis.identification.noise import bad_samples
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.simulate import simulate as simulate_records
 from piezo_hysteresis.identification.targets import Target, whole
@@ -74,6 +76,22 @@ def test_a_part_that_closes_by_chance_does_not_begin_settled() -> None:
     part = replace(target, voltage=target.voltage[:end], measured=target.measured[:2000])
     (seen,) = revised(model, model.defaults(), 0.0, [part], [record], Choices(), alone=True)
     assert seen.begins.kind != 'settled'
+
+
+@pytest.mark.parametrize('begin', ['step', 'settled', 'ring'])
+def test_the_first_period_shows_how_a_periodic_record_begins(begin: str) -> None:
+    """A transient is neither the steady cycle nor a row of spikes; a spike in it is one."""
+    period, noise = 400, 2e-8 * np.random.default_rng(4).standard_normal(2000)
+    k = np.arange(2000)
+    voltage = 0.5 + np.sin(2 * np.pi * k / period)
+    ring = np.exp(-k / 30.0) * np.cos(2 * np.pi * k / 11.0)
+    transient = {'step': np.exp(-k / 60.0), 'settled': 0.0 * ring, 'ring': ring}[begin]
+    y = 1e-5 * voltage + 4e-6 * transient + noise
+    y[[310, 900]] += 5e-6
+    record = Record('a', 1e-3, voltage, y)
+    guess = first_guess(record)
+    assert guess.kind == ('settled' if begin == 'settled' else 'estimate')
+    assert np.flatnonzero(bad_samples(record)).tolist() == [310, 900]
 
 
 def test_a_loop_around_an_offset_voltage_is_led_into_its_steady_cycle() -> None:

@@ -109,7 +109,8 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     if u.size < _FEWEST or not reach > 0.0 or not stroke > 0.0:
         return None
     part = u[:_ENOUGH]
-    if not _step(part, reach) and not _noise(part) > _SMOOTH * reach and _hold(part)[0] == 1:
+    noise = min(_noise(part), _period(part)[1])
+    if not _step(part, reach) and not noise > _SMOOTH * reach and _hold(part)[0] == 1:
         return None  # a command
     if _ramps(part):
         return None
@@ -119,7 +120,8 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     step = _step(held, reach)
     hum, lines = _hum(held, moved, dt * hold, reach)
     plain = held - lines
-    noise = max(_noise(plain), step / sqrt(12.0))
+    # a multisine up to half the sampling rate changes as fast as noise, but repeats
+    noise = max(min(_noise(plain), _period(plain)[1]), step / sqrt(12.0))
     if not (noise > _EXACT * reach or hum or hold > 1) or _followed(y, u, stroke / reach):
         return None
     if noise > _EXACT * reach or hold > 1:

@@ -72,7 +72,7 @@ def outliers(
     if count >= _FEWEST_PERIODS:
         begin = y.size - count * period
         left, usual = _differences(y[begin:].reshape(count, period))
-        found[begin:] |= _unlike(left, usual)
+        found[begin:] |= _unlike(left, usual) & ~_transient(left[:period], usual, left.size)
     return found
 
 
@@ -174,6 +174,20 @@ def _unlike(left: FloatArray, allowed: FloatArray) -> BoolArray:
             outside = min(max(outside, 0), left.size - 1)
             sides.append(short if at_edge else abs(left[inside] - left[outside]) > height)
         found[begin:end] = any(sides)
+    return found
+
+
+def _transient(first: FloatArray, allowed: FloatArray, samples: int) -> BoolArray:
+    """Return which of all `samples` belong to a transient of the first period, shape (samples,).
+
+    It is there from the first sample on, and whatever follows it is smaller: it decays or rings.
+    """
+    found, size, largest = np.zeros(samples, dtype=bool), np.abs(first), 0.0
+    for begin, end in _runs(size > allowed[: size.size]):
+        height = float(np.max(size[begin:end]))
+        if begin < _WIDEST or height <= largest:
+            found[begin:end] = True
+            largest = max(largest, height)
     return found
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.noise import measured_without_outliers
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.records import Record
 
@@ -37,6 +38,9 @@ NEAR_ZERO = 0.05  # first voltage over the largest up to which a record begins a
 _RAMP = 0.5  # time from one level to the next [s], slow against any mode
 _EDGE = 4  # smallest number of ticks of a lead-in, for the interpolation between ticks
 _CLOSED = 3.0  # largest distance of the end of a one-period record from its start, in steps
+# A record begins with a transient if the first part of its first period differs from that of the
+# next by this factor more than the other parts usually do, and by this share of the stroke.
+_PARTS, _STANDS_OUT, _SMALLEST = 8, 3.0, 1e-5
 # Tested levels of the last extreme before a record, as shares of the largest voltage.
 _LEVELS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0)
 
@@ -123,7 +127,22 @@ def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
     reach = float(np.max(np.abs(record.voltage)))
     if abs(float(record.voltage[0])) <= NEAR_ZERO * reach:
         return STEP
-    return SETTLED if cycle_of(record) else RecordStart('estimate')
+    return SETTLED if cycle_of(record) and not _has_transient(record) else RecordStart('estimate')
+
+
+def _has_transient(record: Record) -> bool:
+    """Return whether the first period differs from the next at its beginning more than later."""
+    period = period_of(record)
+    if not period or len(record) < 2 * period:
+        return False
+    y = measured_without_outliers(record)
+    change = y[period : 2 * period] - y[:period]
+    change -= np.median(change)
+    early, *late = (
+        float(np.sqrt(np.mean(e**2))) for e in np.array_split(change, _PARTS) if e.size
+    )
+    usual = float(np.median(late)) if late else early
+    return early > _STANDS_OUT * max(usual, _SMALLEST * float(np.ptp(y)))
 
 
 def rivals(record: Record, wanted: str = 'auto', *, levels: bool = True) -> Iterator[RecordStart]:

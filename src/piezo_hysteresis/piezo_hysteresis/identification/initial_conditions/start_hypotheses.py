@@ -37,8 +37,9 @@ from piezo_hysteresis.records import Record
 
 Hypothesis = tuple[float, RecordStart]
 
-# An alternative start is accepted if it reduces the cost by this share, by more if the record
-# shows its initial condition, and by this multiple of the squared noise: five standard deviations.
+# An alternative start is accepted if it reduces what the cost exceeds the noise by this share, by
+# more if the record shows its initial condition, and the cost by this multiple of the squared
+# noise: five standard deviations.
 _SHARE = 0.1
 _SHOWN = 0.3
 _SURE = 25.0
@@ -158,7 +159,8 @@ class StartSearch:
             best = self._levels_instead(free, record, best, others, enough)
         gain = kept[0] - best[0]
         share = _SHARE if kept[1].kind == 'estimate' else _SHOWN
-        if gain > share * kept[0] and gain > _SURE * noise**2:
+        missed = max(kept[0] - noise**2 * target.measured.size, 0.0)
+        if gain > share * missed and gain > _SURE * noise**2:
             kept = best
         kept = self._plainest(kept, others, target.measured.size)
         return target if kept[1] == target.begins else led_in(target, record, kept[1])
