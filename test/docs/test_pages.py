@@ -17,6 +17,7 @@ from pages import ROOT, blocks_of, pages
 
 from piezo_hysteresis.cli.main import VERBS, load_verb
 from piezo_hysteresis.common.registry import NODES
+from piezo_hysteresis.papers.paper_page import PAPERS, by_verbs, paper_page
 from piezo_sim.cli import build_parser
 
 sys.path.insert(0, str(ROOT / 'test' / 'unit'))
@@ -24,6 +25,7 @@ from test_nodes_scenarios import faults
 
 PAGES = sorted([*ROOT.glob('*.md'), *ROOT.glob('docs/**/*.md')])
 COMMAND = re.compile(r'(?:python -m|ros2 run) (piezo_hysteresis|piezo_sim)\b((?:(?!-->)[^\n`])*)')
+PIEZO = re.compile(r'^(?:\w+=\S+ )*piezo(?= )', re.MULTILINE)  # the installed program
 
 # Blocks that no test runs; their reasons stand in the pages.
 NOT_RUN = {
@@ -50,8 +52,9 @@ NOT_RUN = {
 
 def commands() -> Iterator[tuple[str, str, str]]:
     for page in PAGES:
-        text = page.read_text().replace('\\\n', ' ')
-        for found in COMMAND.finditer(text):
+        typed = ''.join(b.text for b in blocks_of(page) if b.is_command and b.language != 'python')
+        text = page.read_text() + PIEZO.sub('python -m piezo_hysteresis', typed)
+        for found in COMMAND.finditer(text.replace('\\\n', ' ')):
             words = re.split('[#|&]', found.group(2))[0].strip()
             if words and '...' not in words and not words.startswith(('VERB', ',', '.', ')', '|')):
                 yield page.name, found.group(1), words
@@ -86,6 +89,12 @@ def test_a_command_is_understood(page: str, program: str, words: str) -> None:
         build_parser().parse_args(arguments)
     else:
         assert node, f'{page}: {program} has no executable {arguments[0]}'
+
+
+@pytest.mark.parametrize('paper', PAPERS)
+def test_the_page_of_a_paper_has_the_present_commands(paper: str) -> None:
+    text = (ROOT / 'docs' / 'papers' / paper_page(paper)).read_text(encoding='utf-8')
+    assert '\n'.join(by_verbs(paper, '##')) in text
 
 
 @pytest.mark.parametrize('verb', VERBS)
