@@ -134,3 +134,14 @@ def test_a_voltage_that_nothing_follows_is_constant() -> None:
     assert found[0] is driven
     assert found[2] is small
     assert [each for each in remarks if 'rest' in each]
+
+
+def test_each_record_is_simulated_also_one_with_a_hardly_known_voltage() -> None:
+    u = DRIVES['sine']
+    driven = Record('a', 1.0 / RATE, u, plays(u))
+    felt = 0.4 * DRIVES['decay']
+    vague = Record('b', 1.0 / RATE, spoilt(felt, 'white', 0.2), plays(felt))
+    assert [record.name for record in as_measured([driven, vague])[0]] == ['a']
+    model = ph.identify(driven, 'prandtl_ishlinskii')
+    runs = ph.simulate(model, [driven, vague])
+    assert [run.size for run in runs] == [COUNT, COUNT]

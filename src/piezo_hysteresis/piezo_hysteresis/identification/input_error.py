@@ -121,7 +121,8 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     hum, lines = _hum(held, moved, dt * hold, reach)
     plain = held - lines
     # a multisine up to half the sampling rate changes as fast as noise, but repeats
-    noise = max(min(_noise(plain), _period(plain)[1]), step / sqrt(12.0))
+    noise = min(_noise(plain), _period(plain)[1])
+    noise = max(noise, step / sqrt(12.0), _SMOOTH * reach)
     if not (noise > _EXACT * reach or hum or hold > 1) or _followed(y, u, stroke / reach):
         return None
     if noise > _EXACT * reach or hold > 1:

@@ -38,11 +38,14 @@ def measurement_findings(record: Record) -> list[str]:
     return [*_input(record), *_codes(record), *_steps(record)]
 
 
-def as_measured(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
+def as_measured(
+    records: Sequence[Record], *, all_kept: bool = False
+) -> tuple[list[Record], list[str]]:
     """Return records for a fit, and sentences on what was found wrong with their measurement.
 
     Readings out of range are interpolated: there was no measurement. Noise, steps, hold and hum of
-    a recorded input are removed; what remains is stated in its metadata.
+    a recorded input are removed; what remains is stated in its metadata. A record of a set whose
+    input is hardly known is left out, unless `all_kept`.
     """
     remarks = [
         f'record {record.name}: {sentence}'
@@ -52,12 +55,12 @@ def as_measured(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
     found = [_usable(record) for record in records]
     if len(found) < 2:
         return found, remarks
-    found, more = _in_a_set(records, found)
+    found, more = _in_a_set(records, found, all_kept)
     return found, [*remarks, *more]
 
 
 def _in_a_set(
-    records: Sequence[Record], found: Sequence[Record]
+    records: Sequence[Record], found: Sequence[Record], all_kept: bool
 ) -> tuple[list[Record], list[str]]:
     """Return records with what the other ones show of their input, and sentences on that."""
     largest = max(found, key=lambda record: float(np.ptp(record.voltage)))
@@ -70,7 +73,11 @@ def _in_a_set(
         rest, error = _at_rest(record, largest), record.input_uncertainty
         if rest is not None:
             remarks.append(_REST.format(record=record.name))
-        elif error is not None and error.rms > _UNKNOWN * float(np.ptp(record.voltage)):
+        elif (
+            error is not None
+            and error.rms > _UNKNOWN * float(np.ptp(record.voltage))
+            and not all_kept
+        ):
             share = 100.0 * error.rms / float(np.ptp(record.voltage))
             remarks.append(_LEFT_OUT.format(record=record.name, share=share))
             continue

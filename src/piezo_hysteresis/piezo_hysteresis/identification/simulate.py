@@ -134,7 +134,7 @@ def simulate(
         If `records` are not records.
     """
     given = with_values(model)
-    usable, _ = as_measured(listed(records))
+    usable, _ = as_measured(listed(records), all_kept=True)
     runs = free_runs(given, usable, Choices(begins, zero)).simulated
     found = [runs[record.name] for record in usable]
     return found[0] if isinstance(records, Record) else found
