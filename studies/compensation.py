@@ -31,11 +31,11 @@ from piezo_hysteresis.compensation.linear_gain import LinearGain
 from piezo_hysteresis.compensation.link import Link
 from piezo_hysteresis.compensation.offline_loop import LoopResult, tracking_metrics
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
-from piezo_hysteresis.papers import bimorph, runs
 from piezo_hysteresis.waveforms import Sequence as Parts
 from piezo_hysteresis.waveforms import Sine
 from studies.compensation_plants import measure_plants
 from studies.goals import Goals
+from studies.papers import bimorph, runs
 
 DT, LIMITS = bimorph.DT, bimorph.LIMITS
 HARMONIC = {14.0: 5, **dict.fromkeys(map(float, range(18, 29)), 3)}

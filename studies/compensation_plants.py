@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from piezo_hysteresis.papers import flap, stack, stage
 from studies.goals import Goals
+from studies.papers import flap, stack, stage
 
 KINDS = (
     'PID', 'inverse', 'inverse + PID', 'inverse + fuzzy PID', 'switched inverse',

@@ -24,8 +24,7 @@ HEAD = """# Equations of the papers: code, command, figures
 
 The tables list each numbered equation of the five papers, the code that implements it, a command
 that uses it, and the figures that depend on it. Commands are verbs of `piezo`; `piezo_sim` is
-`python -m piezo_sim`. [papers.md](papers.md) shows the figures; `piezo paper fujii2018 --figure
-16` makes one.
+`python -m piezo_sim`. [papers.md](papers.md) shows the figures.
 `python tools/write_docs.py` writes this page from tags in docstrings.
 """
 _FANG = (
@@ -37,12 +36,10 @@ _FANG = (
 def places() -> dict[tuple[str, str], list[str]]:
     """Return for each paper and equation where it is tagged, the most specific places first."""
     found: dict[tuple[str, str], list[tuple[int, str]]] = {}
-    for path in sorted((ROOT / 'src').glob('*/*/**/*.py')):
-        module = '.'.join(path.relative_to(ROOT / 'src').parts[1:]).removesuffix('.py')
-        module = module.removesuffix('.__init__')
+    for module, path in modules():
         for rank, name, text in _texts(ast.parse(path.read_text(encoding='utf-8'))):
             # the world is not the code that a paper describes, and a page only repeats it
-            later = 10 * module.startswith(('piezo_sim', 'piezo_hysteresis.papers'))
+            later = 10 * module.startswith(('piezo_sim', 'studies'))
             later += 5 * (
                 '.nodes.' in module or '.parameters.' in module or '.discovery.' in module
             )
@@ -50,6 +47,18 @@ def places() -> dict[tuple[str, str], list[str]]:
                 place = f'{module}:{name}' if name else module
                 found.setdefault(tag, []).append((rank + later, place))
     return {tag: list(dict.fromkeys(p for _, p in sorted(rows))) for tag, rows in found.items()}
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    """Yield name and file of each module of the packages and of the figures of the papers."""
+    for path in sorted((ROOT / 'src').glob('*/*/**/*.py')):
+        yield _name(path.relative_to(ROOT / 'src').parts[1:]), path
+    for path in sorted((ROOT / 'studies' / 'papers').glob('*.py')):
+        yield _name(path.relative_to(ROOT).parts), path
+
+
+def _name(parts: tuple[str, ...]) -> str:
+    return '.'.join(parts).removesuffix('.py').removesuffix('.__init__')
 
 
 def tags(text: str) -> Iterator[tuple[str, str]]:

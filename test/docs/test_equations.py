@@ -24,6 +24,7 @@ from piezo_hysteresis.cli.main import VERBS, load_verb  # noqa: E402
 from piezo_hysteresis.identification.methods import METHODS  # noqa: E402
 from piezo_hysteresis.models import NAMES  # noqa: E402
 from piezo_sim.cli import build_parser  # noqa: E402
+from studies.papers.script import main as script_main  # noqa: E402
 
 # How many equations each paper numbers; of Fang 2019 the text keeps one number.
 NUMBERED = {'Fujii 2018': 25, 'Tatebatake 2017': 18, 'Zhou 2021': 9, 'Xiao 2014': 5}
@@ -58,8 +59,13 @@ def test_a_range_of_equations_is_written_out() -> None:
 
 def options_of(words: list[str]) -> set[str]:
     """Return the options that a command of the page may have."""
-    if words[0] == 'piezo_sim':
-        shown = io.StringIO()
+    shown = io.StringIO()
+    if words[0] == 'python':
+        assert (ROOT / words[1]).is_file()
+        with redirect_stdout(shown), pytest.raises(SystemExit):
+            script_main('', (), ['--help'])
+        text = shown.getvalue()
+    elif words[0] == 'piezo_sim':
         with redirect_stdout(shown), pytest.raises(SystemExit):
             build_parser().parse_args([words[1], '--help'])
         text = shown.getvalue()

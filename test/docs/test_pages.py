@@ -17,8 +17,8 @@ from pages import ROOT, blocks_of, pages
 
 from piezo_hysteresis.cli.main import VERBS, load_verb
 from piezo_hysteresis.common.registry import NODES
-from piezo_hysteresis.papers.paper_page import PAPERS, by_verbs, paper_page
 from piezo_sim.cli import build_parser
+from studies.papers.pages import PAPERS, by_verbs, paper_page
 
 sys.path.insert(0, str(ROOT / 'test' / 'unit'))
 from test_nodes_scenarios import faults
@@ -94,7 +94,7 @@ def test_a_command_is_understood(page: str, program: str, words: str) -> None:
 @pytest.mark.parametrize('paper', PAPERS)
 def test_the_page_of_a_paper_has_the_present_commands(paper: str) -> None:
     text = (ROOT / 'docs' / 'papers' / paper_page(paper)).read_text(encoding='utf-8')
-    assert '\n'.join(by_verbs(paper, '##')) in text
+    assert '\n'.join(by_verbs(paper)) in text
 
 
 @pytest.mark.parametrize('verb', VERBS)

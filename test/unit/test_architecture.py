@@ -39,9 +39,8 @@ ARROWS = {
     'interface': 'common compensation discovery experiments export identification investigation '
     'models records reporting waveforms',
     'batch': 'common interface records reporting',
-    'papers': 'blocks compensation identification models numerics records waveforms',
     'cli': 'batch common compensation discovery drivers experiments identification '
-    'interface investigation models nodes papers parameters records reporting ros waveforms',
+    'interface investigation models nodes parameters records reporting ros waveforms',
 }
 # Rooms within `compensation`: what they share imports none of them.
 WITHIN_COMPENSATION: dict[str, set[str]] = {
@@ -201,11 +200,10 @@ def test_nothing_is_imported_by_name_round_the_arrows() -> None:
 
 
 @pytest.mark.component
-def test_only_the_papers_import_the_simulator() -> None:
+def test_nothing_imports_the_simulator() -> None:
     wrong = [
         f'{path.relative_to(ROOT)}: {name}'
         for path in files_of(CORE)
-        if (CORE / 'papers') not in path.parents
         for name in imported(path)
         if name.split('.')[0] == 'piezo_sim'
     ]

@@ -15,7 +15,7 @@ from bench.quick import parsed
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = [
     path
-    for folder in ('bench', 'studies')
+    for folder in ('bench', 'studies', 'studies/papers')
     for path in sorted((ROOT / folder).glob('*.py'))
     if '__main__' in path.read_text(encoding='utf-8')
 ]
@@ -44,8 +44,8 @@ def parameter(script: Path) -> object:
 
 
 def test_there_are_scripts_of_both_kinds() -> None:
-    assert {script.parent.name for script in SCRIPTS} == {'bench', 'studies'}
-    assert {'real_time', 'discovery_lottery'} <= {script.stem for script in SCRIPTS}
+    assert {script.parent.name for script in SCRIPTS} == {'bench', 'studies', 'papers'}
+    assert {'real_time', 'discovery_lottery', 'fujii2018'} <= {script.stem for script in SCRIPTS}
 
 
 @pytest.mark.parametrize('script', [parameter(script) for script in SCRIPTS])

@@ -23,7 +23,6 @@ ELSEWHERE = {
     *('rosbags', 'pyarrow', 'shtab', 'cma', 'h5py', 'openpyxl', 'nptdms'),  # requirements.txt
     *('apsw', 'lz4', 'backports'),  # of rosbags
     *('jinja2',),  # of bokeh
-    'piezo_sim',  # which needs this package: for `piezo paper` alone
     *('distributed', 'pandas'),  # where a user brings a cluster, or wants data frames
 }
 

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.papers import (
-    figures,
+from studies.papers import (
+    fang2019,
     flap,
-    fujii,
+    fujii2018,
     stack,
     stage,
-    tatebatake,
-    xiao,
-    zhou,
+    tatebatake2017,
+    xiao2014,
+    zhou2021,
 )
-from piezo_hysteresis.papers.bimorph import Length
-from piezo_hysteresis.papers.paper_page import PAPERS, Exhibit, page, paper_page, save, write_pages
+from studies.papers.bimorph import Length
+from studies.papers.exhibits import Exhibit, save
+from studies.papers.pages import PAPERS, one_paper, paper_page, write_pages
+from studies.papers.script import main
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -34,26 +36,26 @@ def numbers(entry: Exhibit) -> dict[str, float]:
 
 
 def test_odd_harmonics_stand_out_at_14_and_23_hz_only() -> None:
-    shares = numbers(fujii.figure_6())
+    shares = numbers(fujii2018.figure_6())
     assert shares['23'] > 0.3
     assert shares['14'] > 0.05
     assert max(shares['1'], shares['15']) < 0.04
 
 
 def test_resonance_and_the_turn_of_the_polarity() -> None:
-    assert 67 <= numbers(fujii.figure_7())['peak'] <= 71
-    phases = numbers(fujii.figure_15())
+    assert 67 <= numbers(fujii2018.figure_7())['peak'] <= 71
+    phases = numbers(fujii2018.figure_15())
     assert phases['66'] > -90 > phases['69']
 
 
 def test_the_enhanced_model_mends_what_the_extended_one_misses() -> None:
-    errors = numbers(fujii.figure_10(SHORT))
+    errors = numbers(fujii2018.figure_10(SHORT))
     assert errors['extended 23'] > 10 * errors['enhanced 23']
     assert errors['extended 14'] > 1.8 * errors['enhanced 14']
 
 
 def test_the_tracking_error_at_23_hz_is_the_third_harmonic_and_is_attenuated() -> None:
-    spectrum, time = fujii.figure_13_17(SHORT)
+    spectrum, time = fujii2018.figure_13_17(SHORT)
     assert numbers(spectrum)['third'] > 5 * numbers(spectrum)['rest']
     assert numbers(spectrum)['extended'] > 3 * numbers(spectrum)['rest']
     errors = numbers(time)
@@ -61,12 +63,12 @@ def test_the_tracking_error_at_23_hz_is_the_third_harmonic_and_is_attenuated() -
 
 
 def test_extended_model_beats_the_basic_one() -> None:
-    error, *_ = tatebatake.figures_11_12_13(SHORT)
+    error, *_ = tatebatake2017.figures_11_12_13(SHORT)
     assert numbers(error)['better'] >= 0.8
 
 
 def test_the_state_of_the_basic_model_turns_clockwise_and_its_output_the_other_way() -> None:
-    shown = {entry.name: entry for entry in tatebatake.loop_figures()}
+    shown = {entry.name: entry for entry in tatebatake2017.loop_figures()}
     for name in ('Figure 1', 'Figure 3'):
         assert shown[name].ours.startswith('clockwise')
     for name in ('Figure 2', 'Figure 5'):
@@ -75,7 +77,7 @@ def test_the_state_of_the_basic_model_turns_clockwise_and_its_output_the_other_w
 
 
 def test_bouc_wen_loops_of_the_stack_do_not_match_as_well_as_the_paper_says() -> None:
-    verdicts = {entry.name: entry.verdict for entry in xiao.loop_figures()}
+    verdicts = {entry.name: entry.verdict for entry in xiao2014.loop_figures()}
     assert verdicts == {
         'Figure 3': 'as stated', 'Figure 4': 'as stated', 'Figure 5': 'as stated',
         'Figure 7': 'not as stated', 'Figure 8': 'not as stated',
@@ -91,7 +93,7 @@ def test_a_figure_without_a_statement_is_not_called_reproduced() -> None:
 
 
 def test_figures_17_and_18_of_tatebatake_are_open_loop_and_show_the_hysteresis() -> None:
-    figures = {entry.name: entry for entry in tatebatake.figures_17_22(SHORT)}
+    figures = {entry.name: entry for entry in tatebatake2017.figures_17_22(SHORT)}
     assert all('open loop' in figures[name].shows for name in ('Figure 17', 'Figure 18'))
     opened, closed = figures['Figure 17'].numbers, figures['Figure 20'].numbers
     assert opened['phase'] < -5.0
@@ -100,41 +102,41 @@ def test_figures_17_and_18_of_tatebatake_are_open_loop_and_show_the_hysteresis()
 
 
 def test_table_1_of_xiao_is_beaten_with_its_mean_and_its_largest_error() -> None:
-    ratios = numbers(xiao.stack_table((10.0, 100.0))[0])
+    ratios = numbers(xiao2014.stack_table((10.0, 100.0))[0])
     assert ratios['worst selector'] < 0.8
     assert ratios['worst largest'] < 0.8
     assert ratios['worst inverse'] < 0.5
 
 
 def test_the_controller_of_xiao_meets_its_weights_on_the_identified_plant() -> None:
-    assert numbers(xiao.step_figure())['gamma'] <= 1.0
+    assert numbers(xiao2014.step_figure())['gamma'] <= 1.0
     assert stack.transfer().nrmse_percent < 5.0
 
 
 def test_table_2_of_zhou_comes_out_of_its_two_steps() -> None:
-    shares = numbers(zhou.table())
+    shares = numbers(zhou2021.table())
     for name in ('alpha', 'beta', 'b'):
         assert shares[name] == pytest.approx(1.0, abs=0.05)
 
 
 def test_equation_8_and_pid_stay_below_the_errors_of_zhou() -> None:
-    nine, _, twelve = zhou.control((10.0,), 1.0)
+    nine, _, twelve = zhou2021.control((10.0,), 1.0)
     assert numbers(nine)['inverse'] < 14.0
     assert numbers(twelve)['compound'] < 9.0
 
 
 def test_the_printed_rule_of_the_sign_fails_at_22_hz() -> None:
-    _, time = fujii.figure_13_17(SHORT)
+    _, time = fujii2018.figure_13_17(SHORT)
     assert numbers(time)['printed 22'] > 20.0
 
 
 def test_loops_of_zhou_widen_with_the_frequency() -> None:
-    (entry,) = zhou.loop_figure()
+    (entry,) = zhou2021.loop_figure()
     assert numbers(entry)['60'] > 1.8 * numbers(entry)['1']
 
 
 def test_figure_12_of_xiao_has_its_slow_pole_and_zero() -> None:
-    found = numbers(xiao.step_figure())
+    found = numbers(xiao2014.step_figure())
     assert found['pole'] == pytest.approx(-29.4, abs=2.0)
     assert found['zero'] == pytest.approx(-31.5, abs=2.0)
 
@@ -164,11 +166,11 @@ def test_models_are_found_from_sweeps() -> None:
 
 
 def test_page_and_picture_of_an_entry(tmp_path: Path) -> None:
-    entry = fujii.figure_5()
+    entry = fujii2018.figure_5()
     save(entry, tmp_path)
     assert (tmp_path / 'fujii2018_figure_5.png').read_bytes().startswith(b'\x89PNG')
-    text = page([entry], 'pictures')
-    assert '### Figure 5' in text
+    text = one_paper('Fujii 2018', [entry], 'pictures')
+    assert '## Figure 5' in text
     assert 'pictures/fujii2018_figure_5.png' in text
     assert entry.stated in text
     write_pages([entry], tmp_path / 'docs' / 'papers.md')
@@ -188,24 +190,28 @@ def test_the_page_in_docs_names_every_paper_and_what_differs() -> None:
         assert (ROOT / 'docs' / 'papers' / picture).is_file()
 
 
-def test_one_figure_by_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['paper', 'fujii2018', '--figure', '6', '--out', str(tmp_path)]) == 0
+def test_one_figure_by_the_script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ['--figure', '6', '--out', str(tmp_path)]
+    assert main('Fujii 2018', fujii2018.BUILDERS, words) == 0
     assert 'Fujii 2018 Figure 6: 1 Hz: 3rd' in capsys.readouterr().out
     assert (tmp_path / 'fujii2018_figure_6.png').is_file()
-    assert 'Figure 5' not in (tmp_path / 'papers.md').read_text()
+    assert 'Figure 5' not in (tmp_path / 'fujii2018.md').read_text()
+    written = json.loads((tmp_path / 'summary.json').read_text())
+    assert list(written) == ['Fujii 2018 Figure 6']
 
 
 def test_a_figure_that_is_not_made_is_refused_with_the_reason(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(['paper', 'zhou2021', '--figure', '5']) == 2
+    with pytest.raises(SystemExit, match='2'):
+        main('Zhou 2021', zhou2021.BUILDERS, ['--figure', '5'])
     message = capsys.readouterr().err
     assert 'there are figure 3' in message
     assert 'flow chart' in message
 
 
 def test_every_builder_makes_the_figures_that_it_names() -> None:
-    for _, builders in figures.PAPERS.values():
-        for group, build in builders:
+    for paper in (fujii2018, tatebatake2017, zhou2021, xiao2014, fang2019):
+        for group, build in paper.BUILDERS:
             if group in (('Figure 5',), ('Figure 7',), ('Figure 3',)):
                 assert tuple(each.name for each in build(True)) == group

@@ -31,7 +31,6 @@ TABLE = [
     ('batch identify sets --model classical --out all', 'all/index.html'),
     ('batch discover sets --baseline classical --out missing', 'missing/index.html'),
     ('demo --data one.csv', 'out/demo/report.html'),
-    ('paper zhou2021 --figure 3 --out figures', 'figures/summary.json'),
     ('completion bash', 'output: complete '),
 ]  # fmt: skip
 # Verbs for controllers: test_drivers_gcs.py and docs/controllers.md run them.

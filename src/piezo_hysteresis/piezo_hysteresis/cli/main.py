@@ -37,7 +37,6 @@ VERBS = {
     'param': 'param',
     'dashboard': 'dashboard',
     'demo': 'demo',
-    'paper': 'paper',
     'completion': 'completion',
 }
 # Verbs whose arguments after the name belong to a node or another verb.

@@ -99,8 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-# Packages that need ROS, one whose kernels are compiled for other machines only, and one without.
-_ELSEWHERE = ('.nodes', '.ros', '.export.', '.papers')
+# Packages that need ROS, and one whose kernels are compiled for other machines only.
+_ELSEWHERE = ('.nodes', '.ros', '.export.')
 
 
 def kernels(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.papers.paper_page import Draw, finish, loop, panels
 from piezo_hysteresis.records import Record
+from studies.papers.exhibits import Draw, finish, loop, panels
 
 
 def drawn(

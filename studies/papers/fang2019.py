@@ -1,19 +1,28 @@
-"""The figures and tables of Fang 2019: a stage, its modified model and fuzzy PID."""
+"""The figures and tables of Fang 2019: a stage, its modified model and fuzzy PID.
+
+``python studies/papers/fang2019.py --figure 8`` makes one of them.
+"""
 
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 from piezo_hysteresis.compensation.offline_loop import LoopResult
-from piezo_hysteresis.papers import runs, stage
-from piezo_hysteresis.papers.loops import last, together, width
-from piezo_hysteresis.papers.paper_page import Builders, Draw, Exhibit, finish, loop, panels
-from piezo_hysteresis.papers.stage import SEEDS, Found
 from piezo_hysteresis.records import Record
+from studies.papers import runs, stage
+from studies.papers.exhibits import Builders, Draw, Exhibit, finish, loop, panels
+from studies.papers.loops import last, together, width
+from studies.papers.script import main
+from studies.papers.stage import SEEDS, Found
 
 _LAW = (
     'the law is missing from the text; it is reconstructed from its description, and the preset '
@@ -212,3 +221,6 @@ BUILDERS: Builders = (
     ),
 )
 """Names of the figures of Fang 2019 that are made together, and what makes them."""
+
+if __name__ == '__main__':
+    raise SystemExit(main('Fang 2019', BUILDERS))

@@ -17,9 +17,9 @@ from piezo_hysteresis.compensation.offline_loop import LoopResult, tracking_metr
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import Model, named
-from piezo_hysteresis.papers import runs
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Sine, from_spec
+from studies.papers import runs
 
 NAME = 'fang_p845_stage'
 DT = 1e-3

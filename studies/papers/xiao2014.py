@@ -1,12 +1,20 @@
-"""The figures and tables of Xiao 2014: loops, the selector of the inverse, H-infinity."""
+"""The figures and tables of Xiao 2014: loops, the selector of the inverse, H-infinity.
+
+``python studies/papers/xiao2014.py --figure 19`` makes one of them.
+"""
 
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Link
@@ -17,10 +25,11 @@ from piezo_hysteresis.compensation.offline_loop import (
 )
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import named
-from piezo_hysteresis.papers import runs, stack
-from piezo_hysteresis.papers.loops import drawn, last, together, width
-from piezo_hysteresis.papers.paper_page import GOOD, Builders, Exhibit, finish, loop
 from piezo_hysteresis.waveforms import Waveform, from_spec
+from studies.papers import runs, stack
+from studies.papers.exhibits import GOOD, Builders, Exhibit, finish, loop
+from studies.papers.loops import drawn, last, together, width
+from studies.papers.script import main
 
 _BEGIN = 1.2
 
@@ -337,3 +346,6 @@ BUILDERS: Builders = (
      lambda quick: signals(1.0 if quick else 1.5)),
 )  # fmt: skip
 """Names of the figures of Xiao 2014 that are made together, and what makes them."""
+
+if __name__ == '__main__':
+    raise SystemExit(main('Xiao 2014', BUILDERS))

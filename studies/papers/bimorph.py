@@ -23,9 +23,9 @@ from piezo_hysteresis.identification import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
-from piezo_hysteresis.papers import runs
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Sine
+from studies.papers import runs
 
 NAME = 'fdk_pzba_00030'
 DT = 1e-3

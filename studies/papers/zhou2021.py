@@ -1,26 +1,27 @@
-"""The figures and tables of Zhou 2021: the model of a flap's actuator and its control."""
+"""The figures and tables of Zhou 2021: the model of a flap's actuator and its control.
+
+``python studies/papers/zhou2021.py --figure 9`` makes one of them.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.offline_loop import LoopResult, tracking_metrics
-from piezo_hysteresis.papers import flap, runs
-from piezo_hysteresis.papers.loops import together, width
-from piezo_hysteresis.papers.paper_page import (
-    GOOD,
-    Builders,
-    Draw,
-    Exhibit,
-    finish,
-    loop,
-    panels,
-)
 from piezo_hysteresis.waveforms import Sine, Waveform, from_spec
+from studies.papers import flap, runs
+from studies.papers.exhibits import GOOD, Builders, Draw, Exhibit, finish, loop, panels
+from studies.papers.loops import together, width
+from studies.papers.script import main
 
 FREQUENCIES = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 
@@ -257,3 +258,6 @@ BUILDERS: Builders = (
     (('Figure 13',), lambda quick: [composites(1.0 if quick else 2.0)]),
 )  # fmt: skip
 """Names of the figures of Zhou 2021 that are made together, and what makes them."""
+
+if __name__ == '__main__':
+    raise SystemExit(main('Zhou 2021', BUILDERS))

@@ -1,14 +1,24 @@
-"""The figures of Tatebatake 2017: basic against extended model, modelling and control."""
+"""The figures of Tatebatake 2017: basic against extended model, modelling and control.
+
+``python studies/papers/tatebatake2017.py --figure 14`` makes one of them.
+"""
 
 from __future__ import annotations
+
+import sys
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.papers import bimorph, loops, runs
-from piezo_hysteresis.papers.bimorph import DT, Length, length_of
-from piezo_hysteresis.papers.paper_page import Builders, Exhibit, finish, loop
+from studies.papers import bimorph, loops, runs
+from studies.papers.bimorph import DT, Length, length_of
+from studies.papers.exhibits import Builders, Exhibit, finish, loop
+from studies.papers.script import main
 
 KINDS = ('basic', 'extended')
 CONTROL = ('basic', 'printed')
@@ -291,3 +301,6 @@ BUILDERS: Builders = (
     (tuple(f'Figure {k}' for k in range(17, 23)), lambda quick: figures_17_22(length_of(quick))),
 )
 """Names of the figures of Tatebatake 2017 that are made together, and what makes them."""
+
+if __name__ == '__main__':
+    raise SystemExit(main('Tatebatake 2017', BUILDERS))

@@ -23,10 +23,10 @@ from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_f
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.inverse_rows import row_of, selector_table
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.papers import runs
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Triangle, Waveform
 from piezo_sim.plant import Plant
+from studies.papers import runs
 
 NAME = 'xiao_pi_stack'
 DT = 1e-4

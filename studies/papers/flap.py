@@ -18,9 +18,9 @@ from piezo_hysteresis.compensation.offline_loop import tracking_metrics
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import Model, named
-from piezo_hysteresis.papers import runs
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Sine
+from studies.papers import runs
 
 NAME = 'zhou_tef'
 DT = 2e-4

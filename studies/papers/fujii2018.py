@@ -1,13 +1,23 @@
-"""The figures of Fujii 2018: odd harmonic oscillation, the enhanced model, attenuation."""
+"""The figures of Fujii 2018: odd harmonic oscillation, the enhanced model, attenuation.
+
+``python studies/papers/fujii2018.py --figure 16`` makes one of them.
+"""
 
 from __future__ import annotations
+
+import sys
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from piezo_hysteresis.papers import bimorph, loops, runs
-from piezo_hysteresis.papers.bimorph import DT, Length, length_of
-from piezo_hysteresis.papers.paper_page import GOOD, Builders, Exhibit, finish, loop
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from studies.papers import bimorph, loops, runs
+from studies.papers.bimorph import DT, Length, length_of
+from studies.papers.exhibits import GOOD, Builders, Exhibit, finish, loop
+from studies.papers.script import main
 
 NO_MEAN = (
     'The model has no offset, so its free run and its feedforward miss the mean, the latter by up '
@@ -356,3 +366,6 @@ BUILDERS: Builders = (
     (('Figure 16',), lambda quick: [figure_16(length_of(quick))]),
 )
 """Names of the figures of Fujii 2018 that are made together, and what makes them."""
+
+if __name__ == '__main__':
+    raise SystemExit(main('Fujii 2018', BUILDERS))

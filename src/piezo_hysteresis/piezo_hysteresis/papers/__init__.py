@@ -1,1 +1,0 @@
-"""The figures and tables of five papers, reproduced on the simulated actuators."""
