@@ -26,7 +26,7 @@ from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, read_csv
-from studies.stand_ins import records_in
+from studies.worlds.stand_ins import records_in
 
 TRUTH = {
     'mass': 2.0,

@@ -31,7 +31,7 @@ from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import MEMORIES
 from piezo_hysteresis.records import Record, load
-from studies.stand_ins import records_in
+from studies.worlds.stand_ins import records_in
 
 
 def left(

@@ -38,8 +38,8 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load
-from studies.discovery_hidden import CASES, Case, chain, cut
-from studies.stand_ins import records_in
+from studies.worlds.hidden import CASES, Case, chain, cut
+from studies.worlds.stand_ins import records_in
 
 #: Calibration blocks from which a p of 5 % is possible.
 ENOUGH = 19

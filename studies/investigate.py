@@ -36,9 +36,9 @@ from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec
-from studies.discovery import load
 from studies.investigate_table import goals, page, table
 from studies.investigate_worlds import Bench, Changed, changed
+from studies.worlds.simulated import load
 
 WAYS = ('designed', 'random', 'battery')
 BUDGET = 200.0  # [s]

@@ -2,11 +2,11 @@
 
     python studies/investigate_foreign.py --seed 3
 
-Maxwell slip with a mode, Duhem and Dahl (`studies/foreign_worlds.py`) are identified on six sines.
-Then one effect of random size begins, or none, the actuator moves in a way that no record shows,
-and `investigate` runs its own experiments. The voltage is that of a converter: it moves to the
-next level in a tenth of a tick and holds it, and the effect acts between the ticks, too. The state
-of the actuator, the clock and the effect continue from one experiment to the next.
+Maxwell slip with a mode, Duhem and Dahl (`studies/worlds/foreign_world.py`) are identified on six
+sines. Then one effect of random size begins, or none, the actuator moves in a way that no record
+shows, and `investigate` runs its own experiments. The voltage is that of a converter: it moves to
+the next level in a tenth of a tick and holds it, and the effect acts between the ticks, too. The
+state of the actuator, the clock and the effect continue from one experiment to the next.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from piezo_hysteresis.investigation.session import Investigation, Rules, investi
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.waveforms import from_spec
-from studies.discovery_foreign import FITTED
-from studies.discovery_hidden import HIDDEN, Case, chain
-from studies.foreign_worlds import DAHL, NOISE, PARTS, RATE, STROKE, WORLDS, Array, World
 from studies.investigate_worlds import PAUSE, earlier_motion
+from studies.worlds.foreign import FITTED
+from studies.worlds.foreign_world import DAHL, NOISE, PARTS, RATE, STROKE, WORLDS, Array, World
+from studies.worlds.hidden import HIDDEN, Case, chain
 
 #: World and the model that a lab would take for it.
 ACTUATORS: dict[str, tuple[World, str]] = {

@@ -14,8 +14,7 @@ from piezo_hysteresis.records import Record
 from piezo_hysteresis.waveforms import Waveform
 from piezo_sim.plant import Plant
 from piezo_sim.sweep import grid, simulate
-from studies.discovery_effects import KNOBS
-from studies.discovery_worlds import PRESET, Hidden, draw
+from studies.worlds.simulated_world import KNOBS, PRESET, Hidden, draw
 
 # Time at rest between two experiments [s].
 PAUSE = 0.3

@@ -29,8 +29,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record
-from studies.discovery_scores import interval
-from studies.discovery_worlds import draw, records_of
+from studies.worlds.scores import interval
+from studies.worlds.simulated_world import draw, records_of
 
 KINDS = ('white', 'mains', 'quantised', 'held')
 SMALLEST, LARGEST, OF_SINGLES = 1e-4, 1e-2, 1e-3  # share of the range

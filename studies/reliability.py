@@ -24,8 +24,8 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.quick import parsed
-from studies.discovery_hidden import HIDDEN
-from studies.lottery_world import EFFECTS
+from studies.worlds.hidden import HIDDEN
+from studies.worlds.lottery_world import EFFECTS
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 PAGES = ('discovery_hidden.md', 'discovery_foreign.md', 'discovery_lottery.md')

@@ -1,6 +1,6 @@
 """A few fixed worlds, examined blind by a process that gets the records alone.
 
-The whole study with random worlds is ``studies/discovery.py``.
+The whole study with random worlds is ``studies/study.py simulated``.
 """
 
 from __future__ import annotations

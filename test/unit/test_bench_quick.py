@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from bench.quick import parsed
+from studies.study import WORLDS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = [
@@ -37,24 +38,29 @@ def docs() -> dict[Path, int]:
     return {file: file.stat().st_mtime_ns for file in (ROOT / 'docs').rglob('*.*')}
 
 
-def parameter(script: Path) -> object:
+def parameters(script: Path) -> list[object]:
     ros = 'NodeProcesses' in script.read_text(encoding='utf-8')
     marks = [pytest.mark.slow, *([pytest.mark.ros] if ros else [])]
-    return pytest.param(script, id=f'{script.parent.name}/{script.stem}', marks=marks)
+    name = f'{script.parent.name}/{script.stem}'
+    if script.stem == 'study':
+        return [pytest.param(script, (w,), id=f'{name} {w}', marks=marks) for w in WORLDS]
+    return [pytest.param(script, (), id=name, marks=marks)]
 
 
 def test_there_are_scripts_of_both_kinds() -> None:
     assert {script.parent.name for script in SCRIPTS} == {'bench', 'studies', 'papers'}
-    assert {'real_time', 'discovery_lottery', 'fujii2018'} <= {script.stem for script in SCRIPTS}
+    assert {'real_time', 'study', 'fujii2018'} <= {script.stem for script in SCRIPTS}
 
 
-@pytest.mark.parametrize('script', [parameter(script) for script in SCRIPTS])
-def test_a_script_runs_small_and_prints_a_figure(script: Path) -> None:
-    told = run(script, '--help', limit=30.0)
+@pytest.mark.parametrize(
+    ('script', 'words'), [p for script in SCRIPTS for p in parameters(script)]
+)
+def test_a_script_runs_small_and_prints_a_figure(script: Path, words: tuple[str, ...]) -> None:
+    told = run(script, *words, '--help', limit=30.0)
     assert told.returncode == 0, told.stderr
     assert '--quick' in told.stdout
     before = docs()
-    done = run(script, '--quick', limit=120.0)
+    done = run(script, *words, '--quick', limit=120.0)
     assert done.returncode == 0, done.stderr
     assert FIGURE.search(done.stdout), done.stdout
     assert docs() == before

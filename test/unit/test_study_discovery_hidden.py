@@ -17,8 +17,8 @@ from piezo_hysteresis.discovery.verdict.verdict import (
 )
 from piezo_hysteresis.models import EFFECT_NAMES
 from piezo_hysteresis.records import Record, write_csv
-from studies import foreign_worlds as foreign
-from studies.discovery_hidden import CASES, HIDDEN, Row, compared, hide, noisy, page
+from studies.worlds import foreign_world as foreign
+from studies.worlds.hidden import CASES, HIDDEN, Row, compared, hide, noisy, page
 
 DT, STROKE = 1e-3, 2e-5
 

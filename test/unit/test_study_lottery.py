@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from studies.discovery_lottery import Row, page, sets
-from studies.lottery_world import (
+from studies.reliability import classes, said_in
+from studies.worlds.lottery import Row, page, sets
+from studies.worlds.lottery_world import (
     EFFECTS,
     Actuator,
     Conditions,
@@ -18,7 +19,6 @@ from studies.lottery_world import (
     recorded,
     with_hidden,
 )
-from studies.reliability import classes, said_in
 
 ACTUATOR = Actuator(10.0, 1e-5, 0.3, 1.0, 0.2, 0.05, 0.05)
 CONDITIONS = Conditions(

@@ -1,28 +1,22 @@
 """Discovery test: effects in actuators from the literature (Maxwell, Duhem, LuGre, leakage).
 
-    python studies/discovery_foreign.py --seed 21 --page docs/discovery_foreign.md
+    python studies/study.py foreign --seed 21 --page docs/discovery_foreign.md
 
-As `studies/discovery_hidden.py`, but the records come from `studies/foreign_worlds.py`. A baseline
+As the world `hidden`, but the records come from `studies/worlds/foreign_world.py`. A baseline
 that cannot be exact there is identified on six untouched records; effects hide in six others.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from bench.quick import parsed
 from piezo_hysteresis.records import write_bag
-from studies.discovery_hidden import HIDDEN, Case, Row, Search, examined, page
-from studies.foreign_worlds import WORLDS, recorded
+from studies.worlds.foreign_world import WORLDS, recorded
+from studies.worlds.hidden import HIDDEN, Case, Row, Search, examined, page
 
 FITTED = tuple((a, f) for f in (1.0, 7.0, 23.0) for a in (0.5, 1.0))
 JUDGED = tuple((a, f) for f in (2.0, 5.0, 17.0) for a in (0.6, 0.9))
@@ -38,14 +32,14 @@ HEAD = (
     '# Discovery test: actuators from the literature',
     '',
     'Four actuators from textbook equations, integrated in continuous time by SciPy, share',
-    'nothing with the models (`studies/foreign_worlds.py`): elastoslides (Goldfarb and',
+    'nothing with the models (`studies/worlds/foreign_world.py`): elastoslides (Goldfarb and',
     'Celanovic 1997), Duhem (Coleman and Hodgson 1986), two modes with friction (Canudas de',
     'Wit 1995), and leaking charge. A baseline that cannot be exact is identified on six',
     'sines. An effect of random size is added to six others; `discover` gets these and the',
     '`model.yaml`. The search is frozen before any of these records exists.',
     '[validation.md](validation.md) has the summary, [draws.md](draws.md) every draw.',
     '',
-    '    python studies/discovery_foreign.py --seed {seed} --page docs/discovery_foreign.md',
+    '    python studies/study.py foreign --seed {seed} --page docs/discovery_foreign.md',
 )
 SIZES = (
     'Sizes are 0.25 to 1. Size 1 is a delay or lag of 4 ms, a sensor nonlinearity of 2.5 % at',
@@ -66,29 +60,23 @@ def records_into(folder: Path, seed: int, worlds: int, seconds: float) -> list[C
     return cases
 
 
-def main() -> None:
-    """Examine, print and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--workers', type=int, default=1)
-    parser.add_argument('--page', type=Path)
-    parser.add_argument('--worlds', type=int, default=len(WORLDS), help='so many of them')
-    parser.add_argument('--effects', type=int, default=len(HIDDEN), help='so many, and none')
-    parser.add_argument('--seconds', type=float, default=SECONDS, help='of every record')
-    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
-    arguments = parsed(parser, worlds=1, effects=2, seconds=1.0, time_limit=2.0)
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    add = parser.add_argument
+    add('--worlds', type=int, default=len(WORLDS), help='so many of them')
+    add('--effects', type=int, default=len(HIDDEN), help='so many, and none')
+    add('--seconds', type=float, default=SECONDS, help='of every record')
+
+
+QUICK = {'worlds': 1, 'effects': 2, 'seconds': 1.0, 'time_limit': 2.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Examine every actuator; return the page."""
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as made:
-        given = arguments.seed, arguments.worlds, arguments.seconds
-        how = Search(arguments.workers, arguments.time_limit, arguments.effects)
-        for place, case in enumerate(records_into(Path(made), *given)):
-            seed = arguments.seed, place
-            rows += examined(case, case.baselines[0], Path(made), seed, how)
-    text = page(rows, arguments.seed, HEAD, SIZES)
-    print(text)
-    if arguments.page:
-        arguments.page.write_text(text, encoding='utf-8')
-
-
-if __name__ == '__main__':
-    main()
+        how = Search(asked.workers, asked.time_limit, asked.effects)
+        cases = records_into(Path(made), asked.seed, asked.worlds, asked.seconds)
+        for place, case in enumerate(cases):
+            rows += examined(case, case.baselines[0], Path(made), (asked.seed, place), how)
+    return page(rows, asked.seed, HEAD, SIZES)

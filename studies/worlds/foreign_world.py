@@ -167,7 +167,7 @@ WORLDS: dict[str, World] = {
     'two modes, friction': World(5, two_modes, lambda s: 0.8 * s[1] + 0.2 * s[3]),
     'leaking charge': World(4, leaking, lambda s: np.asarray(s[2])),
 }
-#: Stays out of `studies/discovery_foreign.py`, whose draws go by the place of a world.
+#: Stays out of `studies/worlds/foreign.py`, whose draws go by the place of a world.
 DAHL = World(3, dahl, _second)
 
 

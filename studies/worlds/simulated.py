@@ -1,13 +1,13 @@
 """Blind test of the discovery: hidden effects of random size, found from the records alone.
 
-    python studies/discovery.py --kind all --sets 100 --workers 2
+    python studies/study.py simulated --kind all --sets 100 --workers 2
 
 Every set is simulated by `piezo_sim`, written as a bag and given to `python -m piezo_hysteresis
 discover` in a separate process, which gets only the bag and the baseline. The truth stays in the
 memory of this process and is written (out/discovery/results.jsonl) only after the verdict. An
 interrupted run continues where it stopped; --table prints the results so far.
 
-What an effect of the simulator may be called is stated in `discovery_effects.KNOBS`: backlash is
+What an effect of the simulator may be called is stated in `simulated_world.KNOBS`: backlash is
 friction, a second mode a resonance, floor vibration a tone (mains_hum), both creep laws creep, a
 play bank or Preisach plane that a Bouc-Wen baseline meets is nonlocal_memory and one that a linear
 baseline meets is hysteresis, the bandwidth of the sensor a lag.
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import subprocess
 import sys
@@ -26,13 +27,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from bench.quick import parsed
 from piezo_hysteresis.records import write_bag
-from studies.discovery_scores import calibration, confusion, named, page, summary
-from studies.discovery_worlds import Hidden, draw, records_of
+from studies.worlds.scores import calibration, confusion, named, page, summary
+from studies.worlds.simulated_world import Hidden, draw, records_of
 
 KINDS = ('single', 'pair', 'null', 'unknown')
 # So long may one set take before it counts as a failure [s].
@@ -110,7 +107,9 @@ def told(row: dict[str, Any]) -> str:
     )
 
 
-def run(todo: Sequence[tuple[Any, ...]], results: Path, workers: int, how: Sequence[str]) -> None:
+def examine_all(
+    todo: Sequence[tuple[Any, ...]], results: Path, workers: int, how: Sequence[str]
+) -> None:
     """Examine sets side by side and append what comes out; `how` are words for `discover`."""
 
     def one(task: tuple[Any, ...]) -> dict[str, Any]:
@@ -130,48 +129,41 @@ def load(results: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in results.read_text(encoding='utf-8').splitlines()]
 
 
-def main() -> int:
-    """Run what is missing and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    parser.set_defaults(seed=1, workers=os.cpu_count() or 1)
     add = parser.add_argument
     add('--sets', type=int, default=10, help='of each kind')
     add('--kind', choices=[*KINDS, 'all'], default='all')
     add('--design', choices=['careful', 'poor'], default='careful')
-    add('--seed', type=int, default=1)
     add('--only', help='sets that hide this effect')
-    add('--workers', type=int, default=os.cpu_count() or 1, help='sets at a time')
-    add('--threads', type=int, default=1, help='of each')
+    add('--threads', type=int, default=1, help='of each of the sets that run at a time')
     add('--out', type=Path, default=Path('out/discovery'))
     add('--table', action='store_true', help='only print what is there')
-    add('--page', type=Path, help='write the table as a page of documentation, too')
-    add('--time-limit', type=float, help='of each set [s]')
-    arguments = parsed(parser, sets=1, kind='single', time_limit=3.0)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    results = arguments.out / 'results.jsonl'
-    kinds = KINDS if arguments.kind == 'all' else (arguments.kind,)
-    if not arguments.table:
+
+
+QUICK = {'sets': 1, 'kind': 'single', 'time_limit': 3.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Examine what is missing; return the page."""
+    asked.out.mkdir(parents=True, exist_ok=True)
+    results = asked.out / 'results.jsonl'
+    kinds = KINDS if asked.kind == 'all' else (asked.kind,)
+    if not asked.table:
         known = {row['key'] for row in load(results)}
         todo = [
             task
-            for task in wanted(kinds, arguments.sets, arguments.seed, arguments.design)
+            for task in wanted(kinds, asked.sets, asked.seed, asked.design)
             if f'{task[0]}-{task[3]}-{task[2]}-{task[1]}' not in known
         ]
-        if arguments.only:
-            todo = [task for task in todo if arguments.only in draw(*task).effects]
-        how = ['--workers', str(arguments.threads)]
-        if arguments.time_limit is not None:
-            how += ['--time-limit', str(arguments.time_limit)]
-        run(todo, results, arguments.workers, how)
+        if asked.only:
+            todo = [task for task in todo if asked.only in draw(*task).effects]
+        how = ['--workers', str(asked.threads)]
+        if math.isfinite(asked.time_limit):
+            how += ['--time-limit', str(asked.time_limit)]
+        examine_all(todo, results, asked.workers, how)
     rows = load(results)
     table = '\n'.join([*summary(rows), '', *calibration(rows), '', *confusion(rows)])
-    (arguments.out / 'table.txt').write_text(table + '\n', encoding='utf-8')
-    print(table)
-    if arguments.page:
-        arguments.page.write_text(page(rows, table), encoding='utf-8')
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    (asked.out / 'table.txt').write_text(table + '\n', encoding='utf-8')
+    return page(rows, table)

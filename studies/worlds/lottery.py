@@ -1,9 +1,9 @@
 """Discovery test: effects in an independent simulation with random recording conditions.
 
-    python studies/discovery_lottery.py --seed 31 --page docs/discovery_lottery.md
+    python studies/study.py lottery --seed 31 --page docs/discovery_lottery.md
 
-What hides and how it is recorded is in `studies/lottery_world.py`, which shares no physics with
-the suite. `discover` gets the records and the name of a baseline, nothing else.
+What hides and how it is recorded is in `studies/worlds/lottery_world.py`, which shares no physics
+with the suite. `discover` gets the records and the name of a baseline, nothing else.
 """
 
 from __future__ import annotations
@@ -11,25 +11,18 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.random import Generator
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from bench.quick import parsed
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
-from studies.discovery_scores import in_a_cell
-from studies.lottery_world import (
+from studies.worlds.lottery_world import (
     EFFECTS,
     UNKNOWN_EFFECTS,
     Conditions,
@@ -38,6 +31,7 @@ from studies.lottery_world import (
     recorded,
     with_hidden,
 )
+from studies.worlds.scores import in_a_cell
 
 BASELINE = 'bouc_wen_mode'
 SINGLES, PAIRS, NULLS, OTHERS = 33, 10, 20, 6
@@ -48,10 +42,10 @@ HEAD = (
     'none, or one that is not in the library. The initial condition (rest, step, mid-period,',
     'remanent), noise (white or coloured, constant or growing with the amplitude), zeros, 8 to',
     '16 bits, 0.2 to 20 kHz and the kinds of records are drawn by seed. The simulation shares',
-    'no code with the models (`studies/lottery_world.py`). `discover` gets the records and the',
-    'name `bouc_wen_mode`. The search is frozen before the draw.',
+    'no code with the models (`studies/worlds/lottery_world.py`). `discover` gets the records and',
+    'the name `bouc_wen_mode`. The search is frozen before the draw.',
     '',
-    '    python studies/discovery_lottery.py --seed {seed} --page docs/discovery_lottery.md',
+    '    python studies/study.py lottery --seed {seed} --page docs/discovery_lottery.md',
 )
 
 
@@ -201,27 +195,20 @@ def page(rows: Sequence[Row], seed: int) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def main() -> None:
-    """Examine, print and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--workers', type=int, default=1)
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
     parser.add_argument('--count', type=json.loads, default=[SINGLES, PAIRS, NULLS, OTHERS])
-    parser.add_argument('--page', type=Path)
-    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
-    arguments = parsed(parser, count=[1, 0, 0, 0], time_limit=2.0)
+
+
+QUICK = {'count': [1, 0, 0, 0], 'time_limit': 2.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Examine every set; return the page."""
     rows: list[Row] = []
-    for place, (kind, hidden) in enumerate(sets(arguments.count)):
-        how = arguments.workers, arguments.time_limit
-        rows.append(examined(kind, hidden, (arguments.seed, place), *how))
+    for place, (kind, hidden) in enumerate(sets(asked.count)):
+        rows.append(examined(kind, hidden, (asked.seed, place), asked.workers, asked.time_limit))
         row = rows[-1]
         sign = '' if row.right else ' WRONG'
         print(f'{kind} {hidden}{sign}: {row.told} ({row.seconds:.0f} s)', flush=True)
-    text = page(rows, arguments.seed)
-    print(text)
-    if arguments.page:
-        arguments.page.write_text(text, encoding='utf-8')
-
-
-if __name__ == '__main__':
-    main()
+    return page(rows, asked.seed)

@@ -165,7 +165,7 @@ def page(rows: Sequence[Row], table: str) -> str:
     return (
         '# Discovery test: simulated actuators\n\n'
         f'{len(rows)} sets, seed {", ".join(seeds)}, commit {", ".join(commits) or "unknown"}; '
-        'written by `studies/discovery.py --page`. [validation.md](validation.md) describes the '
-        'protocol and summarises the results.\n\n'
+        'written by `studies/study.py simulated --page`. [validation.md](validation.md) describes '
+        'the protocol and summarises the results.\n\n'
         f'```text\n{table}\n```\n'
     )

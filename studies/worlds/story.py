@@ -1,6 +1,6 @@
 """Discovery of the mode at 68 Hz that the models of Fujii 2018 lack.
 
-    python studies/discovery_story.py --baselines extended,classical,modified --workers 2
+    python studies/study.py story --baselines extended,classical,modified --workers 2
 
 The simulated bimorph of Fujii 2018 is swept from 1 to 50 Hz and every baseline is given to the
 discovery. It writes the result folder of each baseline, a table (story.md) and a picture over
@@ -11,19 +11,14 @@ frequency (story.png): Figure 10 of Fujii 2018 with the effects found. Fujii 201
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from bench.quick import parsed
 from piezo_hysteresis.discovery import Discovery, Verdict, discover
 from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.identification.uncertainty import digits
@@ -107,36 +102,37 @@ def draw(found: Sequence[Discovery], path: Path) -> None:
         figure.savefig(path)
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Run the study; return 0 if every baseline finds the mode."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else '')
-    parser.add_argument('--baselines', default='extended,classical,modified')
-    parser.add_argument('--frequencies', default=','.join(map(str, range(1, 51))))
-    parser.add_argument('--seconds', type=float, default=4.0, help='of every record')
-    parser.add_argument('--seed', type=int, default=5)
-    parser.add_argument('--workers', type=int, default=2)
-    parser.add_argument('--out', type=Path, default=Path('out/story'))
-    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
-    arguments = parsed(
-        parser, words, baselines='classical', frequencies='3,14,23,40', seconds=1.0, time_limit=2.0
-    )
-    frequencies = [float(each) for each in arguments.frequencies.split(',')]
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    bag = arguments.out / f'sweep_{time.strftime("%Y%m%d_%H%M%S")}'
-    write_bag(bag, sweep(frequencies, arguments.seconds, arguments.seed))
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    parser.set_defaults(seed=5, workers=2)
+    add = parser.add_argument
+    add('--baselines', default='extended,classical,modified')
+    add('--frequencies', default=','.join(map(str, range(1, 51))))
+    add('--seconds', type=float, default=4.0, help='of every record')
+    add('--out', type=Path, default=Path('out/story'))
+
+
+QUICK = {'baselines': 'classical', 'frequencies': '3,14,23,40', 'seconds': 1.0, 'time_limit': 2.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Return the page; end with an error if a baseline does not find the mode."""
+    frequencies = [float(each) for each in asked.frequencies.split(',')]
+    asked.out.mkdir(parents=True, exist_ok=True)
+    bag = asked.out / f'sweep_{time.strftime("%Y%m%d_%H%M%S")}'
+    write_bag(bag, sweep(frequencies, asked.seconds, asked.seed))
     mode = load_preset(PRESET).values()['structure.natural_frequency']
-    found, missed = [], []
-    for baseline in arguments.baselines.split(','):
+    found, missed, text = [], [], ''
+    for baseline in asked.baselines.split(','):
         each = discover(
             load([bag]),
             named(baseline),
             name=baseline,
-            workers=arguments.workers,
-            time_limit=arguments.time_limit,
+            workers=asked.workers,
+            time_limit=asked.time_limit,
         )
-        write_discovery(arguments.out / baseline, each, [str(bag)])
+        write_discovery(asked.out / baseline, each, [str(bag)])
         found.append(each)
-        print('\n'.join(told(each.verdict)), flush=True)
         modes = [
             number.value
             for effect in each.verdict.effects
@@ -145,13 +141,11 @@ def main(words: Sequence[str] | None = None) -> int:
         ]
         if not any(abs(value - mode) < 0.5 for value in modes):
             missed.append(baseline)
-        page = [line for one in found for line in told(one.verdict)]
-        (arguments.out / 'story.md').write_text('\n'.join(page) + '\n', encoding='utf-8')
-        draw(found, arguments.out / 'story.png')
+        text += '\n'.join(told(each.verdict)) + '\n'
+        (asked.out / 'story.md').write_text(text, encoding='utf-8')
+        draw(found, asked.out / 'story.png')
     if missed:
-        print(f'no mode at {mode:g} Hz from {", ".join(missed)}')
-    return 1 if missed and not arguments.quick else 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+        text += f'no mode at {mode:g} Hz from {", ".join(missed)}\n'
+    if missed and not asked.quick:
+        sys.exit(text)
+    return text

@@ -1,6 +1,6 @@
 """Discovery on measured records, compared with PySINDy and SysIdentPy.
 
-    python studies/discovery_measured.py --data ../shared/data --workers 2
+    python studies/study.py measured --data ../shared/data --workers 2
 
 Two records: the training multisine of the Bouc-Wen benchmark with the baseline ``linear_mode``,
 and a measured piezo stack (150 V, 1 Hz) with the baseline ``classical``. Every tool sees the first
@@ -13,18 +13,12 @@ fitted. Packages and records that are not there are left out.
 from __future__ import annotations
 
 import argparse
-import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
 
-from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.data.dataset import HELD_OUT
@@ -33,7 +27,7 @@ from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, load
-from studies.stand_ins import records_in
+from studies.worlds.stand_ins import records_in
 
 LAGS = 2
 DEGREE = 3
@@ -207,25 +201,24 @@ def table(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    parser.set_defaults(workers=2)
     parser.add_argument('--data', type=Path, default=Path('../shared/data'))
-    parser.add_argument('--workers', type=int, default=2)
-    parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--out', type=Path, default=Path('out/discovery_measured.md'))
-    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
-    arguments = parsed(parser, words, data=None, time_limit=2.0)
+
+
+QUICK = {'data': None, 'time_limit': 2.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Return the tables."""
     first, _, more = CASES[0]
     files = [first, *(str(Path(first).with_name(name)) for name, _ in more)]
-    with records_in(arguments.data, files) as data:
-        page = compared(data, arguments)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text('\n'.join(page) + '\n', encoding='utf-8')
-    return 0
+    with records_in(asked.data, files) as data:
+        return '\n'.join(compared(data, asked)) + '\n'
 
 
-def compared(data: Path, arguments: argparse.Namespace) -> list[str]:
+def compared(data: Path, asked: argparse.Namespace) -> list[str]:
     """Give every record that is there to every tool that is there; return the tables."""
     page: list[str] = []
     for file, baseline, others in CASES:
@@ -248,17 +241,12 @@ def compared(data: Path, arguments: argparse.Namespace) -> list[str]:
             [record],
             named(baseline),
             name=baseline,
-            seed=arguments.seed,
-            workers=arguments.workers,
-            time_limit=arguments.time_limit,
+            seed=asked.seed,
+            workers=asked.workers,
+            time_limit=asked.time_limit,
         )
         lines = [f'### {path.stem}', '', found.verdict.summary, '']
         if found.verdict.unexplained.significant:
             lines += [found.verdict.unexplained.description, '']
         page += [*lines, *table([*ours(found, tests), *rows]), '']
-        print('\n'.join(['', *page]), flush=True)
     return page
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Discovery test: effects added to measured records of an identified actuator.
 
-    python studies/discovery_hidden.py --data ../shared/data --page docs/discovery_hidden.md
+    python studies/study.py hidden --data ../shared/data --page docs/discovery_hidden.md
 
 A baseline is identified on untouched records of a measured actuator and saved. Then an effect of
 random size is put into the measured displacement, by code that shares nothing with the suite, and
@@ -8,7 +8,7 @@ random size is put into the measured displacement, by code that shares nothing w
 With ``--reference repeated`` the untouched records are the reference, and the effect hides in the
 same records with noise of their own; with ``--reference parts`` the reference is the beginning of
 a sine, and the effect hides in the rest of it. Records are those of
-`studies/discovery_measured.py`; what is not there is left out.
+`studies/worlds/measured.py`; what is not there is left out.
 """
 
 from __future__ import annotations
@@ -21,14 +21,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import Verdict, discover
@@ -36,8 +32,8 @@ from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.records import Record, load
-from studies.discovery_scores import in_a_cell
-from studies.stand_ins import records_in
+from studies.worlds.scores import in_a_cell
+from studies.worlds.stand_ins import records_in
 
 #: Held-out error, relative to the unchanged actuator, up to which an effect counts as removed.
 AS_CONTROL = 1.2
@@ -305,12 +301,12 @@ HEAD = (
     '',
     'A baseline is identified on unchanged records of a measured actuator. An effect of random',
     'size is then added to the measured displacement by code that shares nothing with the',
-    'models (`studies/discovery_hidden.py`). `discover` gets the changed records and the',
+    'models (`studies/worlds/hidden.py`). `discover` gets the changed records and the',
     '`model.yaml`. The effect sizes are new. The records, and three of the four baselines, are',
     'those on which thresholds were set. [validation.md](validation.md) has the summary,',
     '[draws.md](draws.md) every draw.',
     '',
-    '    python studies/discovery_hidden.py --data DATA --seed {seed} \\',
+    '    python studies/study.py hidden --data DATA --seed {seed} \\',
     '        --page docs/discovery_hidden.md',
 )
 REFERENCE_HEADS = {
@@ -321,7 +317,7 @@ REFERENCE_HEADS = {
         'records with new white noise of the size at rest; day-to-day changes of an actuator',
         'are not included. `discover` gets both sets and the name of a baseline.',
         '',
-        '    python studies/discovery_hidden.py --data DATA --seed {seed} --reference repeated',
+        '    python studies/study.py hidden --data DATA --seed {seed} --reference repeated',
     ),
     'parts': (
         '## With `--reference`: the first part of a record',
@@ -330,7 +326,7 @@ REFERENCE_HEADS = {
         'The effect is added to the rest, which starts in motion with an unknown memory. A',
         'drift and a loss reach their full size at its end.',
         '',
-        '    python studies/discovery_hidden.py --data DATA --seed {seed} --reference parts',
+        '    python studies/study.py hidden --data DATA --seed {seed} --reference parts',
     ),
 }
 SIZES = (
@@ -382,40 +378,36 @@ def page(
     return '\n'.join(lines) + '\n'
 
 
-def everything(arguments: argparse.Namespace, data: Path) -> list[Row]:
+def everything(asked: argparse.Namespace, data: Path) -> list[Row]:
     """Examine every actuator whose records are there."""
-    how = Search(arguments.workers, arguments.time_limit, arguments.effects)
+    how = Search(asked.workers, asked.time_limit, asked.effects)
     rows: list[Row] = []
     for case in CASES:
         if all((data / file).exists() for file in (case.fitted, *case.evaluated)):
-            for place, word in enumerate(case.baselines[: arguments.baselines]):
-                drawn = arguments.seed, CASES.index(case), place
-                rows += examined(case, word, data, drawn, how, arguments.reference)
+            for place, word in enumerate(case.baselines[: asked.baselines]):
+                drawn = asked.seed, CASES.index(case), place
+                rows += examined(case, word, data, drawn, how, asked.reference)
     return rows
 
 
-def main() -> None:
-    """Examine, print and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--data', type=Path, default=Path('../shared/data'))
-    parser.add_argument('--seed', type=int, default=7)
-    parser.add_argument('--workers', type=int, default=1)
-    parser.add_argument('--reference', choices=sorted(REFERENCE_HEADS), default='')
-    parser.add_argument('--page', type=Path)
-    parser.add_argument('--baselines', type=int, help='so many of each actuator')
-    parser.add_argument('--effects', type=int, default=len(HIDDEN), help='so many, and none')
-    parser.add_argument('--time-limit', type=float, default=math.inf, help='of each search [s]')
-    arguments = parsed(parser, data=None, baselines=1, effects=2, time_limit=2.0)
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    parser.set_defaults(seed=7)
+    add = parser.add_argument
+    add('--data', type=Path, default=Path('../shared/data'))
+    add('--reference', choices=sorted(REFERENCE_HEADS), default='')
+    add('--baselines', type=int, help='so many of each actuator')
+    add('--effects', type=int, default=len(HIDDEN), help='so many, and none')
+
+
+QUICK = {'data': None, 'baselines': 1, 'effects': 2, 'time_limit': 2.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Examine every actuator; return the page."""
     files = {file for case in CASES[:1] for file in (case.fitted, *case.evaluated)}
-    with records_in(arguments.data, sorted(files)) as data:
-        rows = everything(arguments, data)
+    with records_in(asked.data, sorted(files)) as data:
+        rows = everything(asked, data)
     if not rows:
-        sys.exit(f'no measured record in {arguments.data}')
-    text = page(rows, arguments.seed, REFERENCE_HEADS.get(arguments.reference, HEAD))
-    print(text)
-    if arguments.page:
-        arguments.page.write_text(text, encoding='utf-8')
-
-
-if __name__ == '__main__':
-    main()
+        sys.exit(f'no measured record in {asked.data}')
+    return page(rows, asked.seed, REFERENCE_HEADS.get(asked.reference, HEAD))

@@ -1,0 +1,63 @@
+"""Studies of the discovery: something is hidden in a world, and `discover` gets its records.
+
+    python studies/study.py WORLD --seed N
+
+`python studies/study.py WORLD --help` shows the protocol and the options of a world.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+if not __package__:
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from bench.quick import parsed
+
+WORLDS = {
+    'simulated': 'random actuators of piezo_sim, effects of random size',
+    'lottery': 'an independent simulation with random recording conditions',
+    'foreign': 'effects in actuators from the literature',
+    'hidden': 'effects added to measured records of an actuator',
+    'measured': 'measured records, compared with PySINDy and SysIdentPy',
+    'story': 'the mode at 68 Hz that the models of Fujii 2018 lack',
+}
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the study of a world; its module has `configure`, `QUICK` and `run`."""
+    given = list(sys.argv[1:] if words is None else words)
+    chooser = argparse.ArgumentParser(
+        description=(__doc__ or '').splitlines()[0],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog='worlds:\n' + '\n'.join(f'  {name:<10} {text}' for name, text in WORLDS.items()),
+    )
+    chooser.add_argument('world', choices=WORLDS, help='followed by its options')
+    name = chooser.parse_args(given[:1]).world
+    world = importlib.import_module(f'studies.worlds.{name}')
+    parser = argparse.ArgumentParser(
+        prog=f'{chooser.prog} {name}',
+        description=world.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add('--seed', type=int, default=0)
+    add('--workers', type=int, default=1)
+    add('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    add('--page', type=Path, help='also write the page of documentation')
+    world.configure(parser)
+    asked = parsed(parser, given[1:], **world.QUICK)
+    text: str = world.run(asked)
+    print(text)
+    if asked.page:
+        asked.page.write_text(text, encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
