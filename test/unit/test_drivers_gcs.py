@@ -18,7 +18,7 @@ import yaml
 
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.drivers import DriverError, Measurement, open_controller, sweep
+from piezo_hysteresis.drivers import DriverError, Measurement, driver_sweep, open_controller, sweep
 from piezo_hysteresis.drivers.controller import UNLIMITED
 from piezo_hysteresis.drivers.gcs import GcsConnection, GcsController
 from piezo_hysteresis.drivers.tracking import Learning
@@ -26,7 +26,7 @@ from piezo_hysteresis.drivers.wires import TcpWire
 from piezo_hysteresis.drivers.worker import ControllerSweep, ControllerThread, SweepProgress
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.records import load
+from piezo_hysteresis.records import RecordInfo, load
 from piezo_hysteresis.waveforms import Sine
 from piezo_sim.gcs.controller import OUTPUT, SimulatedController
 from piezo_sim.gcs.language import Language
@@ -323,6 +323,25 @@ def test_a_long_record_is_sampled_slower(server: GcsServer) -> None:
         (record,) = sweep(made, [1.0], [1.0], 5.0)
     assert record.rate == RATE / 2
     assert len(record) == 50_000 < GcsController.most_points
+
+
+@pytest.mark.parametrize('divider', [2, 20])
+def test_a_voltage_of_a_slower_record_is_the_one_that_was_reached(divider: int) -> None:
+    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(2001) / 2000)
+    curves = []
+    for ticks in (1, divider):
+        plant = Plant.from_preset('generic_bouc_wen', RATE, 3, {'effects.noise': False})
+        server = GcsServer(SimulatedController(plant, np.inf))
+        with running(server, 0.01), connected(server) as made:
+            made.open_loop()
+            curves.append(driver_sweep.measured(made, 'rise', rise[::ticks], RecordInfo(), ticks))
+        server.server_close()
+    fine, coarse = curves
+    found = np.interp(coarse.voltage[:-1], fine.voltage[:-1], fine.displacement[1:])
+    # before: the next voltage, which is reached a tick later
+    late = np.interp(rise[divider::divider], fine.voltage[:-1], fine.displacement[1:])
+    assert np.abs(coarse.displacement[1:] - found).max() < 1e-9
+    assert np.abs(coarse.displacement[1:] - late).max() > 2e-8
 
 
 @pytest.mark.parametrize(

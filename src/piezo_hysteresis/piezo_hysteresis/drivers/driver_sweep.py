@@ -147,11 +147,8 @@ def measured(
     """
     first, wave = whole(voltages, controller.identity.rate / divider)
     played = controller.play(wave, divider, watch)
-    # A model holds a voltage until the next sample. An output that moves in a straight line has
-    # reached the next voltage there: that one is paired with the sample.
-    ahead = int(controller.interpolates and divider > 1)
     own = slice(first, first + voltages.size)
-    reached = played.voltage[ahead:]
+    reached = _reached(played.voltage, divider) if controller.interpolates else played.voltage
     return Record(
         name,
         played.dt,
@@ -160,6 +157,16 @@ def measured(
         info=replace(info, start=_start(voltages)),
         before=reached[:first],
     )
+
+
+def _reached(voltage: FloatArray, divider: int) -> FloatArray:
+    """Return the voltage of each sample when the next displacement is taken.
+
+    A model holds the voltage of a sample until then. An output that moves in a straight line over
+    `divider` ticks has reached the next voltage but for one tick: the displacement of a tick is
+    taken before its voltage is set.
+    """
+    return voltage + np.diff(voltage, append=voltage[-1]) * (1.0 - 1.0 / divider)
 
 
 def write_measured(
