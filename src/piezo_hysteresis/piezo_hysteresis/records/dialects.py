@@ -165,10 +165,13 @@ def _is_names(line: str) -> bool:
 def _first_numbers(lines: Sequence[str], filled: Sequence[int]) -> int | None:
     """Return the first of three lines of numbers of one width."""
     separator = separator_of([lines[k] for k in filled[-_SAMPLE:]])
-    widths = [_width(lines[k], separator) for k in filled]
-    for k in range(len(filled) - 2):
-        if widths[k] > 1 and widths[k] == widths[k + 1] == widths[k + 2]:
-            return filled[k]
+    before, alike = 0, 0
+    for place, k in enumerate(filled):
+        width = _width(lines[k], separator)
+        alike = alike + 1 if width == before else 1
+        if width > 1 and alike == 3:
+            return filled[place - 2]
+        before = width
     return None
 
 

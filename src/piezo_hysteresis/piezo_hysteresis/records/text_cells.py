@@ -21,6 +21,9 @@ _STAMP = re.compile(
     r'\s*(?P<half>AM|PM)?\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?$',
     re.IGNORECASE,
 )
+_PLAIN = re.compile(r'[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?$', re.ASCII)
+_TWO_POINTS = re.compile(r'\.[^\n]*\.')
+_OTHER_THAN_PLAIN = re.compile(r'[^\d.eE+\n-]', re.ASCII)
 HALF_DAY, DAY = 43_200, 86_400  # [s]
 
 
@@ -36,6 +39,8 @@ def split(line: str, separator: str) -> list[str]:
 
 def is_number(cell: str) -> bool:
     """Return whether a cell may be a number, with any decimal mark."""
+    if _PLAIN.match(cell):
+        return True
     bare = _bare(cell)
     return bool(_NUMBER.match(bare)) or bare.lower() in ('nan', 'inf', '-inf', '+inf')
 
@@ -76,6 +81,10 @@ def decimal_mark(cells: Iterable[str], where: object) -> tuple[str, bool]:
     RecordError
         If the cells do not show it.
     """
+    cells = list(cells)
+    text = '\n'.join(cells)
+    if ',' not in text and not _TWO_POINTS.search(text):
+        return '.', False
     certain: set[str] = set()
     doubtful: dict[str, str] = {}
     grouped = False
@@ -114,6 +123,11 @@ def decimal_mark(cells: Iterable[str], where: object) -> tuple[str, bool]:
 
 def numbers(cells: Sequence[str], mark: str) -> FloatArray:
     """Return cells as numbers; NaN for one that is none. Groups of three digits are joined."""
+    if mark == '.' and not _OTHER_THAN_PLAIN.search('\n'.join(cells)):
+        try:
+            return np.array(list(map(float, cells)), dtype=np.float64)
+        except ValueError:  # some of them are none
+            pass
     other = '.' if mark == ',' else ','
     group = re.compile(rf"[+-]?\d{{1,3}}(?:[{re.escape(other)}' \u00a0\u202f\u2019]\d{{3}})+")
     found = np.full(len(cells), np.nan)
