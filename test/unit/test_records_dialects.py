@@ -158,6 +158,18 @@ def test_a_dialect_is_read_without_more_options(tmp_path: Path, name: str) -> No
         assert any('read as' in str(note) for note in log.notes)
 
 
+def test_a_key_of_a_header_among_samples_without_times_is_refused(tmp_path: Path) -> None:
+    lines = FILES['no.lvm'][0].split('\n')[:-1]
+    key = lines.index('X0\t0\t0')
+    path = tmp_path / 'moved.lvm'
+    for place in (-1, -20):  # its numbers would be a sample of 0 V and 0 um
+        moved = [*lines]
+        moved[key], moved[place] = moved[place], moved[key]
+        path.write_text('\n'.join(moved) + '\n', 'utf-8')
+        with pytest.raises(RecordError, match=f"line {len(lines) + place + 1} begins with 'X0'"):
+            read(path, {})
+
+
 DAMAGES = ('drop', 'double', 'swap', 'cell', 'mark', 'head', 'blank')
 
 

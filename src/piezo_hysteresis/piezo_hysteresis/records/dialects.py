@@ -346,6 +346,13 @@ def _labview_segment(
     known = {}
     if style.lower() == 'no':
         known = {k: Meaning() for k, name in enumerate(names) if name == 'X_Value'}
+        # the empty column of times is not read: only here a key betrays that its line is no sample
+        cells = {k: lines[k].split(separator)[0].strip().strip('"') for k in filled if known}
+        if key := next((k for k, cell in cells.items() if cell and not is_number(cell)), 0):
+            raise RecordError(
+                f'line {key + 1} begins with {cells[key][:40]!r} among the samples: it belongs to '
+                'a header; delete it or put it back'
+            )
         if len(steps) > 1:
             raise RecordError(f'segment {title}: its channels have different Delta_X')
     return TextLayout(
