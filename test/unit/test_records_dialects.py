@@ -170,6 +170,16 @@ def test_a_key_of_a_header_among_samples_without_times_is_refused(tmp_path: Path
             read(path, {})
 
 
+@pytest.mark.parametrize('row', [-2, -20])
+def test_a_voltage_that_is_missing_in_its_own_rows_is_said(tmp_path: Path, row: int) -> None:
+    lines = FILES['plotjuggler.csv'][0].split('\n')[:-1]
+    del lines[row]  # of the last voltage, or one before
+    path = tmp_path / 'lost.csv'
+    path.write_text('\n'.join(lines) + '\n', 'utf-8')
+    _, log = read(path, dict(FILES['plotjuggler.csv'][1]))
+    assert any('voltage pauses 1 times and is held' in str(note) for note in log.notes)
+
+
 DAMAGES = ('drop', 'double', 'swap', 'cell', 'mark', 'head', 'blank')
 
 

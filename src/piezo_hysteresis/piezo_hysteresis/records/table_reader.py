@@ -267,8 +267,11 @@ def _held(found: dict[str, Column], where: str, log: DamageLog) -> dict[str, Col
         apart |= not np.array_equal(filled[np.maximum(place, 0)], rows)
         held[what] = each.values[filled[np.maximum(place, 0)]]
         if 'time' in found and what not in ('time', 'displacement'):
-            steps = np.diff(found['time'].values[filled])
-            pauses = int(np.sum(steps > 1.5 * np.median(steps))) if steps.size else 0
+            times = found['time'].values
+            steps = np.diff(times[filled])
+            usual = float(np.median(steps)) if steps.size else np.inf
+            pauses = int(np.sum(steps > 1.5 * usual))
+            pauses += bool(times[rows[-1]] - times[filled[-1]] > (1.0 + SAME_TICK) * usual)
             if pauses:
                 log.note(where, f'{what} pauses {pauses} times and is held', count=pauses)
     if apart:
