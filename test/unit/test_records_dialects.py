@@ -180,6 +180,16 @@ def test_a_voltage_that_is_missing_in_its_own_rows_is_said(tmp_path: Path, row: 
     assert any('voltage pauses 1 times and is held' in str(note) for note in log.notes)
 
 
+def test_rows_of_one_signal_behind_later_ones_are_joined_by_time(tmp_path: Path) -> None:
+    lines = FILES['plotjuggler.csv'][0].split('\n')[:-1]
+    lines[-8], lines[-7] = lines[-7], lines[-8]
+    path = tmp_path / 'swapped.csv'
+    path.write_text('\n'.join(lines) + '\n', 'utf-8')
+    (record,), log = read(path, dict(FILES['plotjuggler.csv'][1]))
+    holds(record)
+    assert any('sorted by time' in str(note) for note in log.notes)
+
+
 DAMAGES = ('drop', 'double', 'swap', 'cell', 'mark', 'head', 'blank')
 
 

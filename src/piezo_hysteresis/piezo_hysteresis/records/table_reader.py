@@ -253,8 +253,22 @@ def _step(times: FloatArray) -> float:
     return float(np.median(np.diff(times)))
 
 
+def _in_order(found: dict[str, Column], where: str, log: DamageLog) -> dict[str, Column]:
+    """Return rows by time, where each signal is in its order but a row of another is not."""
+    times = found['time'].values if 'time' in found else np.empty(0)
+    signals = [each.values for what, each in found.items() if what != 'time']
+    if np.all(np.diff(times) >= 0.0) or any(
+        not np.all(np.diff(times[~np.isnan(each)]) >= 0.0) for each in signals
+    ):
+        return found
+    order = np.argsort(times, kind='stable')
+    log.guess(where, 'rows of one signal stand behind later ones of another: sorted by time')
+    return {what: replace(each, values=each.values[order]) for what, each in found.items()}
+
+
 def _held(found: dict[str, Column], where: str, log: DamageLog) -> dict[str, Column]:
     """Return rows with a displacement; the other columns hold their last value."""
+    found = _in_order(found, where, log)
     rows = np.flatnonzero(~np.isnan(found['displacement'].values))
     held: dict[str, FloatArray] = {}
     first, apart = 0, False
