@@ -1,4 +1,4 @@
-"""Studies of the discovery: something is hidden in a world, and `discover` gets its records.
+"""Studies of the discovery: what hides in a world is to be found from records of it.
 
     python studies/study.py WORLD --seed N
 
@@ -25,6 +25,8 @@ WORLDS = {
     'foreign': 'effects in actuators from the literature',
     'hidden': 'effects added to measured records of an actuator',
     'measured': 'measured records, compared with PySINDy and SysIdentPy',
+    'investigate': 'the same as simulated, but the experiments are chosen',
+    'investigate_foreign': 'the same as foreign, but the experiments are chosen',
     'story': 'the mode at 68 Hz that the models of Fujii 2018 lack',
 }
 
@@ -35,7 +37,7 @@ def main(words: Sequence[str] | None = None) -> int:
     chooser = argparse.ArgumentParser(
         description=(__doc__ or '').splitlines()[0],
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog='worlds:\n' + '\n'.join(f'  {name:<10} {text}' for name, text in WORLDS.items()),
+        epilog='worlds:\n' + '\n'.join(f'  {name:<20} {text}' for name, text in WORLDS.items()),
     )
     chooser.add_argument('world', choices=WORLDS, help='followed by its options')
     name = chooser.parse_args(given[:1]).world
@@ -48,7 +50,8 @@ def main(words: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add('--seed', type=int, default=0)
     add('--workers', type=int, default=1)
-    add('--time-limit', type=float, default=math.inf, help='of each search [s]')
+    if 'time_limit' in world.QUICK:
+        add('--time-limit', type=float, default=math.inf, help='of each search [s]')
     add('--page', type=Path, help='also write the page of documentation')
     world.configure(parser)
     asked = parsed(parser, given[1:], **world.QUICK)

@@ -19,8 +19,8 @@ from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import NAMES
 from piezo_hysteresis.records import Record, RecordInfo
-from studies.investigate_foreign import Stage, ramped
 from studies.worlds.foreign_world import DAHL, NOISE, RATE
+from studies.worlds.investigate_foreign import Stage, ramped
 
 AMPLITUDE, STROKE = 1.0, 100e-6
 BEGINS = ('rest', 'step', 'mid_period')

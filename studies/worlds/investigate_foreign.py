@@ -1,6 +1,6 @@
 """Investigation of actuators from the literature that share no code with the models.
 
-    python studies/investigate_foreign.py --seed 3
+    python studies/study.py investigate_foreign --seed 3
 
 Maxwell slip with a mode, Duhem and Dahl (`studies/worlds/foreign_world.py`) are identified on six
 sines. Then one effect of random size begins, or none, the actuator moves in a way that no record
@@ -18,15 +18,10 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from bench.quick import parsed
 from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.identification import identify
@@ -34,10 +29,10 @@ from piezo_hysteresis.investigation.session import Investigation, Rules, investi
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.waveforms import from_spec
-from studies.investigate_worlds import PAUSE, earlier_motion
 from studies.worlds.foreign import FITTED
 from studies.worlds.foreign_world import DAHL, NOISE, PARTS, RATE, STROKE, WORLDS, Array, World
 from studies.worlds.hidden import HIDDEN, Case, chain
+from studies.worlds.investigate_world import PAUSE, earlier_motion
 
 #: World and the model that a lab would take for it.
 ACTUATORS: dict[str, tuple[World, str]] = {
@@ -162,27 +157,24 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     return '\n'.join(lines)
 
 
-def main() -> int:
-    """Investigate every actuator with every effect and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    parser.set_defaults(seed=3)
     add = parser.add_argument
-    add('--seed', type=int, default=3)
     add('--actuators', nargs='+', choices=list(ACTUATORS), default=list(ACTUATORS))
     add('--effects', nargs='+', choices=list(HIDDEN), default=list(HIDDEN))
-    add('--workers', type=int, default=1, help='investigations at a time')
     add('--budget', type=float, default=BUDGET, help='actuator time of each [s]')
-    words = parsed(parser, actuators=['Dahl'], effects=['tone'], budget=4.0)
-    tasks = [(a, e, words.seed, words.budget) for a in words.actuators for e in words.effects]
+
+
+QUICK = {'actuators': ['Dahl'], 'effects': ['tone'], 'budget': 4.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Investigate every actuator with every effect; return the table."""
+    tasks = [(a, e, asked.seed, asked.budget) for a in asked.actuators for e in asked.effects]
     rows = []
-    with ProcessPoolExecutor(words.workers) as pool:
+    with ProcessPoolExecutor(asked.workers) as pool:
         for row in pool.map(examine, tasks):
             print(json.dumps(row), file=sys.stderr, flush=True)
             rows.append(row)
-    print(table(rows))
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return table(rows) + '\n'

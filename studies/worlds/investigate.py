@@ -1,7 +1,7 @@
 """Actuator time to the right name: chosen experiments, random ones, and a fixed battery.
 
-    python studies/investigate.py --sets 8 --nulls 4 --seed 3
-    python studies/investigate.py --table --page docs/investigate_study.md
+    python studies/study.py investigate --sets 8 --nulls 4 --seed 3
+    python studies/study.py investigate --table --page docs/investigate_study.md
 
 Actuators of `piezo_sim` with random numbers are identified, then one effect of random size is
 switched on (in a null actuator none). Three ways to find out what changed see the same actuator,
@@ -15,20 +15,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from bench.quick import parsed
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
@@ -36,11 +32,15 @@ from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec
-from studies.investigate_table import goals, page, table
-from studies.investigate_worlds import Bench, Changed, changed
+from studies.worlds.investigate_world import Bench, Changed, changed
 from studies.worlds.simulated import load
 
+Rows = Sequence[dict[str, Any]]
 WAYS = ('designed', 'random', 'battery')
+HEAD = (
+    '| method | actuators | right | false names | median time at the end | median time to the '
+    'right name |\n|---|---:|---:|---:|---:|---:|'
+)
 BUDGET = 200.0  # [s]
 # What every experiment keeps: range [V], slew [V/s], frequency [Hz].
 LIMITS = ExperimentLimits(-1.0, 1.0, slew=700.0, frequency=100.0)
@@ -153,40 +153,126 @@ def wanted(words: argparse.Namespace) -> Iterator[tuple[str, int, int, str, floa
                 yield kind, index, words.seed, way, words.budget
 
 
-def main() -> int:
-    """Run what is missing and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+def table(rows: Rows) -> str:
+    """Return the results, a line per kind and method."""
+    lines = [HEAD]
+    for kind in ('single', 'null'):
+        for way in ('designed', 'random', 'battery'):
+            some = [row for row in rows if row['kind'] == kind and row['way'] == way]
+            if some:
+                lines.append(_line(kind, way, some))
+    return '\n'.join(lines)
+
+
+def _line(kind: str, way: str, rows: Rows) -> str:
+    right = sum(row['right'] for row in rows)
+    wrong = sum(bool(row['found']) and not row['right'] for row in rows)
+    to_right = [row['right_after'] for row in rows if row['right_after'] is not None]
+    first = f'{median(to_right):.1f} s' if to_right and kind != 'null' else ''
+    name = f'{way}, no effect' if kind == 'null' else way
+    spent = median(row['seconds'] for row in rows)
+    return f'| {name} | {len(rows)} | {right} | {wrong} | {spent:.1f} s | {first} |'
+
+
+def goals(rows: Rows, budget: float, limits: tuple[float, float, float]) -> str:
+    """Return the goals with the results.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Results of the study.
+    budget : float
+        Actuator time that might be spent [s].
+    limits : (float, float, float)
+        Least and greatest voltage [V], and fastest change [V/s], that were allowed.
+    """
+    chosen, fixed = (
+        {row['key']: row for row in rows if row['way'] == way and row['kind'] == 'single'}
+        for way in ('designed', 'battery')
     )
+    both = sorted(chosen.keys() & fixed.keys())
+    nulls = [r['seconds'] for r in rows if r['kind'] == 'null' and r['way'] == 'designed']
+    if not (both and nulls):
+        return 'Rows of designed, battery and null actuators are needed to judge the goals.'
+    right = [sum(way[key]['right'] for key in both) for way in (chosen, fixed)]
+    spent = [median(way[key]['seconds'] for key in both) for way in (chosen, fixed)]
+    early = sum(seconds <= 0.1 * budget for seconds in nulls)
+    driven = [row['extremes'] for row in rows if 'extremes' in row]
+    worst = min(e[0] for e in driven), max(e[1] for e in driven), max(e[2] for e in driven)
+    return '\n'.join(
+        (
+            '| goal | result |',
+            '|---|---|',
+            (
+                f'| at most a third of the time of the battery | {spent[0]:.1f} s of '
+                f'{spent[1]:.1f} s: {spent[0] / spent[1]:.0%}, median over {len(both)} actuators |'
+            ),
+            (
+                f'| right at least as often as the battery | {right[0]} of {len(both)}; the '
+                f'battery {right[1]} |'
+            ),
+            (
+                f'| no effect: ends within a tenth of {budget:g} s | {early} of '
+                f'{len(nulls)}; longest {max(nulls):.1f} s |'
+            ),
+            (
+                f'| commands within {limits[0]:g} .. {limits[1]:g} V and {limits[2]:g} V/s | '
+                f'{worst[0]:.3g} .. {worst[1]:.3g} V, at most {worst[2]:.3g} V/s |'
+            ),
+        )
+    )
+
+
+def page(rows: Rows, seed: int, aims: str, remarks: str = '') -> str:
+    """Return the page of documentation: what was aimed at, every row, and remarks."""
+    each = [
+        '| hidden | method | reported | time | end |\n|---|---|---|---:|---|',
+        *(
+            f'| {" + ".join(row["hidden"]) or "nothing"} | {row["way"]} | '
+            f'{" + ".join(row["found"]) or "nothing"} | {row["seconds"]:.1f} s | {row["stop"]} |'
+            for row in rows
+        ),
+    ]
+    return (
+        '# Investigation study: actuator time to the right effect\n\n'
+        f'Written by `python studies/study.py investigate --table --seed {seed} --page '
+        'docs/investigate_study.md`; the script describes the protocol. The actuators are '
+        'simulated with random parameters. Times are actuator time, conditioning '
+        'included.\n\n'
+        f'{aims}\n\n{table(rows)}\n\n'
+        'A result is right if it names the change and nothing else. '
+        f'{remarks}All actuators:\n\n' + '\n'.join(each) + '\n'
+    )
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    parser.set_defaults(seed=3)
     add = parser.add_argument
     add('--sets', type=int, default=8, help='actuators with one hidden effect')
     add('--nulls', type=int, default=4, help='actuators with none')
-    add('--seed', type=int, default=3)
     add('--ways', nargs='+', choices=WAYS, default=list(WAYS))
-    add('--workers', type=int, default=1, help='actuators at a time')
     add('--out', type=Path, default=Path('out/investigate'))
     add('--table', action='store_true', help='only print what is there')
-    add('--page', type=Path, help='write the table as a page of documentation, too')
-    add('--remarks', default='', help='sentences for that page')
+    add('--remarks', default='', help='sentences for the page')
     add('--budget', type=float, default=BUDGET, help='time of an actuator [s]')
-    words = parsed(parser, sets=1, nulls=0, ways=['designed'], budget=5.0)
-    words.out.mkdir(parents=True, exist_ok=True)
-    results = words.out / f'results_{words.seed}.jsonl'
-    if not words.table:
+
+
+QUICK = {'sets': 1, 'nulls': 0, 'ways': ['designed'], 'budget': 5.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Examine what is missing; return the page."""
+    asked.out.mkdir(parents=True, exist_ok=True)
+    results = asked.out / f'results_{asked.seed}.jsonl'
+    if not asked.table:
         had = {(row['key'], row['way']) for row in load(results)}
-        todo = [t for t in wanted(words) if (f'{t[0]}-{t[2]}-{t[1]}', t[3]) not in had]
-        with ProcessPoolExecutor(words.workers) as pool, results.open('a') as file:
+        todo = [t for t in wanted(asked) if (f'{t[0]}-{t[2]}-{t[1]}', t[3]) not in had]
+        with ProcessPoolExecutor(asked.workers) as pool, results.open('a') as file:
             for row in pool.map(examine, todo):
                 file.write(json.dumps(row) + '\n')
                 file.flush()
                 print(told(row), flush=True)
     rows = load(results)
-    print(table(rows))
-    if words.page:
-        aims = goals(rows, words.budget, (LIMITS.low, LIMITS.high, LIMITS.slew))
-        words.page.write_text(page(rows, words.seed, aims, words.remarks), encoding='utf-8')
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    aims = goals(rows, asked.budget, (LIMITS.low, LIMITS.high, LIMITS.slew))
+    return page(rows, asked.seed, aims, asked.remarks)
