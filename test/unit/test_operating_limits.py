@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
+import piezo_hysteresis as ph
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
@@ -19,7 +22,7 @@ from piezo_hysteresis.compensation.operating_limits import (
     operating_limits,
     rate_of,
 )
-from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.errors import ModelError, PiezoError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.interface.compensate_runs import compensate
 from piezo_hysteresis.models import ModelFile, Provenance
@@ -102,6 +105,27 @@ def test_a_model_without_the_information_keeps_narrow_limits_and_says_so() -> No
     assert 'does not say' in sentence
     assert 'give low, high, slew' in sentence
     assert not operating_limits(stage(voltage=None), low=0.0, high=9.0, slew=1e3).warnings
+
+
+def test_nothing_is_driven_by_a_model_that_names_no_voltages(tmp_path: Path) -> None:
+    def driven(voltage: FloatArray) -> FloatArray:
+        raise AssertionError('a voltage was sent')
+
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({}, 'low, high and slew'),
+        ({'low': 0.0, 'high': 9.0}, 'slew'),
+        ({'slew': 1e3}, 'low and high'),
+    ]
+    for given, missing in cases:
+        with pytest.raises(PiezoError, match=f'does not say at which .* or give {missing}$'):
+            ph.investigate(stage(voltage=None), driven, out=tmp_path / 'out', **given)
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.component
+def test_a_library_for_voltages_that_nobody_states_warns(tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match='the limits are -1.2 to 1.2 V'):
+        ph.export(stage(voltage=None), tmp_path / 'library')
 
 
 def test_bounds_of_the_attenuation_follow_the_range() -> None:

@@ -181,7 +181,8 @@ SAYS: dict[str, tuple[Call, str]] = {
     'export of a name': (lambda p, f: ph.export('classical', p / 'lib'), 'has no values'),
     'search without a model': (lambda p, f: ph.identify(RECORD, method='pso'), 'needs a model'),
     'no discrepancy': (
-        lambda p, f: ph.investigate(PLAIN, PLAIN, p / 'inv'), 'identify it again, on records'
+        lambda p, f: ph.investigate(PLAIN, PLAIN, p / 'inv', low=-1, high=1, slew=500),
+        'identify it again, on records',
     ),
 }  # fmt: skip
 

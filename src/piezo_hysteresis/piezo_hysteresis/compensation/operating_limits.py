@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -20,6 +20,7 @@ _RAMP = 2.4
 _MODES = ('natural_frequency', 'resonance_frequency')
 # What a plant that knows its limits calls them.
 _OF_PLANT = {'low': 'low_v', 'high': 'high_v', 'slew': 'slew_v_per_s'}
+_UNKNOWN = 'the model file does not say at which voltages it was identified'
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,25 @@ class OperatingLimits:
         Voltage at rest, to which the chain returns without a reference [V].
     warnings : tuple of str
         What the user should know about the limits, in sentences.
+    assumed : tuple of str
+        Names of the limits that nothing states: those of a small actuator.
     """
 
     limits: Limits
     rest: float
     warnings: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
+
+    def require_known(self) -> None:
+        """Refuse limits that nothing states, where the model chooses the voltages itself.
+
+        Raises
+        ------
+        CompensationError
+            If the model file states no voltages and the user gives none.
+        """
+        if self.assumed:
+            raise CompensationError(f'{_UNKNOWN}: identify again, or give {_and(self.assumed)}')
 
     @property
     def safe_ramp(self) -> float:
@@ -87,7 +102,11 @@ def operating_limits(
     limits = Limits(**found)
     rest = covered.rest if covered is not None else 0.0
     rest = min(max(rest, limits.low), limits.high)
-    return OperatingLimits(limits, rest, _unknown(limits, unknown, model))
+    return OperatingLimits(limits, rest, _unknown(limits, unknown, model), tuple(unknown))
+
+
+def _and(names: Sequence[str]) -> str:
+    return ' and '.join([', '.join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _unknown(limits: Limits, names: list[str], model: ModelFile | None) -> tuple[str, ...]:
@@ -99,8 +118,8 @@ def _unknown(limits: Limits, names: list[str], model: ModelFile | None) -> tuple
     if 'slew' in names:
         numbers.append(f'{limits.slew:g} V/s')
     sentence = (
-        'the model file does not say at which voltages it was identified: the limits are '
-        f'{" and ".join(numbers)}; identify again, or give {", ".join(names)}'
+        f'{_UNKNOWN}: the limits are {" and ".join(numbers)}; identify again, or give '
+        f'{", ".join(names)}'
     )
     return (sentence,)
 

@@ -107,7 +107,9 @@ def investigate(
     """
     used = with_values(model)
     sampled = rate_of(used, rate)
-    bounds = operating_limits(used, low=low, high=high, slew=slew).limits
+    known = operating_limits(used, low=low, high=high, slew=slew)
+    known.require_known()
+    bounds = known.limits
     limits = ExperimentLimits(bounds.low, bounds.high, bounds.slew, max_frequency)
     setup = Setup(used, limits, Rules(budget=budget, sure=sure, seed=seed), sampled)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -155,6 +156,8 @@ def export(
     sampled = rate_of(given, rate)
     feedback = None if pid is None else Feedback('pid', PidGains(*pid))
     bounds = operating_limits(given, low=low, high=high, slew=slew)
+    for sentence in bounds.warnings:
+        warnings.warn(sentence, stacklevel=3)
     controllers = Controllers(
         1.0 / sampled, limits=bounds.limits, model=given, law=law, attenuation=attenuation,
         feedback=feedback,
