@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -205,6 +206,30 @@ def test_an_attribute_of_several_records_names_the_first_one(folder: Path) -> No
     with pytest.raises(AttributeError, match='did you mean voltage'):
         _ = records.voltag
     assert not hasattr(records, 'voltag')
+
+
+@pytest.mark.parametrize(
+    ('where', 'name', 'call'),
+    [
+        (MODEL, 'feedforward', r'use model.inverse\(reference, dt\)'),
+        (MODEL, 'predict', r'use ph.simulate\(model, records\)'),
+        (MODEL, 'to_dataframe', r'use to_frame\(\)'),
+        (MODEL, 'parameter', 'did you mean parameters'),
+        (ph, 'feedforward', r'use model.inverse\(reference, dt\)'),
+        (ph, 'to_frame', r'use to_frame\(\) of records'),
+        (ph, 'identfy', 'did you mean identify'),
+    ],
+)
+def test_a_name_that_does_not_exist_names_the_call(where: Any, name: str, call: str) -> None:
+    with pytest.raises(AttributeError, match=call):
+        getattr(where, name)
+    assert not hasattr(where, name)
+    assert copy.deepcopy(MODEL).values == MODEL.values
+
+
+def test_records_come_first() -> None:
+    with pytest.raises(ph.PiezoError, match=r'validate\(records, model\)'):
+        ph.validate(MODEL, RECORD)
 
 
 @pytest.mark.slow

@@ -121,9 +121,10 @@ sys.modules[__name__].__class__ = _Interface
 def __getattr__(name: str) -> Any:
     # Imported when asked for: SciPy and the compiler take a second.
     if name not in _HOMES:
-        from piezo_hysteresis.common.wording import near
+        from piezo_hysteresis.common.wording import missing
 
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}{near(name, __all__)}')
+        what = f'module {__name__!r} has no attribute {name!r}'
+        raise AttributeError(what + missing(name, __all__))
     home, _, known = _HOMES[name].rpartition('.')
     found = getattr(importlib.import_module(f'{__name__}.{home}'), known)
     globals()[name] = found

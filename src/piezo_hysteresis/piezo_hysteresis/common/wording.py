@@ -23,6 +23,25 @@ def near(name: str, known: Iterable[str]) -> str:
     return f' (did you mean {lower[found[0]]}?)' if found else ''
 
 
+# Calls of other libraries, and the one here.
+_CALLS = {
+    'compensate': 'ph.compensate(model, reference)',
+    'feedforward': 'model.inverse(reference, dt)',
+    'fit': 'ph.identify(records)',
+    'predict': 'ph.simulate(model, records)',
+    'read_csv': 'ph.load(file)',
+    'simulate': 'ph.simulate(model, records)',
+    'to_dataframe': 'to_frame() of records, models and results',
+    'to_frame': 'to_frame() of records, models and results',
+    'validate': 'ph.validate(records, model)',
+}
+
+
+def missing(name: str, known: Iterable[str]) -> str:
+    """Return ``'; use CALL'`` or `near` for a name that is no attribute."""
+    return f'; use {_CALLS[name]}' if name in _CALLS else near(name, known)
+
+
 def choices(name: object, known: Iterable[str]) -> str:
     """Return the similar name in `known` and the whole list; of a long list the similar name only.
 

@@ -27,6 +27,7 @@ from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import Modelled, ModelLike, with_values
+from piezo_hysteresis.models.model_actions import ModelActions
 from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import fingerprints
 
@@ -158,6 +159,8 @@ def validate(
         If a record is unusable, for the same reasons as in a fit.
     """
     started = time.perf_counter()
+    if isinstance(records, ModelActions):
+        raise RecordError('the records come first: validate(records, model)')
     records = listed(records)
     if not records:
         raise RecordError('there is no record to validate with; give at least one')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.common.results import Plottable
-from piezo_hysteresis.common.wording import choices
+from piezo_hysteresis.common.wording import choices, missing
 from piezo_hysteresis.errors import ModelError
 
 # Imported at the first call: a model knows no inverse and no compiler.
@@ -87,6 +87,15 @@ class InverseResult(Plottable):
 
 class ModelActions:
     """Base of `ModelFile` and of results that contain a model."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            kind = type(self)
+            raise AttributeError(
+                f'{kind.__name__} has no attribute {name!r}'
+                + ('' if name.startswith('_') else missing(name, dir(kind)))
+            )
 
     @property
     def parameters(self) -> dict[str, float]:
