@@ -41,6 +41,7 @@ _CLOSED = 3.0  # largest distance of the end of a one-period record from its sta
 # A record begins with a transient if the first part of its first period differs from that of the
 # next by this factor more than the other parts usually do, and by this share of the stroke.
 _PARTS, _STANDS_OUT, _SMALLEST = 8, 3.0, 1e-5
+_FEWEST = 4  # periods that show whether a record begins settled
 # Tested levels of the last extreme before a record, as shares of the largest voltage.
 _LEVELS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0)
 
@@ -127,22 +128,32 @@ def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
     reach = float(np.max(np.abs(record.voltage)))
     if abs(float(record.voltage[0])) <= NEAR_ZERO * reach:
         return STEP
-    return SETTLED if cycle_of(record) and not _has_transient(record) else RecordStart('estimate')
+    return SETTLED if _begins_settled(record) else RecordStart('estimate')
 
 
-def _has_transient(record: Record) -> bool:
-    """Return whether the first period differs from the next at its beginning more than later."""
+def _may_be_settled(record: Record) -> bool:
+    """Return whether a record is one cycle, or so many that they show how it begins.
+
+    Hysteresis forgets its history within two periods: of two or three, any start explains as much.
+    """
     period = period_of(record)
-    if not period or len(record) < 2 * period:
+    return cycle_of(record) > 0 and (not period or len(record) >= _FEWEST * period)
+
+
+def _begins_settled(record: Record) -> bool:
+    """Return whether the first period of a record is like the next one: it begins settled."""
+    period = period_of(record)
+    if not _may_be_settled(record):
         return False
+    if not period:
+        return True
     y = measured_without_outliers(record)
     change = y[period : 2 * period] - y[:period]
     change -= np.median(change)
-    early, *late = (
-        float(np.sqrt(np.mean(e**2))) for e in np.array_split(change, _PARTS) if e.size
-    )
+    parts = [part for part in np.array_split(change, _PARTS) if part.size]
+    early, *late = (float(np.sqrt(np.mean(part**2))) for part in parts)
     usual = float(np.median(late)) if late else early
-    return early > _STANDS_OUT * max(usual, _SMALLEST * float(np.ptp(y)))
+    return early <= _STANDS_OUT * max(usual, _SMALLEST * float(np.ptp(y)))
 
 
 def rivals(record: Record, wanted: str = 'auto', *, levels: bool = True) -> Iterator[RecordStart]:
@@ -157,7 +168,7 @@ def rivals(record: Record, wanted: str = 'auto', *, levels: bool = True) -> Iter
         if abs(float(record.voltage[0])) > NEAR_ZERO * reach:
             yield REST
         yield RecordStart('estimate')
-        if cycle_of(record):
+        if _may_be_settled(record):
             yield SETTLED
     if levels and start in ('auto', 'estimate'):
         for level in _LEVELS:

@@ -7,12 +7,12 @@ must reduce the cost by more than its penalty.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import isfinite, log, sqrt
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.identification.free_run import read, samples_late
 from piezo_hysteresis.identification.initial_conditions.initial_state import (
@@ -46,6 +46,9 @@ _SURE = 25.0
 # Part of a record, and share of the rms residual by which starts may still differ after it, where
 # the effect of the initial condition has decayed.
 _EARLY, _ALIKE = 8, 0.01
+# The same share to compare starts on that part only, which leaves costs wrong by up to twice it.
+# One over the largest such part of a record, and samples behind it.
+_EQUAL, _SMALL_PART, _MARGIN = 0.002, 4, 8
 # Another level is tested if the cost exceeds this multiple of the squared noise, and accepted if
 # it reduces the cost by this share.
 _LEFT = 1.05
@@ -70,6 +73,14 @@ _MISLEADS = 1.5
 # the largest voltage.
 _SETTLING_TURNS = 10
 _STILL = 1e-4
+
+
+@dataclass(frozen=True)
+class _Beginning:
+    """First samples of a record, in which its starts differ, and the cost of the others [m^2]."""
+
+    target: Target
+    later: float = 0.0
 
 
 class StartSearch:
@@ -141,7 +152,7 @@ class StartSearch:
         free = replace(target, own_zero=zero != 'common')
         found = self._predicted(free)
         kept = best = self._square(found), target.begins
-        others: list[Hypothesis] = []
+        early, others = _Beginning(free), list[Hypothesis]()
         if self._is_free(record):
             starts = [
                 each
@@ -150,13 +161,16 @@ class StartSearch:
             ]
             if target.begins.kind != 'estimate' and self._fading_start(found, record, starts):
                 return target
-            others = [self._tried(free, record, each) for each in starts]
+            early = self._beginning(found, record, starts)
+            others = [self._tried(early, record, each) for each in starts]
+            if early.target is not free:
+                kept = self._tried(early, record, target.begins)
             best = min([kept, *others], key=_cost)
         noise = target.noise if isfinite(target.noise) else 0.0
         enough = _LEFT * noise**2 * target.measured.size
-        best = self._with_levels(free, record, best, enough)
+        best = self._with_levels(early, record, best, enough)
         if self._lasting and others and not best[1].levels and best[1].kind == 'estimate':
-            best = self._levels_instead(free, record, best, others, enough)
+            best = self._levels_instead(early, record, best, others, enough)
         gain = kept[0] - best[0]
         share = _SHARE if kept[1].kind == 'estimate' else _SHOWN
         missed = max(kept[0] - noise**2 * target.measured.size, 0.0)
@@ -186,20 +200,54 @@ class StartSearch:
             return False
         limit = _ALIKE * sqrt(least / left.size)
         return all(
-            self._effect(led_in(target, record, start), found.response, count) <= limit
+            float(np.sum(np.max(np.abs(self._changes(found, record, start)[:, -count:]), axis=1)))
+            <= limit
             for start in starts
         )
 
-    def _effect(self, target: Target, response: FloatArray, count: int) -> float:
-        """Return the largest change of the last samples by a start, infinite if it diverges."""
+    def _changes(self, found: Prediction, record: Record, start: RecordStart) -> FloatArray:
+        """Return the changes of the driven samples by a start and by its states, shape (k, n)."""
+        target, count = led_in(found.target, record, start), self._driven(found.target)
         late = samples_late(self._model, target.dt, self._late)
         run = InitialStateRun(self._model, self._packed, target)
-        change = read(run.response, target, late)[-count:] - response[-count:]
-        size = float(np.max(np.abs(change)))
-        if target.begins == RecordStart('estimate'):
-            rows = (read(row, target, late)[-count:] for row in start_rows(run)[0])
-            size += sum(float(np.max(np.abs(row))) for row in rows)
-        return largest_if_unknown(size)
+        rows = [read(run.response, target, late)[-count:] - found.response[-count:]]
+        if start == RecordStart('estimate'):
+            rows += [read(row, target, late)[-count:] for row in start_rows(run)[0]]
+        changes = np.array(rows)
+        return np.where(np.isfinite(changes), changes, np.inf)
+
+    def _beginning(
+        self, found: Prediction, record: Record, starts: Sequence[RecordStart]
+    ) -> _Beginning:
+        """Return the part of a record at its beginning in which starts differ.
+
+        Behind it they differ by a constant up to `_EQUAL` of the residual: one sample with the
+        weight of all stands for the rest. The whole record, if that part is no small one; starts
+        without levels are too few for this to save time.
+        """
+        target, left = found.target, found.residual
+        levels = any(start.levels for start in starts)
+        if not levels or self._by_run or target.shared is not None or not np.isfinite(left).all():
+            return _Beginning(target)
+        limit = _EQUAL * sqrt(square_of(left) / left.size)
+        farthest = _FARTHEST * float(np.max(np.abs(record.voltage)))
+        probes = [RecordStart('estimate', (way * farthest,)) for way in (-1.0, 1.0)]
+        lasts = 0
+        for start in [*probes, *(start for start in starts if not start.levels)]:
+            changes = self._changes(found, record, start)
+            moves = np.any(np.abs(changes - changes[:, -1:]) > limit, axis=0)
+            lasts = max(lasts, int(np.flatnonzero(moves)[-1]) + 1 if np.any(moves) else 0)
+            if not np.all(np.isfinite(changes)) or lasts > target.voltage.size // _SMALL_PART:
+                return _Beginning(target)
+        size = max(lasts - (target.first - target.origin), 0) // target.stride + _MARGIN
+        if size > target.measured.size // _SMALL_PART:
+            return _Beginning(target)
+        return _first_samples(found, size)
+
+    @staticmethod
+    def _driven(target: Target) -> int:
+        """Return the number of driven samples of the record, without its lead-in."""
+        return target.voltage.size - target.origin
 
     def _repeats(self, target: Target) -> bool:
         """Return whether the whole record is a cycle; a part of it may close by chance."""
@@ -302,22 +350,22 @@ class StartSearch:
         record = self._records.get(target.name.removesuffix(WAY_IN))
         if record is None or target.repeats > 1:
             return None
-        return record.section(0, target.voltage.size - target.origin)
+        return record.section(0, self._driven(target))
 
-    def _tried(self, target: Target, record: Record, start: RecordStart) -> Hypothesis:
-        return self.square(led_in(target, record, start)), start
+    def _tried(self, early: _Beginning, record: Record, start: RecordStart) -> Hypothesis:
+        return self.square(led_in(early.target, record, start)) + early.later, start
 
     def _with_levels(
-        self, target: Target, record: Record, best: Hypothesis, enough: float
+        self, early: _Beginning, record: Record, best: Hypothesis, enough: float
     ) -> Hypothesis:
         """Return a start with refined levels, and more levels if the residual requires them."""
         if not best[1].levels:
             return best
-        best = self._refined(target, record, best)
+        best = self._refined(early, record, best)
         while best[0] > enough and len(best[1].levels) < _MOST_LEVELS:
-            more = [self._tried(target, record, each) for each in deepened(best[1], record)]
+            more = [self._tried(early, record, each) for each in deepened(best[1], record)]
             first = sorted(more, key=_cost)[:_REFINED]
-            other = min([self._refined(target, record, each) for each in first], key=_cost)
+            other = min([self._refined(early, record, each) for each in first], key=_cost)
             if best[0] - other[0] <= _LEVEL_SHARE * best[0]:
                 break
             best = other
@@ -325,7 +373,7 @@ class StartSearch:
 
     def _levels_instead(
         self,
-        target: Target,
+        early: _Beginning,
         record: Record,
         best: Hypothesis,
         others: Sequence[Hypothesis],
@@ -335,24 +383,25 @@ class StartSearch:
         levels = [each for each in others if each[1].levels]
         if not levels:
             return best
-        levelled = self._with_levels(target, record, min(levels, key=_cost), enough)
+        levelled = self._with_levels(early, record, min(levels, key=_cost), enough)
         return levelled if levelled[0] <= _AS_WELL * best[0] else best
 
-    def _refined(self, target: Target, record: Record, best: Hypothesis) -> Hypothesis:
+    def _refined(self, early: _Beginning, record: Record, best: Hypothesis) -> Hypothesis:
         """Return a start with its last level refined by search, then all by Gauss-Newton steps."""
         for share in _STEPS:
             near = refined(best[1], record, share)
-            best = min([best, *(self._tried(target, record, each) for each in near)], key=_cost)
-        return self._sharpened(target, record, best)
+            best = min([best, *(self._tried(early, record, each) for each in near)], key=_cost)
+        return self._sharpened(early, record, best)
 
-    def _sharpened(self, target: Target, record: Record, best: Hypothesis) -> Hypothesis:
+    def _sharpened(self, early: _Beginning, record: Record, best: Hypothesis) -> Hypothesis:
         """Return a start with its levels refined by Gauss-Newton steps."""
-        found = self._predicted(led_in(target, record, best[1]))
+        found = self._predicted(led_in(early.target, record, best[1]))
         for _ in range(_TURNS):
             closer = self._stepped(found, record)
-            if closer is None or not self._square(closer) <= best[0] * (1.0 + 1e-6):
+            cost = np.inf if closer is None else self._square(closer) + early.later
+            if closer is None or not cost <= best[0] * (1.0 + 1e-6):
                 break
-            found, best = closer, (self._square(closer), closer.target.begins)
+            found, best = closer, (cost, closer.target.begins)
         return best
 
     def _plainest(
@@ -367,6 +416,25 @@ class StartSearch:
         limit = kept[0] * (1.0 + self._numbers(kept[1]) * log(samples) / samples)
         plain = [each for each in others if each[1].kind != 'estimate' and each[0] <= limit]
         return min(plain, key=_cost, default=kept)
+
+
+def _first_samples(found: Prediction, size: int) -> _Beginning:
+    """Return the first `size` compared samples, the last of which stands for all that follow."""
+    whole, response = found.target, found.target.pick(found.response)
+    factors = np.ones(whole.measured.size) if whole.factors is None else whole.factors
+    error, squares = (whole.measured - response)[size:], factors[size:] ** 2
+    weight = float(squares.sum())
+    mean = inner(squares, error) / weight if weight > 0.0 else 0.0
+    measured, factors = whole.measured[:size].copy(), factors[:size].copy()
+    measured[-1], factors[-1] = response[size - 1] + mean, sqrt(weight)
+    part = replace(
+        whole,
+        voltage=whole.voltage[: whole.first + size * whole.stride],
+        measured=measured,
+        valid=None,
+        influence=factors,
+    )
+    return _Beginning(part, inner(squares, (error - mean) ** 2))
 
 
 def _cost(evaluated: Hypothesis) -> float:
