@@ -134,7 +134,7 @@ def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
 def _may_be_settled(record: Record) -> bool:
     """Return whether a record is one cycle, or so many that they show how it begins.
 
-    Hysteresis forgets its history within two periods: of two or three, any start explains as much.
+    The effect of the history decays within two periods: two or three fit with nearly any start.
     """
     period = period_of(record)
     return cycle_of(record) > 0 and (not period or len(record) >= _FEWEST * period)
