@@ -191,12 +191,15 @@ def test_every_node_ends_on_either_signal_while_the_loop_runs_and_leaves_nothing
     listener.until(lambda: states[-1].sample > first + 50)
     written = listener.listen(LoopStatus, 'recorder/status', latched=True)
     listener.until(lambda: written)
+    # a recorder that loads for long misses the samples before
+    recording = len(states)
+    listener.until(lambda: len(states) > recording + 200)
     for k, process in enumerate(everything.running.values()):
         process.send_signal(signal.SIGINT if k % 2 else signal.SIGTERM)
     for name, process in everything.running.items():
         assert not left_by(process), name
     records = read_bag(everything.folder / 'recorded')
-    assert sum(len(record) for record in records) >= 0.5 * len(states)
+    assert sum(len(record) for record in records) >= 0.5 * (len(states) - recording)
 
 
 @pytest.mark.parametrize('lock_step', [True, False])
