@@ -60,7 +60,7 @@ def test_a_script_runs_small_and_prints_a_figure(script: Path, words: tuple[str,
     assert told.returncode == 0, told.stderr
     assert '--quick' in told.stdout
     before = docs()
-    done = run(script, *words, '--quick', limit=120.0)
+    done = run(script, *words, '--quick', limit=300.0)  # s, on a busy machine
     assert done.returncode == 0, done.stderr
     assert FIGURE.search(done.stdout), done.stdout
     assert docs() == before
