@@ -50,7 +50,7 @@ def main(paper: str, builders: Builders, words: Sequence[str] | None = None) -> 
     started = time.perf_counter()
     found = entries(builders, wanted, asked.quick)
     asked.out.mkdir(parents=True, exist_ok=True)
-    for entry in told(found):
+    for entry in printed(found):
         save(entry, asked.out)
     (asked.out / f'{key}.md').write_text(one_paper(paper, found, '.'), encoding='utf-8')
     write_numbers(found, asked.out)
@@ -59,7 +59,7 @@ def main(paper: str, builders: Builders, words: Sequence[str] | None = None) -> 
     return 0
 
 
-def told(found: Sequence[Exhibit]) -> Iterator[Exhibit]:
+def printed(found: Sequence[Exhibit]) -> Iterator[Exhibit]:
     """Print what came out, one by one."""
     for entry in found:
         print(f'{entry.paper} {entry.name}: {entry.ours}', flush=True)

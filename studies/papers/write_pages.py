@@ -16,7 +16,7 @@ if not __package__:
 from bench.quick import parsed
 from studies.papers import fang2019, fujii2018, tatebatake2017, xiao2014, zhou2021
 from studies.papers.pages import write_pages
-from studies.papers.script import entries, told, write_numbers
+from studies.papers.script import entries, printed, write_numbers
 
 PAPERS = (fujii2018, tatebatake2017, zhou2021, xiao2014, fang2019)
 
@@ -29,7 +29,9 @@ def main(words: Sequence[str] | None = None) -> int:
     asked = parsed(parser, words)
     asked.out.mkdir(parents=True, exist_ok=True)
     papers = (zhou2021,) if asked.quick else PAPERS
-    found = [each for paper in papers for each in told(entries(paper.BUILDERS, (), asked.quick))]
+    found = [
+        each for paper in papers for each in printed(entries(paper.BUILDERS, (), asked.quick))
+    ]
     write_pages(found, asked.page or asked.out / 'papers.md')
     write_numbers(found, asked.out)
     return 0

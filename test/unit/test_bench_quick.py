@@ -56,9 +56,9 @@ def test_there_are_scripts_of_both_kinds() -> None:
     ('script', 'words'), [p for script in SCRIPTS for p in parameters(script)]
 )
 def test_a_script_runs_small_and_prints_a_figure(script: Path, words: tuple[str, ...]) -> None:
-    told = run(script, *words, '--help', limit=30.0)
-    assert told.returncode == 0, told.stderr
-    assert '--quick' in told.stdout
+    helped = run(script, *words, '--help', limit=30.0)
+    assert helped.returncode == 0, helped.stderr
+    assert '--quick' in helped.stdout
     before = docs()
     done = run(script, *words, '--quick', limit=300.0)  # s, on a busy machine
     assert done.returncode == 0, done.stderr

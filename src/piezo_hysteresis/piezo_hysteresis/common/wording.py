@@ -7,7 +7,7 @@ import difflib
 import errno
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
 _SHORT_LIST = 16  # longer lists hide the name that was meant
@@ -78,6 +78,11 @@ def reason_of(error: object) -> str:
     """Return the reason of an error in one line, without errno and path."""
     known = _REASONS.get(getattr(error, 'errno', None) or 0)
     return known or ' '.join(str(getattr(error, 'strerror', None) or error).split())
+
+
+def enumerated(names: Sequence[str]) -> str:
+    """Return ``A, B and C``; there must be a name."""
+    return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
 
 
 def counted(number: int, noun: str) -> str:

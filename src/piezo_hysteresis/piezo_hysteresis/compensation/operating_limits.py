@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
+from piezo_hysteresis.common.wording import enumerated
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -53,7 +54,9 @@ class OperatingLimits:
             If the model file states no voltages and the user gives none.
         """
         if self.assumed:
-            raise CompensationError(f'{_UNKNOWN}: identify again, or give {_and(self.assumed)}')
+            raise CompensationError(
+                f'{_UNKNOWN}: identify again, or give {enumerated(self.assumed)}'
+            )
 
     @property
     def safe_ramp(self) -> float:
@@ -103,10 +106,6 @@ def operating_limits(
     rest = covered.rest if covered is not None else 0.0
     rest = min(max(rest, limits.low), limits.high)
     return OperatingLimits(limits, rest, _unknown(limits, unknown, model), tuple(unknown))
-
-
-def _and(names: Sequence[str]) -> str:
-    return ' and '.join([', '.join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _unknown(limits: Limits, names: list[str], model: ModelFile | None) -> tuple[str, ...]:

@@ -109,8 +109,8 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     if u.size < _FEWEST or not reach > 0.0 or not stroke > 0.0:
         return None
     part = u[:_ENOUGH]
-    noise = min(_noise(part), _period(part)[1])
-    if not _step(part, reach) and not noise > _SMOOTH * reach and _hold(part)[0] == 1:
+    least = _SMOOTH * reach
+    if not _step(part, reach) and not _noise(part, least) > least and _hold(part)[0] == 1:
         return None  # a command
     if _ramps(part):
         return None
@@ -120,9 +120,7 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     step = _step(held, reach)
     hum, lines = _hum(held, moved, dt * hold, reach)
     plain = held - lines
-    # a multisine up to half the sampling rate changes as fast as noise, but repeats
-    noise = min(_noise(plain), _period(plain)[1])
-    noise = max(noise, step / sqrt(12.0), _SMOOTH * reach)
+    noise = max(_noise(plain, least), step / sqrt(12.0), least)
     if not (noise > _EXACT * reach or hum or hold > 1) or _followed(y, u, stroke / reach):
         return None
     if noise > _EXACT * reach or hold > 1:
@@ -158,9 +156,13 @@ def _ramps(u: FloatArray) -> bool:
     return float(np.mean(slopes != 0.0)) > 0.5 and float(np.mean(bends)) < 1.0 - _HELD
 
 
-def _noise(u: FloatArray) -> float:
+def _noise(u: FloatArray, least: float) -> float:
+    """Return the rms of noise by its differences, if above `least` at most that by its periods."""
     rms = differences_noise(u).rms
-    return rms if isfinite(rms) else 0.0
+    if not rms > least:
+        return rms if isfinite(rms) else 0.0
+    # a multisine up to half the sampling rate changes as fast as noise, but repeats
+    return min(rms, _period(u)[1]) if isfinite(rms) else 0.0
 
 
 def _hold(u: FloatArray) -> tuple[int, int]:

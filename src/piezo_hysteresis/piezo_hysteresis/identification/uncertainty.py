@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import enumerated
 from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.numerics.spectrum import autocorrelation
@@ -171,10 +172,11 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
             )
         else:
             remarks.append(
-                f'{_listed(group)} cannot be distinguished from these records: {help_for(group)}.'
+                f'{enumerated(group)} cannot be distinguished from these records: '
+                f'{help_for(group)}.'
             )
     remarks += [
-        f'{_listed(group)} can hardly be distinguished from these records (correlation beyond '
+        f'{enumerated(group)} can hardly be distinguished from these records (correlation beyond '
         f'{CORRELATION_LIMIT}): {help_for(group)}.'
         for group in _confounded(result, names, values)
         if not set(group) <= lost
@@ -191,7 +193,7 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
             else ('are smaller than their uncertainties')
         )
         them = 'it' if len(small) == 1 else 'them'
-        remarks.append(f'{_listed(small)} {which}: these records do not determine {them}.')
+        remarks.append(f'{enumerated(small)} {which}: these records do not determine {them}.')
     return tuple(remarks)
 
 
@@ -212,10 +214,6 @@ def _confounded(result: Covariance, names: Sequence[str], values: FloatArray) ->
 
 def _relative(value: float, std: float) -> float:
     return float(std / abs(value)) if value else float('inf')
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
 
 
 def help_for(names: Sequence[str]) -> str:

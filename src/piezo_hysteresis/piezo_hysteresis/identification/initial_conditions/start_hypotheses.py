@@ -235,9 +235,11 @@ class StartSearch:
         lasts = 0
         for start in [*probes, *(start for start in starts if not start.levels)]:
             changes = self._changes(found, record, start)
-            moves = np.any(np.abs(changes - changes[:, -1:]) > limit, axis=0)
-            lasts = max(lasts, int(np.flatnonzero(moves)[-1]) + 1 if np.any(moves) else 0)
-            if not np.all(np.isfinite(changes)) or lasts > target.voltage.size // _SMALL_PART:
+            if not np.all(np.isfinite(changes)):
+                return _Beginning(target)
+            moves = np.flatnonzero(np.any(np.abs(changes - changes[:, -1:]) > limit, axis=0))
+            lasts = max(lasts, int(moves[-1]) + 1 if moves.size else 0)
+            if lasts > target.voltage.size // _SMALL_PART:
                 return _Beginning(target)
         size = max(lasts - (target.first - target.origin), 0) // target.stride + _MARGIN
         if size > target.measured.size // _SMALL_PART:
@@ -398,8 +400,10 @@ class StartSearch:
         found = self._predicted(led_in(early.target, record, best[1]))
         for _ in range(_TURNS):
             closer = self._stepped(found, record)
-            cost = np.inf if closer is None else self._square(closer) + early.later
-            if closer is None or not cost <= best[0] * (1.0 + 1e-6):
+            if closer is None:
+                break
+            cost = self._square(closer) + early.later
+            if not cost <= best[0] * (1.0 + 1e-6):
                 break
             found, best = closer, (cost, closer.target.begins)
         return best
