@@ -8,8 +8,22 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parents[1]
 # Options that write into docs/, where figures of small numbers do not belong.
 PAGES = ('page', 'picture', 'write')
+
+
+def command_lines() -> list[tuple[str, ...]]:
+    """Return every script of `bench/` and `studies/` that can be run, `study.py` by world."""
+    from studies.study import WORLDS
+
+    return [
+        (str(path), *words)
+        for folder in ('bench', 'studies', 'studies/papers')
+        for path in sorted((ROOT / folder).glob('*.py'))
+        if path.name != 'quick.py' and '__main__' in path.read_text('utf-8')
+        for words in (([w] for w in WORLDS) if path.stem == 'study' else [[]])
+    ]
 
 
 def parsed(

@@ -124,7 +124,7 @@ def drawn(found: Sequence[Class]) -> Figure:
         xlim=(0, 1.03),
         ylim=(0, 1.05),
     )
-    axes.legend(loc='lower right', frameon=False)
+    figure.legend(loc='outside upper center', frameon=False)
     return figure
 
 

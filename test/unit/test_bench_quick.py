@@ -1,69 +1,37 @@
-"""Each script in `bench/` and `studies/` explains itself and runs with `--quick`."""
+"""Each script in `bench/` and `studies/` explains itself; `--quick` makes it small."""
 
 from __future__ import annotations
 
 import argparse
-import re
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
 import pytest
 
-from bench.quick import parsed
-from studies.study import WORLDS
+from bench.quick import command_lines, parsed
 
-ROOT = Path(__file__).resolve().parents[2]
-SCRIPTS = [
-    path
-    for folder in ('bench', 'studies', 'studies/papers')
-    for path in sorted((ROOT / folder).glob('*.py'))
-    if '__main__' in path.read_text(encoding='utf-8')
-]
-FIGURE = re.compile(r'\d\.\d|\d s\b')
-
-
-def run(script: Path, *words: str, limit: float) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(script), *words],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=limit,
-    )
-
-
-def docs() -> dict[Path, int]:
-    return {file: file.stat().st_mtime_ns for file in (ROOT / 'docs').rglob('*.*')}
-
-
-def parameters(script: Path) -> list[object]:
-    ros = 'NodeProcesses' in script.read_text(encoding='utf-8')
-    marks = [pytest.mark.slow, *([pytest.mark.ros] if ros else [])]
-    name = f'{script.parent.name}/{script.stem}'
-    if script.stem == 'study':
-        return [pytest.param(script, (w,), id=f'{name} {w}', marks=marks) for w in WORLDS]
-    return [pytest.param(script, (), id=name, marks=marks)]
+LINES = command_lines()
 
 
 def test_there_are_scripts_of_both_kinds() -> None:
-    assert {script.parent.name for script in SCRIPTS} == {'bench', 'studies', 'papers'}
-    assert {'real_time', 'study', 'fujii2018'} <= {script.stem for script in SCRIPTS}
+    scripts = [Path(line[0]) for line in LINES]
+    assert {script.parent.name for script in scripts} == {'bench', 'studies', 'papers'}
+    assert {'real_time', 'study', 'fujii2018'} <= {script.stem for script in scripts}
 
 
-@pytest.mark.parametrize(
-    ('script', 'words'), [p for script in SCRIPTS for p in parameters(script)]
-)
-def test_a_script_runs_small_and_prints_a_figure(script: Path, words: tuple[str, ...]) -> None:
-    helped = run(script, *words, '--help', limit=30.0)
-    assert helped.returncode == 0, helped.stderr
-    assert '--quick' in helped.stdout
-    before = docs()
-    done = run(script, *words, '--quick', limit=300.0)  # s, on a busy machine
-    assert done.returncode == 0, done.stderr
-    assert FIGURE.search(done.stdout), done.stdout
-    assert docs() == before
+@pytest.mark.component
+@pytest.mark.parametrize('line', LINES, ids=lambda line: '_'.join(Path(w).stem for w in line))
+def test_a_script_explains_itself_and_its_quick_run(
+    line: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if 'NodeProcesses' in Path(line[0]).read_text(encoding='utf-8'):
+        pytest.importorskip('rclpy')
+    monkeypatch.setattr(sys, 'argv', [*line, '--help'])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(line[0], run_name='__main__')
+    assert not end.value.code
+    assert '--quick' in capsys.readouterr().out
 
 
 def parser(out: str = 'out/found.json') -> argparse.ArgumentParser:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / 'benchmark'))
+sys.path.insert(0, str(ROOT / 'studies' / 'benchmark'))
 calibrated: Any = importlib.import_module('piezo_benchmark.entries.calibrated')
 entries: Any = importlib.import_module('piezo_benchmark.entries')
 draw: Any = importlib.import_module('piezo_benchmark.draw')
@@ -94,7 +94,9 @@ def test_no_entry_is_calibrated_on_the_practice_tasks(monkeypatch: pytest.Monkey
 @pytest.mark.component
 def test_no_method_is_better_than_the_ideal_observer() -> None:
     """On the results of the page, for all levels."""
-    results = json.loads((ROOT / 'benchmark/results/practice.json').read_text(encoding='utf-8'))
+    results = json.loads(
+        (ROOT / 'studies/benchmark/results/practice.json').read_text(encoding='utf-8')
+    )
     found = {name: scores.summary(rows) for name, rows in report.rows_of(results).items()}
     for group, numbers in found['ideal_observer'].items():
         for name in METHODS:

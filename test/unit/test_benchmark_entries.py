@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'benchmark'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'studies' / 'benchmark'))
 draw: Any = importlib.import_module('piezo_benchmark.draw')
 tasks: Any = importlib.import_module('piezo_benchmark.tasks')
 run: Any = importlib.import_module('piezo_benchmark.run')

@@ -14,14 +14,16 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / 'benchmark'))
+sys.path.insert(0, str(ROOT / 'studies' / 'benchmark'))
 benchmark: Any = importlib.import_module('piezo_benchmark')
 PAGE = ROOT / 'docs/benchmark.md'
 NEEDED = ('numpy', 'numpy.libs', 'scipy', 'scipy.libs')
 
 
 def test_page_and_results_are_of_this_version() -> None:
-    results = json.loads((ROOT / 'benchmark/results/practice.json').read_text(encoding='utf-8'))
+    results = json.loads(
+        (ROOT / 'studies/benchmark/results/practice.json').read_text(encoding='utf-8')
+    )
     assert results['version'] == benchmark.VERSION
     assert f'piezo_benchmark {benchmark.VERSION}' in PAGE.read_text(encoding='utf-8')
 
@@ -47,7 +49,7 @@ def test_the_entry_of_the_page_runs_where_only_numpy_and_scipy_are(tmp_path: Pat
         if (own / name).exists():
             (site / name).symlink_to(own / name)
     source = tmp_path / 'benchmark'
-    subprocess.run(['cp', '-r', str(ROOT / 'benchmark'), str(source)], check=True)
+    subprocess.run(['cp', '-r', str(ROOT / 'studies' / 'benchmark'), str(source)], check=True)
     build = [sys.executable, '-m', 'pip', 'wheel', '-q', '--no-deps', '--no-build-isolation']
     subprocess.run([*build, '-w', str(tmp_path), str(source)], check=True, timeout=300)
     (wheel,) = tmp_path.glob('*.whl')

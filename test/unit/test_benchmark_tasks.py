@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'benchmark'))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'studies' / 'benchmark'))
 draw: Any = importlib.import_module('piezo_benchmark.draw')
 tasks: Any = importlib.import_module('piezo_benchmark.tasks')
 worlds: Any = importlib.import_module('piezo_benchmark.worlds')

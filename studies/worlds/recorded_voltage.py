@@ -1,30 +1,25 @@
 """Recorded voltages: what `discover` names when the input is measured and not commanded.
 
-Actuators of five kinds are simulated (`discovery_worlds`), and an error is added to the voltage
+Actuators of five kinds are simulated (`simulated_world`), and an error is added to the voltage
 that the actuator felt: white noise, mains pick-up, steps of a converter, or a monitor of 100 Hz
 with noise whose readings are held. In a null the baseline describes the actuator, and every name
 is false; the size is drawn between 0.01 and 1 % of the range. In a single one effect is hidden,
 the size is 0.1 %, and the same records with the exact voltage are examined for comparison.
 
-    python studies/recorded_voltage.py --seed 1 --nulls 8 --singles 4
+    python studies/study.py recorded_voltage --seed 1 --nulls 8 --singles 4
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
 
-from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.errors import PiezoError
@@ -140,17 +135,19 @@ def table(rows: Sequence[Row]) -> str:
     return '\n'.join(lines)
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Examine nulls and singles and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument('--seed', type=int, default=1)
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    parser.set_defaults(seed=1, time_limit=60.0)
     parser.add_argument('--nulls', type=int, default=8)
     parser.add_argument('--singles', type=int, default=4)
-    parser.add_argument('--time-limit', type=float, default=60.0, help='of each set [s]')
     parser.add_argument('--out', type=Path, default=Path('out/recorded_voltage'))
-    asked = parsed(parser, words, nulls=1, singles=0, time_limit=3.0)
+
+
+QUICK = {'nulls': 1, 'singles': 0, 'time_limit': 3.0}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Examine nulls and singles; return the table."""
     asked.out.mkdir(parents=True, exist_ok=True)
     rows = []
     counts = {'null': asked.nulls, 'single': asked.singles}
@@ -166,9 +163,4 @@ def main(words: Sequence[str] | None = None) -> int:
                 f'{row.of}, {row.seconds:.0f} s',
                 flush=True,
             )
-    print(table(rows))
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return table(rows)

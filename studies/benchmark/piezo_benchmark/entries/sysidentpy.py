@@ -55,7 +55,7 @@ def statement(task: Task) -> Statement:
     ):
         if code >= 2000 and share > LEAST:
             weights[int(code) // 1000 - 2] = float(value)
-    if np.any(weights):  # what was left out for its small share changes the rest
+    if np.any(weights):  # a term omitted for its small share changes the rest
         kept = np.flatnonzero(weights)
         weights[kept] = np.linalg.lstsq(lib.columns[:, kept], lib.target, rcond=None)[0]
     return lib.statement(weights)

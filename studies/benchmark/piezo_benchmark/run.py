@@ -30,7 +30,7 @@ Entry = Callable[..., Answer]
 def entry_named(name: str) -> tuple[Entry, bool, str]:
     """Return the function of an entry, whether it needs the truth, and what it is in a line.
 
-    A name with a dot is a module of somebody else, ``package.module``.
+    A name with a dot is a module of another package, ``package.module``.
     """
     module = importlib.import_module(name if '.' in name else f'piezo_benchmark.entries.{name}')
     said = (module.__doc__ or name).strip().split('\n')[0]

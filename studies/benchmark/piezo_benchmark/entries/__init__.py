@@ -1,6 +1,6 @@
 """Entries: each file holds one function ``answer(task) -> Answer``.
 
-An entry that sets ``NEEDS_TRUTH`` gets the truth as well and competes with nobody. The first
+An entry that sets ``NEEDS_TRUTH`` gets the truth as well and does not compete. The first
 line of its docstring is what the page says of it.
 """
 

@@ -21,7 +21,7 @@ BINS = (0.0, 0.3, 0.5, 0.7, 0.9, 1.0)
 def distribution(answer: Answer) -> dict[str, float]:
     """Return a probability of every outcome.
 
-    A class gives each of its members an equal part. What is left to 1 is spread over all
+    A class gives each of its members an equal part. The rest to 1 is spread over all
     outcomes, more than 1 is scaled down, and `FLOOR` of it all is spread as well.
 
     Raises

@@ -1,7 +1,7 @@
 """Free least squares over the same list, in free run with the baseline, compared by BIC.
 
-Every effect is screened beside the tangent of the baseline; the five best are fitted with all
-parameters free, and two more beside the best of them. The sample size in the criterion is
+Every effect is screened next to the tangent of the baseline; the five best are fitted with all
+parameters free, and two more with the best of them. The sample size in the criterion is
 reduced by the correlation of neighbouring residuals, and each name costs the logarithm of the
 number of candidates (extended BIC, Chen and Chen 2008). Reference records are fitted along,
 without effects; the error that the baseline has on them is subtracted, and what is uncertain of it
@@ -33,7 +33,7 @@ TEMPERED = 40.0  # in BIC: how much worse a candidate may be and still be possib
 
 
 def screened(task: Task, fit: Fit) -> list[tuple[float, str, dict[str, float]]]:
-    """Return for every effect the best start: what is left, name, parameters; best first."""
+    """Return for every effect the best start: residual, name, parameters; best first."""
     q = basis(fit.jacobian)
     r = fit.residual.ravel()
     r = r - q @ (q.T @ r)

@@ -101,7 +101,7 @@ def duhem(voltage: Array, values: Values, volts: float) -> Array:
 
 
 def preisach(voltage: Array, values: Values, volts: float) -> Array:
-    """Compute relays on a triangle of 24 by 24 with a density of Gauss, beside a gain [V]."""
+    """Compute relays on a triangle of 24 by 24 with a density of Gauss, next to a gain [V]."""
     grid = (np.arange(24) + 0.5) / 12.0 - 1.0
     up, down = (a.ravel() for a in np.meshgrid(grid, grid, indexing='ij'))
     up, down = up[up >= down], down[up >= down]

@@ -15,7 +15,7 @@ from piezo_benchmark import VERSION
 from piezo_benchmark.effects import EFFECTS
 from piezo_benchmark.worlds import Array, Scale, respond
 
-#: Answers beside the names: nothing is missing; something is, and it is not on the list.
+#: Answers in addition to the names: nothing is missing; something is, and it is not on the list.
 NONE, UNKNOWN = 'none', 'unknown'
 
 QUESTIONS = (

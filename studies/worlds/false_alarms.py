@@ -1,6 +1,6 @@
 """False alarms on unchanged measured records: rate of reported new deviations.
 
-    python studies/false_alarms.py --data ../shared/data
+    python studies/study.py false_alarms --data ../shared/data
 
 A model is identified on the first part of a record, and the rest, with a second record where there
 is one, is cut into blocks. Nothing was changed, so a verdict other than `none` is a false alarm.
@@ -16,18 +16,13 @@ that small, and the table says so.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
 
-from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
@@ -116,18 +111,21 @@ def table(rows: Sequence[Blocks], seed: int) -> str:
     return '\n'.join(lines)
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Examine every actuator and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world; the seed says which blocks calibrate."""
+    parser.set_defaults(seed=1)
     parser.add_argument('--data', type=Path, default=Path('../shared/data'))
     parser.add_argument('--seconds', type=float, default=1.0, help='of a block')
     parser.add_argument('--part', type=float, default=0.4, help='of the record that is fitted')
-    parser.add_argument('--seed', type=int, default=1, help='which blocks calibrate')
     parser.add_argument('--cases', type=int, help='so many actuators')
     parser.add_argument('--baselines', type=int, help='so many of each actuator')
-    asked = parsed(parser, words, data=None, cases=1, baselines=1, seconds=0.4)
+
+
+QUICK = {'data': None, 'cases': 1, 'baselines': 1, 'seconds': 0.4}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Examine every actuator; return the table."""
     cases = CASES[: asked.cases]
     files = sorted({file for case in cases for file in (case.fitted, *case.evaluated)})
     rows: list[Blocks] = []
@@ -135,9 +133,4 @@ def main(words: Sequence[str] | None = None) -> int:
         for case in cases:
             for word in case.baselines[: asked.baselines]:
                 rows += examined(case, word, data, asked.seconds, asked.part)
-    print(table(rows, asked.seed))
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return table(rows, asked.seed)

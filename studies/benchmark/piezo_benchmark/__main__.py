@@ -80,7 +80,7 @@ def _drawn(
 
 
 def _calibrate(arguments: argparse.Namespace, data: Path | None) -> None:
-    """Write the calibration of entries from tasks that nobody is scored on."""
+    """Write the calibration of entries from tasks that are not scored."""
     if PRACTICE_SEED in arguments.seed:
         sys.exit(f'calibrate: {PRACTICE_SEED} is the seed of the practice tasks')
     sets = [_drawn(arguments, seed, data) for seed in arguments.seed]

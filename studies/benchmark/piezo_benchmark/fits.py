@@ -109,7 +109,7 @@ def beside(
     jobs: Sequence[tuple[Values, Effects]],
     before: Array | None,
 ) -> list[Array]:
-    """Return responses on records, and beside them those without effects on a reference."""
+    """Return responses on records, and next to them those without effects on a reference."""
     found = responses(world, voltage, scale, jobs)
     if before is None:
         return found
@@ -151,7 +151,7 @@ def fitted(
     keys: Sequence[Key] | None = None,
     before: Array | None = None,
 ) -> Fit:
-    """Fit a baseline, and effects beside it, to records in free run.
+    """Fit a baseline, and effects in addition, to records in free run.
 
     Parameters
     ----------

@@ -5,24 +5,18 @@ Then each effect, at 0.3 of its limit, at the limit and at twice it, is added to
 noise as what the effect's law makes of the model, and the discovery runs again. An effect is seen
 where the verdict is not `none`.
 
-    python studies/detection_limits.py --preset generic_bouc_wen --baseline classical --seeds 3
+    python studies/study.py detection_limits --seed 1 --seeds 3
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-
-if not __package__:
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, scaled
@@ -74,23 +68,26 @@ def responses(
     return [each.displacement for each in runs]
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Print how many hidden effects are seen at each multiple of their limits."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of this world."""
+    parser.set_defaults(seed=1)
     parser.add_argument('--preset', default='generic_bouc_wen')
     parser.add_argument('--baseline', default='classical')
     parser.add_argument('--seeds', type=int, default=3)
-    parser.add_argument('--first-seed', type=int, default=1)
     parser.add_argument('--seconds', type=float, default=2.0, help='of each sine')
     parser.add_argument('--effects', type=int, default=0, help='how many; all by default')
-    asked = parsed(parser, words, seeds=1, effects=2)
+
+
+QUICK = {'seeds': 1, 'effects': 2}
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Return how many hidden effects are seen at each multiple of their limits."""
     seen: Counter[float] = Counter()
     named: Counter[float] = Counter()
     tried: Counter[float] = Counter()
-    generator = np.random.default_rng(asked.first_seed)
-    for seed in range(asked.first_seed, asked.first_seed + asked.seeds):
+    generator = np.random.default_rng(asked.seed)
+    for seed in range(asked.seed, asked.seed + asked.seeds):
         records = sweeps(asked.preset, 1000 + seed, asked.seconds)
         found = discover(records, asked.baseline, seed=seed)
         if found.verdict.verdict != 'none':
@@ -110,12 +107,11 @@ def main(words: Sequence[str] | None = None) -> int:
                 named[multiple] += limit.effect in names
                 row.append(f'{verdict.verdict} {",".join(names)}'.strip())
             print(f'seed {seed} {limit.effect} {limit.variant}: {" | ".join(row)}', flush=True)
-    for multiple in MULTIPLES:
-        print(
-            f'{multiple:g} limits: seen {seen[multiple]} of {tried[multiple]}, '
-            f'with its name {named[multiple]}'
-        )
-    return 0
+    return '\n'.join(
+        f'{multiple:g} limits: seen {seen[multiple]} of {tried[multiple]}, '
+        f'with its name {named[multiple]}'
+        for multiple in MULTIPLES
+    )
 
 
 def drawn(
@@ -127,7 +123,3 @@ def drawn(
         if each.shown:
             groups.setdefault(each.effect, []).append(each)
     return [group[int(generator.integers(len(group)))] for group in groups.values()]
-
-
-if __name__ == '__main__':
-    sys.exit(main())
