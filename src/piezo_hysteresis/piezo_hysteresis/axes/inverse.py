@@ -1,0 +1,99 @@
+"""Voltages of all axes for references of all axes: feedforward that decouples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezo_hysteresis.arrays import BoolArray, ComplexArray, FloatArray
+from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.modal_derivatives import ModalDerivatives
+from piezo_hysteresis.axes.modal_model import AxesDrive, ModalModel
+from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.numerics.linalg import failing_as
+
+_TURNS = 30
+_STEP = 0.8
+_ENOUGH = 0.99  # a turn that leaves more than this part of the error is the last
+_WEAK = 1e-3  # smallest singular value of a line that is inverted, of its largest
+
+
+@dataclass(frozen=True, eq=False)
+class AxesInverse:
+    """Voltages for a periodic reference, and what the model says of them.
+
+    Attributes
+    ----------
+    voltage : ndarray, shape (n, inputs)
+        One period [V].
+    displacement : ndarray, shape (n, outputs)
+        Displacement of the model without its mean [m].
+    error : ndarray, shape (outputs,)
+        Its rms distance from the reference without its mean [m].
+    """
+
+    voltage: FloatArray
+    displacement: FloatArray
+    error: FloatArray
+
+
+def inverse(model: ModalModel, reference: FloatArray, highest: float | None = None) -> AxesInverse:
+    """Invert a model for one period of references, by turns of its own linear response.
+
+    Parameters
+    ----------
+    model : ModalModel
+        The model; sampled at its own interval.
+    reference : ndarray, shape (n, outputs)
+        One period of the desired displacements [m]; their means do not count.
+    highest : float, optional
+        Highest frequency of the voltage [Hz]; by default that of the highest mode.
+
+    Raises
+    ------
+    ModelError
+        If the reference has other outputs than the model, or is not finite.
+    """
+    target = np.asarray(reference, float)
+    layout = model.layout
+    if target.ndim != 2 or target.shape[1] != layout.outputs or not np.isfinite(target).all():
+        raise ModelError(
+            f'the reference must be finite numbers of shape (samples, {layout.outputs}), got '
+            f'{target.shape}'
+        )
+    target = target - target.mean(0)
+    frequency = np.fft.rfftfreq(target.shape[0], model.dt)[1:]
+    top = float(np.exp(model.parameters['log_omega'].max()) / (2.0 * np.pi))
+    lines = frequency <= (top if highest is None else highest)
+    with failing_as(ModelError('the model has no inverse for this reference')):
+        return _turns(model, target, lines)
+
+
+def _turns(model: ModalModel, target: FloatArray, lines: BoolArray) -> AxesInverse:
+    """Return the inverse after as many turns as lower the error."""
+    voltage = np.zeros((target.shape[0], model.layout.inputs))
+    best: AxesInverse | None = None
+    for _ in range(_TURNS):
+        record = AxesRecord('reference', model.dt, voltage, target, periods=1)
+        drive = AxesDrive(record, model.layout)
+        signals = model.signals(drive)
+        y = model.displacement(drive, signals)
+        error = np.sqrt(np.mean((target - y) ** 2, 0))
+        found = AxesInverse(voltage, y, error)
+        if best is not None and error.max() > _ENOUGH * best.error.max():
+            return best if error.max() > best.error.max() else found
+        best = found
+        response = ModalDerivatives(model, drive, signals).response()
+        voltage = voltage + _STEP * _change(response, target - y, lines)
+    assert best is not None
+    return best
+
+
+def _change(response: ComplexArray, error: FloatArray, lines: BoolArray) -> FloatArray:
+    """Return the voltage that a linear response needs for the error, in the given lines."""
+    spectrum = np.fft.rfft(error, axis=0)
+    change = np.zeros((spectrum.shape[0], response.shape[2]), complex)
+    solved = np.linalg.pinv(response[lines], _WEAK) @ spectrum[1:][lines][:, :, None]
+    change[1:][lines] = solved[:, :, 0]
+    return np.asarray(np.fft.irfft(change, error.shape[0], axis=0))

@@ -1,0 +1,353 @@
+"""Modal model of several coupled axes: hysteresis of the voltage, common modes, elongation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import resample, resample_poly
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.modal_kernel import discretised, follow, play_bank
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.axes.inverse import AxesInverse
+
+#: Ticks of the simulation for one sample: plays make harmonics above half the sampling rate.
+OVERSAMPLING = 2
+# The plays of the voltage are found at this many more points before the mean over a tick.
+_FINER = 4
+# A level lasts at least this long [s].
+LEVEL_TIME = 0.1
+#: Factor that makes rates of kilohertz as large as coordinates [s].
+RATE_UNIT = 1e-4
+
+
+@dataclass(frozen=True)
+class ModalLayout:
+    """What a modal model has.
+
+    Attributes
+    ----------
+    inputs, outputs, modes : int
+        Numbers of axes with a voltage, of measured displacements, and of modes.
+    voltage_plays : tuple of float
+        Half widths of the plays of the voltage [V].
+    powers : tuple of int
+        Powers of the voltage.
+    elongation_plays : tuple of float
+        Half widths of the plays of the elongation [V].
+    products : bool
+        Whether products of elongations move the outputs.
+    """
+
+    inputs: int
+    outputs: int
+    modes: int
+    voltage_plays: tuple[float, ...] = ()
+    powers: tuple[int, ...] = ()
+    elongation_plays: tuple[float, ...] = ()
+    products: bool = False
+
+    @property
+    def memories(self) -> int:
+        """Number of signals made of the voltage of one axis."""
+        return len(self.voltage_plays) + len(self.powers)
+
+    @property
+    def signal_names(self) -> list[str]:
+        """What the displacement is a sum of, see `ModalModel.signals`."""
+        axes = [f'axis {i + 1}' for i in range(self.inputs)]
+        names = [f'mode {k + 1}' for k in range(self.modes)]
+        names += [f'rate of mode {k + 1}' for k in range(self.modes)]
+        names += [f'voltage of {axis}' for axis in axes]
+        if self.products:
+            names += [
+                f'elongations of axes {i + 1} and {j + 1}'
+                for i in range(self.inputs)
+                for j in range(i + 1)
+            ]
+        memories = [f'play of {width:.4g} V' for width in self.voltage_plays]
+        memories += [f'power {power}' for power in self.powers]
+        return names + [f'{memory} of {axis}' for memory in memories for axis in axes]
+
+    @cached_property
+    def places(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
+        """Where each parameter stands in the vector, and its shape."""
+        k, i = self.modes, self.inputs
+        shapes: dict[str, tuple[int, ...]] = {
+            'log_omega': (k,),
+            'log_damping': (k,),
+            'shape': (i, k),
+            'rate_shape': (i, k),
+            'delay': (1,),
+            'softening': (2, k),
+            'level_damping': (2, k),
+            'level_power': (1,),
+            'voltage_weights': (self.memories, i),
+            'elongation_weights': (len(self.elongation_plays), i),
+            'square': (i,),
+            'cube': (i,),
+        }
+        places, at = {}, 0
+        for name, shape in shapes.items():
+            size = int(np.prod(shape))
+            places[name] = (slice(at, at + size), shape)
+            at += size
+        return places
+
+    @property
+    def size(self) -> int:
+        """Number of parameters without the output matrix."""
+        return int(max(place.stop for place, _ in self.places.values()))
+
+    def named(self, vector: FloatArray) -> dict[str, FloatArray]:
+        """Return the parameters of a vector by name."""
+        return {name: vector[at].reshape(shape) for name, (at, shape) in self.places.items()}
+
+    def zeros(self) -> FloatArray:
+        """Return a vector without effects, shape (size,)."""
+        vector = np.zeros(self.size)
+        vector[self.places['level_power'][0]] = 0.5
+        return vector
+
+    def carried(self, vector: FloatArray, before: ModalLayout) -> FloatArray:
+        """Return the vector of an earlier layout with the effects of this one at zero."""
+        new, old = self.zeros(), before.named(vector)
+        found = self.named(new)
+        for name, values in old.items():
+            if name == 'voltage_weights':
+                _carry(found[name], values, _memories(self), _memories(before))
+            elif name == 'elongation_weights':
+                _carry(found[name], values, self.elongation_plays, before.elongation_plays)
+            else:  # modes are added behind the others
+                found[name][tuple(slice(size) for size in values.shape)] = values
+        return new
+
+
+def _memories(layout: ModalLayout) -> tuple[float, ...]:
+    return (*layout.voltage_plays, *(-float(power) for power in layout.powers))
+
+
+def _carry(
+    to: FloatArray, values: FloatArray, now: Sequence[float], before: Sequence[float]
+) -> None:
+    for row, key in zip(values, before, strict=True):
+        if key in now:
+            to[now.index(key)] = row
+
+
+@dataclass(frozen=True, eq=False)
+class AxesDrive:
+    """A record as the model is driven by it.
+
+    Attributes
+    ----------
+    record : AxesRecord
+        One period, or a record from rest.
+    layout : ModalLayout
+        Of the models that follow it.
+    """
+
+    record: AxesRecord
+    layout: ModalLayout
+
+    @property
+    def periodic(self) -> bool:
+        """Whether the record is one period of a steady state."""
+        return self.record.periods == 1
+
+    @cached_property
+    def _made(self) -> tuple[FloatArray, FloatArray]:
+        """Voltage at the ticks of the simulation, and its plays and powers."""
+        layout, factor = self.layout, OVERSAMPLING * _FINER
+        x = _finer(self.record.voltage, factor, periodic=self.periodic)
+        widths = np.asarray(layout.voltage_plays)
+        memory = np.empty((layout.memories, x.shape[0] // _FINER, layout.inputs))
+        for i in range(layout.inputs):
+            column = np.ascontiguousarray(x[:, i])
+            bank = np.empty((x.shape[0], widths.size))
+            play_bank(column, widths, bank, 2 if self.periodic else 1)
+            signals = [*bank.T, *(column**power for power in layout.powers)]
+            for j, signal in enumerate(signals):
+                memory[j, :, i] = _coarser(signal, _FINER, periodic=self.periodic)
+        return np.ascontiguousarray(x[::_FINER]), memory
+
+    @property
+    def fine(self) -> FloatArray:
+        """Voltage at the ticks of the simulation, shape (ticks, inputs) [V]."""
+        return self._made[0]
+
+    @property
+    def memory(self) -> FloatArray:
+        """Plays and powers of the voltage, shape (memories, ticks, inputs)."""
+        return self._made[1]
+
+    @cached_property
+    def level(self) -> FloatArray:
+        """Root of the mean square of the voltage by block [V], shape (blocks,)."""
+        square = np.mean(self.record.voltage**2, 1)
+        if self.periodic:
+            return np.array([np.sqrt(np.mean(square))])
+        held = np.exp(-1.0 / (LEVEL_TIME * self.record.rate))
+        level, levels = float(square[0]), []
+        for n in range(0, square.size, self.block):
+            levels.append(level)
+            part = square[n : n + self.block]
+            level += (1.0 - held**part.size) * (float(part.mean()) - level)
+        return np.asarray(np.sqrt(levels))
+
+    @property
+    def block(self) -> int:
+        """Samples that share one level."""
+        samples = self.record.voltage.shape[0]
+        return samples if self.periodic else max(1, round(0.1 * LEVEL_TIME * self.record.rate))
+
+
+def drive_of(record: AxesRecord, layout: ModalLayout) -> AxesDrive:
+    """Return a record as models of a layout are driven by it; whole periods are averaged."""
+    return _drive_of(record, replace(layout, modes=0, elongation_plays=(), products=False))
+
+
+@lru_cache(maxsize=48)
+def _drive_of(record: AxesRecord, layout: ModalLayout) -> AxesDrive:
+    return AxesDrive(record.mean_period() if record.periods else record, layout)
+
+
+def _finer(x: FloatArray, factor: int, *, periodic: bool) -> FloatArray:
+    """Return the band-limited signal at `factor` times the rate."""
+    if periodic:
+        return np.asarray(resample(x, x.shape[0] * factor, axis=0))
+    return np.asarray(resample_poly(x, factor, 1, axis=0, padtype='line'))
+
+
+def _coarser(x: FloatArray, factor: int, *, periodic: bool) -> FloatArray:
+    if not periodic:
+        return x[::factor]
+    spectrum = np.fft.rfft(x)[: x.size // factor // 2 + 1]
+    spectrum[-1] = 0.0
+    return np.fft.irfft(spectrum, x.size // factor) / factor
+
+
+@dataclass(frozen=True, eq=False)
+class ModalModel:
+    """A model of several coupled axes.
+
+    Attributes
+    ----------
+    layout : ModalLayout
+        What it has.
+    vector : ndarray, shape (layout.size,)
+        Its parameters.
+    output : ndarray, shape (features, outputs)
+        Displacement for each signal of the model [m/V, ...].
+    full_level : float
+        Level at which softening is stated [V].
+    dt : float
+        Interval of the records that it was identified on [s].
+    deviations : ndarray, shape (layout.size,), or None
+        Standard deviations of the parameters.
+    """
+
+    layout: ModalLayout
+    vector: FloatArray
+    output: FloatArray
+    full_level: float
+    dt: float
+    deviations: FloatArray | None = None
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as YAML, see `axes.modal_file.save`."""
+        from piezo_hysteresis.axes.modal_file import save
+
+        save(self, path)
+
+    @staticmethod
+    def load(path: str | Path) -> ModalModel:
+        """Return the model of a file, see `axes.modal_file.load`."""
+        from piezo_hysteresis.axes.modal_file import load
+
+        return load(path)
+
+    def inverse(self, reference: FloatArray, highest: float | None = None) -> AxesInverse:
+        """Return voltages for a period of references, see `axes.inverse.inverse`."""
+        from piezo_hysteresis.axes.inverse import inverse
+
+        return inverse(self, reference, highest)
+
+    @property
+    def parameters(self) -> dict[str, FloatArray]:
+        """Parameters by name, as in `ModalLayout.places`."""
+        return self.layout.named(self.vector)
+
+    def modes_at(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return angular frequencies [rad/s] and damping ratios, shape (levels, modes)."""
+        found = self.parameters
+        grown = (level / self.full_level) ** found['level_power'][0]
+        grown = np.stack([grown, grown**2], 1)
+        omega = np.exp(found['log_omega']) * (1.0 - grown @ found['softening'])
+        return omega, np.exp(found['log_damping'] + grown @ found['level_damping'])
+
+    def forced(self, drive: AxesDrive) -> FloatArray:
+        """Return the voltage with its plays and powers, shape (ticks, inputs) [V]."""
+        weights = self.parameters['voltage_weights']
+        if not weights.size:
+            return drive.fine
+        return np.asarray(drive.fine + np.einsum('ji,jti->ti', weights, drive.memory))
+
+    def signals(self, drive: AxesDrive) -> FloatArray:
+        """Return what the displacement is a sum of, shape (n, features).
+
+        Coordinates, rates, voltages with feedback, products of elongations, memories; in steady
+        state for a period, from rest else.
+        """
+        layout, found = self.layout, self.parameters
+        dt = self.dt / OVERSAMPLING
+        omega, damping = self.modes_at(drive.level)
+        steps = np.ascontiguousarray(discretised(omega, damping, dt).transpose(0, 2, 1))
+        forced = self.forced(drive)
+        ticks, modes, inputs = forced.shape[0], layout.modes, layout.inputs
+        size = 2 * modes + inputs + len(layout.elongation_plays) * inputs
+        settle = ticks if drive.periodic else 0
+        n = ticks // OVERSAMPLING
+        q, d = np.empty((n, modes)), np.empty((n, modes))
+        w, e = np.empty((n, inputs)), np.empty((n, inputs))
+        block = drive.block * OVERSAMPLING
+        follow(
+            forced, steps, block, omega, found['shape'], found['rate_shape'],
+            found['elongation_weights'], np.asarray(layout.elongation_plays), found['square'],
+            found['cube'], settle, OVERSAMPLING, np.zeros(size), q, d, w, e,
+        )  # fmt: skip
+        columns = [q, d * RATE_UNIT, forced[::OVERSAMPLING] + w]
+        if layout.products:
+            columns += [(e[:, i] * e[:, : i + 1].T).T for i in range(inputs)]
+        if layout.memories:
+            memory = drive.memory[:, ::OVERSAMPLING].transpose(1, 0, 2)
+            columns.append(memory.reshape(n, -1))
+        return np.concatenate(columns, 1)
+
+    def simulate(self, record: AxesRecord) -> FloatArray:
+        """Return the displacement in free run, shape (n, outputs) [m].
+
+        A record of whole periods is followed in its steady state; any other starts at rest.
+        """
+        drive = drive_of(record, self.layout)
+        y = self.displacement(drive, self.signals(drive))
+        return np.tile(y, (record.periods, 1)) if record.periods else y
+
+    def displacement(self, drive: AxesDrive, signals: FloatArray) -> FloatArray:
+        """Return the displacement for the signals of a drive, shape (n, outputs) [m]."""
+        if drive.periodic:
+            signals = signals - signals.mean(0)
+        return delayed(signals @ self.output, float(self.parameters['delay'][0]) / self.dt)
+
+
+def delayed(x: FloatArray, samples: float) -> FloatArray:
+    """Return columns that come `samples` later, by their spectrum; negative: earlier."""
+    turn = np.exp(-2j * np.pi * np.fft.rfftfreq(x.shape[0]) * samples)
+    return np.fft.irfft(np.fft.rfft(x, axis=0) * turn[:, None], x.shape[0], axis=0)

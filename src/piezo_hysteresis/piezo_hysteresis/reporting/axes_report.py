@@ -1,0 +1,140 @@
+"""Report of a model of several axes: how it was found, its modes, and what it leaves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_hysteresis.axes import modal_file
+from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.modal_model import ModalModel
+from piezo_hysteresis.axes.modal_search import ModalIdentification, rms_error
+from piezo_hysteresis.models.plain import yaml_text
+from piezo_hysteresis.reporting.display_units import MICRO, micrometres
+from piezo_hysteresis.reporting.folder import write_folder
+from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
+from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, xy_figure
+
+
+def write_axes_identification(
+    out: str, found: ModalIdentification, records: Sequence[AxesRecord]
+) -> None:
+    """Write report.html, summary.json and model.yaml.
+
+    Parameters
+    ----------
+    out : str
+        Folder; created if missing.
+    found : ModalIdentification
+        The model and its steps.
+    records : sequence of AxesRecord
+        The records, fitted and held out.
+    """
+    summary = summary_of(found)
+    files = {
+        'report.html': _page(found, records),
+        'summary.json': json.dumps(summary, indent=1),
+        'model.yaml': yaml_text(modal_file.content_of(found.model, summary)),
+    }
+    write_folder(out, files, 'identify')
+
+
+def summary_of(found: ModalIdentification) -> dict[str, object]:
+    """Return the steps, and which records were fitted, as plain types; errors in m."""
+    return {
+        'fitted': list(found.fitted),
+        'held_out': list(found.held_out),
+        'disturbed': list(found.disturbed),
+        'steps': [
+            {'effect': step.effect, 'added': step.sentence, 'held_out_m': step.held_out}
+            for step in found.steps
+        ],
+    }
+
+
+def mode_rows(model: ModalModel) -> list[tuple[str, ...]]:
+    """Return frequency, damping, softening at the full level and shape of each mode as text."""
+    found, std = model.parameters, None
+    if model.deviations is not None:
+        std = model.layout.named(model.deviations)
+    rows: list[tuple[str, ...]] = []
+    for k in np.argsort(found['log_omega']):
+        frequency = float(np.exp(found['log_omega'][k]) / (2.0 * np.pi))
+        damping = 100.0 * float(np.exp(found['log_damping'][k]))
+        spread = ('', '')
+        if std is not None:
+            spread = (
+                f' ± {frequency * std["log_omega"][k]:.2g}',
+                f' ± {damping * std["log_damping"][k]:.2g}',
+            )
+        rows.append(
+            (
+                f'{frequency:.1f}{spread[0]}',
+                f'{damping:.3g}{spread[1]}',
+                f'{-100.0 * found["softening"][:, k].sum():.2f}',
+                ', '.join(f'{each:.3f}' for each in found['shape'][:, k]),
+            )
+        )
+    return rows
+
+
+def _page(found: ModalIdentification, records: Sequence[AxesRecord]) -> str:
+    layout, steps = found.model.layout, found.steps
+    first, last = steps[0].held_out, steps[-1].held_out
+    errors = ', '.join(
+        f'{micrometres(last[level])} µm at {level} ({micrometres(first[level])} linear)'
+        for level in last
+    )
+    verdict = (
+        f'A model of {layout.inputs} axes with {layout.modes} modes leaves {errors} on records '
+        'that were not fitted.'
+    )
+    held = [each for each in records if each.name in found.held_out]
+    sections = [
+        _story(found),
+        PageSection('What is left', '', tuple(_left(found.model, each) for each in held)),
+        PageSection(
+            'Modes',
+            'The shape is that of the drive, and that in which the mode stretches the axes. '
+            'Softening is the change of the frequency at the level of the largest records.',
+            (),
+            (table(('frequency [Hz]', 'damping [%]', 'softening [%]', 'shape'),
+                   mode_rows(found.model)),),
+        ),
+        PageSection(
+            'Records',
+            f'- fitted: {", ".join(found.fitted)}\n- held out: {", ".join(found.held_out)}\n'
+            f'- left out as disturbed: {", ".join(found.disturbed) or "none"}',
+            (),
+            (table(('record', 'free run [µm]'),
+                   [(each.name, micrometres(rms_error(found.model, each))) for each in records]),),
+        ),
+    ]  # fmt: skip
+    return render(f'{layout.inputs} axes', verdict, sections)
+
+
+def _story(found: ModalIdentification) -> PageSection:
+    levels = list(found.steps[0].held_out)
+    rows = [
+        (step.effect, step.sentence, *(f'{MICRO * step.held_out[each]:.4f}' for each in levels))
+        for step in found.steps
+    ]
+    headers = ('step', 'added', *(f'{each} [µm]' for each in levels))
+    places = np.arange(len(found.steps), dtype=float)
+    curves = [
+        Curve(level, places, np.array([step.held_out[level] for step in found.steps]))
+        for level in levels
+    ]
+    caption = 'Free-run error on held-out records after each step, by level of the drive.'
+    figure = xy_figure(curves, 'The gap step by step', caption, 'step', 'error [µm]', log_y=True)
+    text = 'Each step adds the effect that lowers the error on held-out records most.'
+    return PageSection('How the model was found', text, (figure,), (table(headers, rows),))
+
+
+def _left(model: ModalModel, record: AxesRecord) -> Plot:
+    left = record.displacement - model.simulate(record)
+    signals = [('measured', record.displacement[:, 0]), ('measured minus model', left[:, 0])]
+    caption = 'Spectra of the first displacement and of what the model leaves of it.'
+    return spectrum_figure(signals, record.dt, record.name, caption)
