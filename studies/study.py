@@ -24,9 +24,14 @@ WORLDS = {
     'lottery': 'an independent simulation with random recording conditions',
     'foreign': 'effects in actuators from the literature',
     'hidden': 'effects added to measured records of an actuator',
-    'measured': 'measured records, compared with PySINDy and SysIdentPy',
+    'leaderboard': 'measured records: this suite and its peers in free run',
     'investigate': 'the same as simulated, but the experiments are chosen',
     'investigate_foreign': 'the same as foreign, but the experiments are chosen',
+    'choice': 'a model chosen to predict, against what the discovery ends with',
+    'detection_limits': 'effects hidden at multiples of their detection limit',
+    'false_alarms': 'unchanged blocks of measured records',
+    'recorded_voltage': 'voltages that were measured and not commanded',
+    'mirror': 'a measured mirror of three piezos, its model found step by step',
     'story': 'the mode at 68 Hz that the models of Fujii 2018 lack',
 }
 

@@ -1,0 +1,406 @@
+"""One peer on one task of the leaderboard, in the environment of the peer.
+
+    PYTHON studies/peers/run.py TOOL TASK.npz ANSWER.npz
+
+The task holds ``voltage_0, displacement_0`` of the training record and those of the test records.
+Samples that are kept from a peer are NaN. The answer holds the free run over every test record.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a peer knows.
+
+    Attributes
+    ----------
+    dt : float
+        Sampling interval [s].
+    period : int
+        Samples in one cycle of the training voltage; 0 if it is no sine.
+    voltage, displacement : sequence of ndarray
+        Training record first, then the tests; centred and in units of half the range of what is
+        known of the training record.
+    quick : bool
+        Whether iterations are few.
+    """
+
+    dt: float
+    period: int
+    voltage: Sequence[Array]
+    displacement: Sequence[Array]
+    half_ranges: tuple[float, float]
+    middles: tuple[float, float]
+    quick: bool
+
+    @property
+    def known(self) -> tuple[Array, Array]:
+        """Voltage and displacement to fit."""
+        known = np.isfinite(self.displacement[0])
+        return self.voltage[0][known], self.displacement[0][known]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Free runs in the units of the task, number of fitted parameters, and the settings."""
+
+    runs: Sequence[Array]
+    parameters: int
+    words: str
+
+
+def read(path: Path) -> Task:
+    """Return the task of a file."""
+    with np.load(path) as file:
+        count = int(file['count'])
+        volts = [file[f'voltage_{i}'] for i in range(count)]
+        metres = [file[f'displacement_{i}'] for i in range(count)]
+        dt, period, quick = float(file['dt']), int(file['period']), bool(file['quick'])
+    ranges, middles = [], []
+    for signal in (volts[0][np.isfinite(metres[0])], metres[0][np.isfinite(metres[0])]):
+        ranges.append(float(np.ptp(signal)) / 2)
+        middles.append(float(np.max(signal) + np.min(signal)) / 2)
+    return Task(
+        dt,
+        period,
+        [(u - middles[0]) / ranges[0] for u in volts],
+        [(y - middles[1]) / ranges[1] for y in metres],
+        (ranges[0], ranges[1]),
+        (middles[0], middles[1]),
+        quick,
+    )
+
+
+def begins_at(y: Array) -> int:
+    """Return the last known sample, from which a free run of a test starts; 0 if none is."""
+    known = np.flatnonzero(np.isfinite(y))
+    return int(known[-1]) if known.size else 0
+
+
+def rms(x: Array) -> float:
+    """Return the rms, infinite where a run diverged."""
+    return float(np.sqrt(np.mean(x**2))) if np.all(np.isfinite(x)) else float('inf')
+
+
+# PySINDy: dy/dt of the library y, u, du/dt, |du/dt|, |y| (Chandra and others, 2023)
+
+#: Of the published equation, in um, V and s: 1, y, u, du/dt, y |y|.
+PUBLISHED = (-0.176, -2.388, 0.581, 0.119, -0.076)
+#: Half ranges of that record [V], [um], to which others are scaled: the threshold depends on them.
+RANGES = (150.0, 19.7)
+Rate = Callable[[float, float, float], float]
+
+
+def integrated(task: Task, rate: Rate, u: Array, y: Array, first: int) -> Array:
+    """Return the solution of dy/dt = rate(y, u, du/dt) from a measured sample on."""
+    from scipy.integrate import solve_ivp
+
+    t = task.dt * np.arange(u.size)
+    slope = np.gradient(u, task.dt)
+
+    def derivative(now: float, state: Array) -> list[float]:
+        k = now / task.dt
+        i = min(int(k), u.size - 2)
+        part = k - i
+        volts = u[i] + part * (u[i + 1] - u[i])
+        return [rate(float(state[0]), volts, slope[i] + part * (slope[i + 1] - slope[i]))]
+
+    run = np.full(u.size, np.nan)
+    start = y[first] if np.isfinite(y[first]) else 0.0
+    found = solve_ivp(
+        derivative, (t[first], t[-1]), [start], t_eval=t[first:], rtol=1e-6, atol=1e-8,
+        max_step=max(task.dt, 0.01),
+    )  # fmt: skip
+    run[first : first + found.y.shape[1]] = found.y[0]
+    return run
+
+
+def sindy_rate(names: Sequence[str], weights: Array) -> Rate:
+    """Return the fitted right-hand side."""
+    factors = []
+    for name in names:
+        powers = [0] * 5
+        for part in name.split():
+            if part != '1':
+                base, _, power = part.partition('^')
+                powers[int(base[1:])] += int(power or 1)
+        factors.append(powers)
+
+    def rate(y: float, u: float, slope: float) -> float:
+        x = (y, u, slope, abs(slope), abs(y))
+        total = 0.0
+        for weight, powers in zip(weights, factors, strict=True):
+            product = weight
+            for value, power in zip(x, powers, strict=True):
+                product *= value**power
+            total += product
+        return total
+
+    return rate
+
+
+def pysindy_published(task: Task) -> Answer:
+    """Run the equation published for the record at 150 V."""
+    (volt, metre), (volt0, metre0) = task.half_ranges, task.middles
+    one, y1, u1, slope1, yy = PUBLISHED
+
+    def rate(y: float, u: float, slope: float) -> float:
+        um, volts = 1e6 * (metre * y + metre0), volt * u + volt0
+        change = one + y1 * um + u1 * volts + slope1 * volt * slope + yy * um * abs(um)
+        return 1e-6 * change / metre
+
+    seven = round(7.0 / task.dt)
+    tests = zip(task.voltage[1:], task.displacement[1:], strict=True)
+    runs = [integrated(task, rate, u, y, min(seven, begins_at(y))) for u, y in tests]
+    return Answer(runs, 5, 'as published: fitted to 7 to 9 s, run from the measured value at 7 s')
+
+
+def pysindy_library(task: Task) -> Answer:
+    """Its authors' library and threshold, fitted to the last cycles that are known here."""
+    import pysindy
+
+    u, y = task.known
+    volt, um = RANGES
+    slope = np.gradient(u, task.dt)
+    library = np.column_stack([um * y, volt * u, volt * slope, volt * abs(slope), um * abs(y)])
+    found = []
+    for cycles, threshold in product((2, 4, 8), (0.01, 0.03, 0.1)):
+        model = pysindy.SINDy(optimizer=pysindy.STLSQ(threshold=threshold))
+        model.fit(library[-cycles * task.period :], task.dt)
+        weights = np.asarray(model.coefficients())[0]
+        names = model.get_feature_names()
+        kept = [i for i in range(weights.size) if weights[i]]
+        inner = sindy_rate([names[i] for i in kept], weights[kept])
+
+        def rate(y: float, u: float, slope: float, inner: Rate = inner) -> float:
+            return inner(um * y, volt * u, volt * slope) / um
+
+        first = max(u.size - 2 * task.period, 0)
+        error = rms((integrated(task, rate, u, y, first) - y)[first:])
+        words = ' '.join(f'{weights[i]:+.3g} {names[i]}' for i in kept)
+        found.append(
+            (error, len(kept), f'threshold {threshold}, last {cycles} known cycles: {words}', rate)
+        )
+    _, size, words, best = min(found, key=lambda each: each[0])
+    tests = list(zip(task.voltage[1:], task.displacement[1:], strict=True))
+    return Answer([integrated(task, best, u, y, begins_at(y)) for u, y in tests], size, words)
+
+
+def pysindy_polynomials(task: Task) -> Answer:
+    """Discrete time, polynomials of two past inputs and outputs: settings of this study."""
+    import pysindy
+
+    u, y = task.known
+    states, inputs = np.column_stack([y[1:], y[:-1]]), np.column_stack([u[1:], u[:-1]])
+    tests = zip(task.voltage[1:], task.displacement[1:], strict=True)
+    data = [(u, np.where(np.arange(y.size) < 2, y, np.nan)), *tests]
+    found = []
+    for degree, threshold in ((1, 0.0), (3, 1e-3), (3, 1e-2), (3, 5e-2)):
+        library = pysindy.PolynomialLibrary(degree=degree)
+        optimizer = pysindy.STLSQ(threshold=threshold, alpha=1e-6)
+        model = pysindy.DiscreteSINDy(optimizer=optimizer, feature_library=library)
+        model.fit(states, t=1, u=inputs)
+        weights = np.asarray(model.coefficients())[0]
+        powers = np.asarray(model.feature_library.powers_)
+        runs = [recursion(powers, weights, *each) for each in data]
+        words = f'settings of this study: degree {degree}, threshold {threshold:g}'
+        found.append((rms(runs[0] - y), int(np.count_nonzero(weights)), words, runs[1:]))
+    _, size, words, best = min(found, key=lambda each: each[0])
+    return Answer(best, size, words)
+
+
+def recursion(powers: Array, weights: Array, u: Array, y: Array) -> Array:
+    """Return the free run of a polynomial of y[k-1], y[k-2], u[k-1], u[k-2]."""
+    kept = np.flatnonzero(weights)
+    powers, weights = powers[kept], weights[kept]
+    first = max(begins_at(y), 1)
+    run = np.full(u.size, np.nan)
+    run[first - 1 : first + 1] = np.nan_to_num(y[first - 1 : first + 1])
+    for k in range(first + 1, u.size):
+        past = np.array([run[k - 1], run[k - 2], u[k - 1], u[k - 2]])
+        run[k] = weights @ np.prod(past**powers, axis=1)
+        if not abs(run[k]) < 1e3:
+            break
+    return run
+
+
+# NARX: the newest sample first
+
+
+def slower(task: Task, u: Array, y: Array, by: int) -> tuple[Array, Array]:
+    """Return each `by`-th sample, the last known one of `y` among them."""
+    first = begins_at(y) % by
+    return u[first::by], y[first::by]
+
+
+def narx_runs(task: Task, by: int, predict: Callable[[Array, Array], Array]) -> list[Array]:
+    """Return free runs at the full rate of a model at a lower one."""
+    from scipy.interpolate import CubicSpline
+
+    runs = []
+    for u, y in zip(task.voltage[1:], task.displacement[1:], strict=True):
+        few_u, few_y = slower(task, u, y, by)
+        start = begins_at(few_y)
+        run = predict(few_u, few_y)
+        whole = np.full(u.size, np.nan)
+        at = begins_at(y) % by + by * np.arange(few_u.size)
+        if np.all(np.isfinite(run[start:])):
+            inside = np.arange(begins_at(y), u.size)
+            whole[inside] = CubicSpline(at[start:], run[start:])(np.minimum(inside, at[-1]))
+        runs.append(whole)
+    return runs
+
+
+def sysidentpy_sign(task: Task) -> Answer:
+    """FROLS (AIC) on u, its difference and the sign of it: the tutorial of a hysteretic damper."""
+    from sysidentpy.basis_function import Polynomial
+    from sysidentpy.model_structure_selection import FROLS
+    from sysidentpy.parameter_estimation import LeastSquares
+
+    u, y = task.known
+    found = []
+    for by in (10, 50) if task.period >= 1000 else (1, 2)[: 2 if task.period else 1]:
+        few_u, few_y = slower(task, u, y, by)
+        size = float(np.max(np.abs(np.diff(few_u))))
+        for lags in (1, 2, 4):
+            model = FROLS(
+                order_selection=True,
+                n_info_values=12 if task.quick else 30,
+                xlag=[list(range(1, lags + 1))] * 3,
+                ylag=list(range(1, lags + 1)),
+                basis_function=Polynomial(degree=3 if lags < 4 else 2),
+                estimator=LeastSquares(),
+                info_criteria='aic',
+            )
+
+            def inputs(u: Array, size: float = size) -> Array:
+                change = np.diff(u, prepend=u[0])
+                # the newest input of the model is one sample old: shift it to the present
+                return np.roll(np.column_stack([u, change / size, np.sign(change)]), -1, axis=0)
+
+            model.fit(X=inputs(few_u), y=few_y[:, None])
+
+            def predict(
+                u: Array, y: Array, model: Any = model, lags: int = lags, inputs: Any = inputs
+            ) -> Array:
+                start = max(begins_at(y) + 1 - lags, 0)
+                known = np.nan_to_num(y[start : start + lags])
+                run = np.full(u.size, np.nan)
+                run[start:] = model.predict(X=inputs(u)[start:], y=known[:, None]).ravel()
+                return run
+
+            known = few_y.copy()
+            known[-2 * max(task.period // by, 100) :] = np.nan
+            error = rms((predict(few_u, known) - few_y)[np.isnan(known)])
+            words = f'{lags} lags, one in {by} samples'
+            found.append((error, len(model.final_model), words, by, predict))
+    _, size_, words, by, best = min(found, key=lambda each: each[0])
+    return Answer(narx_runs(task, by, best), size_, words)
+
+
+# State space
+
+
+def jax_states(task: Task, network: bool) -> Answer:
+    """jax-sysid, third order: linear, or with the network of its Bouc-Wen example."""
+    import jax
+
+    jax.config.update('jax_platform_name', 'cpu')
+    jax.config.update('jax_enable_x64', True)
+    from flax import linen
+    from jax_sysid.models import LinearModel, Model
+
+    by = 50 if task.period >= 1000 else 1
+    u, y = slower(task, *task.known, by)
+    iterations = 50 if task.quick else 1000
+    linear = LinearModel(3, 1, 1, feedthrough=False)
+    linear.loss(rho_x0=1e-3, rho_th=1e-2)
+    linear.optimization(adam_epochs=0, lbfgs_epochs=iterations)
+    linear.fit(y[:, None], u[:, None])
+    model = linear
+    if network:
+        draw = np.random.default_rng(0).standard_normal
+        a, b, c = linear.params
+        shapes = ((16, 3), (16, 1), (3, 16), 16, 3, (16, 3), (1, 16), 16, 1)
+        weights = [0.1 * draw(s) if isinstance(s, tuple) else np.zeros(s) for s in shapes]
+
+        @jax.jit
+        def state(x: Any, u: Any, params: Any) -> Any:
+            a, b, _, w1, w2, w3, b1, b2, *_ = params
+            return a @ x + b @ u + w3 @ linen.gelu(w1 @ x + w2 @ u + b1) + b2
+
+        @jax.jit
+        def output(x: Any, u: Any, params: Any) -> Any:
+            _, _, c, *_, w4, w5, b3, b4 = params
+            return c @ x + w5 @ linen.gelu(w4 @ x + b3) + b4
+
+        model = Model(3, 1, 1, state_fcn=state, output_fcn=output)
+        model.init(params=[a, b, c, *weights])
+        model.loss(rho_x0=1e-8, rho_th=1e-12)
+        model.optimization(
+            adam_epochs=5 if task.quick else 200, lbfgs_epochs=20 if task.quick else 5000
+        )
+        model.fit(y[:, None], u[:, None])
+
+    def predict(u: Array, y: Array) -> Array:
+        known = np.isfinite(y)
+        start = np.zeros(3)
+        if np.any(known):
+            start = model.learn_x0(u[known][:, None], y[known][:, None], RTS_epochs=10)
+        return np.asarray(model.predict(start, u[:, None])[0], dtype=float).ravel()
+
+    count = sum(np.size(part) for part in model.params)
+    words = f'one in {by} samples' if by > 1 else 'every sample'
+    return Answer(narx_runs(task, by, predict), count, words)
+
+
+def jax_linear(task: Task) -> Answer:
+    """jax-sysid, linear, third order."""
+    return jax_states(task, network=False)
+
+
+def jax_network(task: Task) -> Answer:
+    """jax-sysid, third order, with the network of its Bouc-Wen example."""
+    return jax_states(task, network=True)
+
+
+#: Function and distribution by name.
+TOOLS: dict[str, tuple[Callable[[Task], Answer], str]] = {
+    'pysindy_published': (pysindy_published, 'pysindy'),
+    'pysindy_library': (pysindy_library, 'pysindy'),
+    'pysindy_polynomials': (pysindy_polynomials, 'pysindy'),
+    'sysidentpy_sign': (sysidentpy_sign, 'sysidentpy'),
+    'jax_linear': (jax_linear, 'jax-sysid'),
+    'jax_network': (jax_network, 'jax-sysid'),
+}
+
+
+def main(tool: str, source: str, target: str) -> None:
+    """Answer a task."""
+    run, distribution = TOOLS[tool]
+    task = read(Path(source))
+    started = time.perf_counter()
+    answer = run(task)
+    size, middle = task.half_ranges[1], task.middles[1]
+    found: dict[str, Any] = {f'run_{i}': size * y + middle for i, y in enumerate(answer.runs)}
+    found |= {'seconds': time.perf_counter() - started, 'parameters': answer.parameters}
+    np.savez(target, words=f'{version(distribution)}: {answer.words}', **found)
+
+
+if __name__ == '__main__':
+    main(*sys.argv[1:])
