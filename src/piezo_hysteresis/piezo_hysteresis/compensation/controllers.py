@@ -17,6 +17,7 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, mode_of, model_gain
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
+from piezo_hysteresis.compensation.inverses.scheduled_inverse import ScheduledInverse
 from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.errors import CompensationError
@@ -129,14 +130,15 @@ class Controllers:
 
     def straight(self) -> Link:
         """Return no compensation: the reference divided by the gain."""
-        return replace(self, law='gain').inverse_of(self.model)
+        assert self.model is not None
+        return replace(self, law='gain').inverse_of(replace(self.model, schedule=None))
 
     def inverse(self) -> Link:
         """Return the feedforward."""
         return self.inverse_of(self.model)
 
-    def inverse_of(self, loaded: ModelFile | None) -> InverseLink:
-        """Return the inverse of one model.
+    def inverse_of(self, loaded: ModelFile | None) -> InverseLink | ScheduledInverse:
+        """Return the inverse of one model, of each entry of its schedule if it has one.
 
         Raises
         ------
@@ -144,6 +146,13 @@ class Controllers:
             If there is none by the law.
         """
         assert loaded is not None
+        if loaded.schedule is not None:
+            return ScheduledInverse(
+                loaded, self._inverse_of_one, self.dt, self.limits, self.transition
+            )
+        return self._inverse_of_one(loaded)
+
+    def _inverse_of_one(self, loaded: ModelFile) -> InverseLink:
         return inverse_for(
             loaded.model, loaded.values, self.dt, limits=self.limits, start=self.start,
             transition=self.transition, scale=self.amplitude, law=self.law,

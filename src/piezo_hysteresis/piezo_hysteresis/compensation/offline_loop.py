@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits, Link, Measured, ReferencePoint
@@ -25,7 +27,7 @@ class LoopPlant(Protocol):
 
 
 @dataclass(frozen=True)
-class LoopResult:
+class LoopResult(Guided):
     """What a closed-loop run left behind.
 
     Attributes
@@ -42,6 +44,12 @@ class LoopResult:
     counters : dict of str to dict
         Counters of each link, by place and class, and of the ``limiter``.
     """
+
+    _INSTEAD: ClassVar = {
+        'voltage': 'u',
+        'displacement': 'y',
+        'time': 't',
+    }
 
     dt: float
     reference: FloatArray
@@ -63,7 +71,7 @@ class LoopResult:
 
 
 @dataclass(frozen=True)
-class TrackingMetrics:
+class TrackingMetrics(Guided):
     """How well a run tracked.
 
     Attributes
@@ -75,6 +83,12 @@ class TrackingMetrics:
     harmonics : dict of int to float
         Amplitude of the error by order [m].
     """
+
+    _INSTEAD: ClassVar = {
+        'rms': 'rmse',
+        'rms_without_mean': 'std',
+        'largest': 'max peak',
+    }
 
     rms: float
     rms_without_mean: float
@@ -148,7 +162,7 @@ def closed_loop(
         voltage[k] = command
         displacement[k] = plant.exchange(command)
         measured = Measured(point.sample, command, float(displacement[k]))
-    counters = {f'{i}_{type(link).__name__}': link.counters() for i, link in enumerate(links)}
+    counters = {f'{i}_{_name(link)}': link.counters() for i, link in enumerate(links)}
     counters['limiter'] = limiter.counters()
     return LoopResult(
         dt=dt,
@@ -201,3 +215,10 @@ def tracking_metrics(
         mean=float(np.mean(error)),
         harmonics=amplitudes,
     )
+
+
+def _name(link: Link) -> str:
+    """Return the kind of a link in words for reports, such as ``harmonic_attenuation``."""
+    return re.sub(
+        r'(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])', '_', type(link).__name__
+    ).lower()

@@ -21,7 +21,8 @@ _RAMP = 2.4
 _MODES = ('natural_frequency', 'resonance_frequency')
 # What a plant that knows its limits calls them.
 _OF_PLANT = {'low': 'low_v', 'high': 'high_v', 'slew': 'slew_v_per_s'}
-_UNKNOWN = 'the model file does not say at which voltages it was identified'
+#: Beginning of every refusal and warning about it.
+UNSTATED = 'the model file does not say at which voltages it was identified'
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class OperatingLimits:
         """
         if self.assumed:
             raise CompensationError(
-                f'{_UNKNOWN}: identify again, or give {enumerated(self.assumed)}'
+                f'{UNSTATED}: identify again, or give {enumerated(self.assumed)}'
             )
 
     @property
@@ -117,7 +118,7 @@ def _unknown(limits: Limits, names: list[str], model: ModelFile | None) -> tuple
     if 'slew' in names:
         numbers.append(f'{limits.slew:g} V/s')
     sentence = (
-        f'{_UNKNOWN}: the limits are {" and ".join(numbers)}; identify again, or give '
+        f'{UNSTATED}: the limits are {" and ".join(numbers)}; identify again, or give '
         f'{", ".join(names)}'
     )
     return (sentence,)

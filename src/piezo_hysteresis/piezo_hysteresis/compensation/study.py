@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from piezo_hysteresis.common import plain_yaml
+from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.inverses.reach import require_reachable
 from piezo_hysteresis.compensation.limiter import Limiter
@@ -38,8 +39,17 @@ PRESET = 'preset:'
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Guided):
     """One run of a study."""
+
+    _INSTEAD: ClassVar = {
+        'metrics.rms': 'rms rmse',
+        'result.error': 'error',
+        'result.voltage': 'u voltage',
+        'result.displacement': 'y displacement',
+        'result.time': 'time',
+        'result.reference': 'reference',
+    }
 
     name: str
     result: LoopResult
@@ -244,7 +254,8 @@ def _runs(study: Study, plant: ResettablePlant) -> list[Run]:
     ticks = max(2, round(study.waveform.duration / dt))
     samples = study.waveform.sample(np.arange(ticks, dtype=np.float64) * dt)
     Limiter(limits, dt)  # refuses what are none
-    require_reachable(samples.value, model.model, model.values, dt, limits)
+    own = model.at(float(getattr(study.waveform, 'frequency', 0.0)))
+    require_reachable(samples.value, own.model, own.values, dt, limits)
     return [_run(study, name, links, samples, plant) for name, links in _chains(study)]
 
 
@@ -255,6 +266,7 @@ def _run(
     result = closed_loop(samples, links, plant, study.limits, study.controllers.dt)
     remarks = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
     remarks += _limited(name, result, study.limits) + _uneven_period(study, result)
+    remarks += _unstarted_links(name, result)
     return Run(name, result, tracking_metrics(result, study.from_seconds), remarks)
 
 
@@ -266,6 +278,18 @@ def _limited(name: str, result: LoopResult, limits: Limits) -> tuple[str, ...]:
         for key, what in limited(limits).items()
         if counts[key]
     )
+
+
+def _unstarted_links(name: str, result: LoopResult) -> tuple[str, ...]:
+    """Return a sentence about an attenuation that evaluated no window of the error."""
+    if all(each.get('windows', 1) for each in result.counters.values()):
+        return ()
+    length = result.time.size * result.dt
+    sentence = (
+        f'{name}: {length:.3g} s are too short for the attenuation, which corrected nothing; give '
+        'the reference a longer duration'
+    )
+    return (sentence,)
 
 
 def _uneven_period(study: Study, result: LoopResult) -> tuple[str, ...]:

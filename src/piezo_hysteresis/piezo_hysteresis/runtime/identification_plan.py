@@ -5,15 +5,16 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.common.order import AHEAD, SequenceFilter
 from piezo_hysteresis.common.stamps import StampValidator
-from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.errors import IdentificationError, PiezoError
 from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.method_settings import pairs
 from piezo_hysteresis.identification.online import online, settled
@@ -22,10 +23,18 @@ from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
+from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
+from piezo_hysteresis.numerics.harmonics import odd_oscillation
 from piezo_hysteresis.runtime.rollback import RollbackBuffer, Sample
 
 # Free runs of `rls` start at the beginning of the record; longer records have none [s].
 LONGEST_RUN = 60.0
+
+# An estimate is usable if its free run leaves less than this share of the motion.
+_EXPLAINED = 0.5
+
+# Key of the estimate of all drives.
+_ALL = (0.0, 0.0)
 
 # Edges that are remembered; more never lie within the samples that are.
 MOST_EDGES = 4096
@@ -35,7 +44,7 @@ FORGETTING = {'rls': 1.0, 'rls_ud': 0.9999, 'pi_bank': 0.9999}
 
 _RLS = ('variant', 'offset', 'harmonic', 'frequency', 'unit', 'p0')
 _UD = ('voltage_range', 'displacement_range', 'natural_frequency', 'damping_ratio', 'quiet')
-SETTINGS = ('method', *_RLS, 'start', *_UD)
+SETTINGS = ('method', 'per_frequency', *_RLS, 'start', *_UD)
 
 
 def forgetting_of(values: Mapping[str, Any]) -> float:
@@ -78,6 +87,42 @@ class SegmentEdge:
     nanoseconds: int
     record: str
     frequency: float = 0.0
+    amplitude: float = 0.0
+
+
+@dataclass
+class DriveEstimate:
+    """The estimate of one drive, or of all.
+
+    Attributes
+    ----------
+    method : OnlineMethod
+        Its recursion.
+    frequency, amplitude : float
+        Of the drive [Hz], [V]; 0 for all drives.
+    low, high : float
+        Range of its displacement [m].
+    order : int
+        Its harmonic order, see `odd_oscillation`.
+    before : Estimate or None
+        The last published estimate.
+    converged : bool
+        Whether that was stationary and usable.
+    """
+
+    method: OnlineMethod
+    frequency: float = 0.0
+    amplitude: float = 0.0
+    low: float = math.inf
+    high: float = -math.inf
+    order: int = 0
+    before: Estimate | None = None
+    converged: bool = False
+
+    @property
+    def travel(self) -> float:
+        """Half the range of the displacement [m]."""
+        return max(0.5 * (self.high - self.low), 0.0)
 
 
 class RunSinceRest(NamedTuple):
@@ -94,7 +139,8 @@ class RunSinceRest(NamedTuple):
 class MethodState(NamedTuple):
     """What samples act on; the run is shared, and only its beginning belongs to the state."""
 
-    method: OnlineMethod
+    drives: dict[tuple[float, float], DriveEstimate]
+    key: tuple[float, float]
     refused: int
     taken: int
     open: bool
@@ -119,6 +165,9 @@ class RecordSegmenter:
         Sampling rate [Hz].
     only_records : bool
         Whether samples between records are omitted.
+    renew : callable, optional
+        Returns a method without prior information. Given one, each drive that a marker states has
+        its own estimate; the others share one.
     refused : int
         Samples omitted because a value is not finite.
     taken : int
@@ -136,6 +185,7 @@ class RecordSegmenter:
     method: OnlineMethod
     rate: float
     only_records: bool = True
+    renew: Callable[[], OnlineMethod] | None = None
     refused: int = 0
     taken: int = 0
     late: int = 0
@@ -145,10 +195,11 @@ class RecordSegmenter:
     _passed: deque[SegmentEdge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
     _open: bool = True
     _run: RunSinceRest = field(default_factory=lambda: RunSinceRest([], []))
-    _before: Estimate | None = None
     _useless: bool = False
 
     def __post_init__(self) -> None:
+        self._key = _ALL
+        self._drives = {_ALL: DriveEstimate(self.method)}
         self.stamps = StampValidator(1.0 / self.rate)
         self._rollback: RollbackBuffer[MethodState] = RollbackBuffer(self._remember)
 
@@ -195,14 +246,22 @@ class RecordSegmenter:
             return False
         self.method.update(voltage, displacement)
         self.taken += 1
+        drive = self.drive
+        drive.low, drive.high = min(drive.low, displacement), max(drive.high, displacement)
         if len(self._run.voltage) < LONGEST_RUN * self.rate:
             self._run.voltage.append(voltage)
             self._run.displacement.append(displacement)
         return True
 
     def _follow(self, edge: SegmentEdge) -> None:
-        """Use the harmonic of the drive of a record, if its marker states one."""
+        """Use estimate and harmonic of the drive of a record, if its marker states one."""
         if edge.record and edge.frequency > 0.0:
+            if self.renew is not None:
+                self._key = edge.frequency, edge.amplitude
+                if self._key not in self._drives:
+                    self._drives[self._key] = DriveEstimate(self.renew(), *self._key)
+                self.method = self.drive.method
+                self.method.rest()
             try:
                 self.method.drive_at(edge.frequency)
             except IdentificationError:
@@ -217,7 +276,8 @@ class RecordSegmenter:
             return
         memory, samples = found
         state = memory.state
-        self.method = state.method
+        self._drives, self._key = state.drives, state.key
+        self.method = self.drive.method
         self.refused, self.taken, self._open = state.refused, state.taken, state.open
         self._run = state.run.cut(state.length)
         again = [each for each in self._passed if each.nanoseconds > memory.nanoseconds]
@@ -231,7 +291,8 @@ class RecordSegmenter:
     def _remember(self) -> MethodState:
         run = self._run
         return MethodState(
-            copy.deepcopy(self.method),
+            copy.deepcopy(self._drives),
+            self._key,
             self.refused,
             self.taken,
             self._open,
@@ -251,28 +312,42 @@ class RecordSegmenter:
     def change(self, method: OnlineMethod) -> None:
         """Continue with another method, without prior information."""
         self.method = method
-        self._before = None
+        self._key, self._drives = _ALL, {_ALL: DriveEstimate(method)}
         self._reset_samples()
 
     def reset(self) -> None:
-        """Reset the estimate and the records."""
+        """Reset the estimates and the records."""
+        self.method = self._drives[_ALL].method
         self.method.reset()
         self._open = True
-        self._before = None
-        self._reset_samples()
+        self.change(self.method)
 
     def settled(self, estimate: Estimate, free_run: float = math.nan) -> bool:
         """Return whether the estimate has converged since the last call and is usable.
 
-        One whose `free_run` rms [m] exceeds the motion itself predicts less than a constant does;
-        where that is not known any more (NaN) the last one that was known counts.
+        One whose `free_run` rms [m] exceeds half the motion explains no drive: without one, the
+        motion is the noise. Where it is not known any more (NaN) the last known one counts.
         """
+        drive = self.drive
         if not math.isnan(free_run):
-            self._useless = free_run > float(np.std(self._run.displacement or [0.0]))
-        before, self._before = self._before, estimate
-        if before is None or before.names != estimate.names:
-            return False
-        return settled(before, estimate) and not self._useless
+            motion = float(np.std(self._run.displacement or [0.0]))
+            self._useless = not free_run <= _EXPLAINED * motion
+        if drive.frequency > 0.0:
+            seen = np.array(self._run.displacement[len(self._run.displacement) // 3 :])
+            drive.order = odd_oscillation(seen, drive.frequency, 1.0 / self.rate)
+        before, drive.before = drive.before, estimate
+        drive.converged = (
+            before is not None
+            and before.names == estimate.names
+            and settled(before, estimate)
+            and not self._useless
+        )
+        return drive.converged
+
+    @property
+    def drive(self) -> DriveEstimate:
+        """The present estimate with its drive."""
+        return self._drives[self._key]
 
     def free_run_rms(self, estimate: Estimate) -> float:
         """Return the rms free-run error over the last second [m], NaN where it is not known."""
@@ -295,14 +370,32 @@ class RecordSegmenter:
         return named(estimate.model) if estimate.model else None
 
     def model_file(self, fit: str) -> ModelFile:
-        """Return the present estimate as it is saved.
+        """Return the estimates as they are saved: the present one, and those of the drives.
+
+        Drives whose estimate is no usable model are left out.
 
         Raises
         ------
         PiezoError
-            If it is no model that can be used.
+            If no estimate is a model that can be used.
         """
-        estimate = self.method.estimate()
+        points = []
+        for drive in self._drives.values():
+            if drive.frequency > 0.0 and drive.amplitude > 0.0:
+                with suppress(PiezoError):
+                    own = self._model_of(drive, fit)
+                    points.append(
+                        OperatingPoint(
+                            drive.frequency, drive.amplitude, drive.travel, drive.order, own
+                        )
+                    )
+        if not points:
+            return self._model_of(self.drive, fit)
+        largest = max(points, key=lambda point: point.travel)
+        return replace(largest.model, schedule=Schedule(tuple(points)))
+
+    def _model_of(self, drive: DriveEstimate, fit: str) -> ModelFile:
+        estimate = drive.method.estimate()
         model = self.model(estimate)
         if model is None:
             raise IdentificationError('no named model has the form of V0 with a harmonic; use V1')
@@ -313,7 +406,7 @@ class RecordSegmenter:
         }
         values = {**model.defaults(), **estimate.parameters()}
         notes: dict[str, Any] = {'samples': estimate.samples}
-        if not isinstance(self.method, OnlineUd):
+        if not isinstance(drive.method, OnlineUd):
             notes[OFFSET_NOTE] = 1.0 / self.rate  # it takes both signals of a tick together
         provenance = Provenance(fit=fit, rate=self.rate, notes=notes)
         return ModelFile(model, values, deviations, provenance)

@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from piezo_hysteresis.compensation.controllers import Controllers
-from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
+from piezo_hysteresis.compensation.inverses.inverse_link import HISTORY, InverseLink
+from piezo_hysteresis.compensation.inverses.scheduled_inverse import ScheduledInverse
 from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
-
-# Ticks of the reference that a new inverse is simulated with before its use, so that its
-# hysteresis has the history of the previous one.
-HISTORY = 1000
 
 
 @dataclass
@@ -29,7 +24,7 @@ class Inversion:
     """
 
     settings: Controllers
-    _inverse: InverseLink | None = None
+    _inverse: InverseLink | ScheduledInverse | None = None
     _past: deque[ReferencePoint] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
     @property
@@ -47,11 +42,17 @@ class Inversion:
         PiezoError
             If it cannot be inverted; the model before then stays in force.
         """
-        jumps = self._inverse is None or _chain(loaded) != _chain(self.loaded)
-        if self._inverse is None or jumps:
-            self._inverse = self._inverted(loaded)
+        before, jumps = self._inverse, False
+        if loaded.schedule is not None and isinstance(before, ScheduledInverse):
+            before.update(loaded)
+        elif (
+            loaded.schedule is None
+            and _chain(loaded) == _chain(self.loaded)
+            and isinstance(before, InverseLink)
+        ):
+            before.set_parameters(loaded.values)
         else:
-            self._inverse.set_parameters(loaded.values)
+            self._inverse, jumps = self._inverted(loaded), True
         self.settings = replace(self.settings, model=loaded)
         return jumps
 
@@ -86,12 +87,12 @@ class Inversion:
         """Return what went wrong so far, by name."""
         return {} if self._inverse is None else self._inverse.counters()
 
-    def _inverted(self, loaded: ModelFile) -> InverseLink:
-        start = 0.0 if self._past else self.settings.start
-        inverse = replace(self.settings, start=start).inverse_of(loaded)
-        inverse.respond(np.zeros(3))  # compiles the kernel before the first tick
-        for point in self._past:
-            inverse.step(point, 0.0, None)
+    def _inverted(self, loaded: ModelFile) -> InverseLink | ScheduledInverse:
+        inverse = self.settings.inverse_of(loaded)
+        inverse.step(ReferencePoint(0, 0.0, 0.0, 0.0, 0.0, 0.0))  # compiled before the first tick
+        inverse.reset()
+        if self._past:
+            inverse.follow(self._past)
         return inverse
 
 

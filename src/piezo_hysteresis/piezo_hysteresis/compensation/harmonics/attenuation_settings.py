@@ -109,8 +109,8 @@ class AttenuationSettings:
     )
     gain: float = setting(
         16666.7,
-        'rls: gain from error to voltage; Fujii 2018 states no unit, and the default gives '
-        'the 5 to 25 dB of its figures.',
+        'rls: gain from error to voltage; Fujii 2018 states no unit, and the default attenuates '
+        'by up to 22 dB on its actuator.',
         'V/m',
         above=0.0,
         high=1e12,

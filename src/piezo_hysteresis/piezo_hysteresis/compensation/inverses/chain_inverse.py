@@ -36,29 +36,15 @@ class _Solver(NamedTuple):
 
 @dataclass
 class _Stages:
-    """Decomposition of a chain for its inverse, from the voltage to the reading.
+    """Decomposition of a chain for its inverse, from the voltage to the reading."""
 
-    Attributes
-    ----------
-    front, back : list
-        Blocks before and after the dynamic structure.
-    k1, k2, lead : float
-        Structure [s], [s^2] and lead [s].
-    rest : float
-        Reading at rest [m].
-    restoring : Restoring or None
-        Force on a mode in addition to its linear spring.
-    values : ndarray
-        Parameters of that block.
-    """
-
-    front: list[_Solver] = field(default_factory=list)
-    back: list[_Solver] = field(default_factory=list)
-    k1: float = 0.0
-    k2: float = 0.0
-    lead: float = 0.0
-    rest: float = 0.0
-    restoring: Restoring | None = None
+    front: list[_Solver] = field(default_factory=list)  # before the dynamic structure
+    back: list[_Solver] = field(default_factory=list)  # after it
+    k1: float = 0.0  # [s]
+    k2: float = 0.0  # [s^2]
+    lead: float = 0.0  # [s]
+    rest: float = 0.0  # reading at rest [m]
+    restoring: Restoring | None = None  # added to the spring of a mode
     values: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def packed(self) -> FloatArray:

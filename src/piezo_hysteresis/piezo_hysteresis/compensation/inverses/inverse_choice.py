@@ -44,21 +44,11 @@ _EXTENDED = (Part.EULER, Part.RECURSION)
 
 
 class _Anatomy(NamedTuple):
-    """Structure of a chain for the choice of an inverse in closed form.
+    """Structure of a chain for the choice of an inverse in closed form."""
 
-    Attributes
-    ----------
-    core : tuple of Part or None
-        Roles of its blocks without added tones, delays and the zero of the reading.
-    delayed : bool
-        Whether it has a delay.
-    simple : bool
-        Whether its zero, if it has one, is one constant at the end.
-    """
-
-    core: tuple[Part | None, ...]
+    core: tuple[Part | None, ...]  # roles of its blocks without added tones, delays and zero
     delayed: bool
-    simple: bool
+    simple: bool  # whether its zero, if it has one, is one constant at the end
 
 
 def _anatomy(model: Model) -> _Anatomy:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,10 @@ OWN = FADING + FADE_SIZE
 
 # Indices in the settings.
 DT, LOW, HIGH, OFFSET, EASING, DURATION, SLEW = range(7)
+
+#: Ticks of the reference that an inverse is simulated with before its use, so that its hysteresis
+#: has the history of the previous one.
+HISTORY = 1000
 
 # Limits beyond the range of any actuator, at which the arithmetic does not overflow.
 _ABSURD, _ABSURD_RATE = 1e3, 1e9
@@ -225,6 +229,18 @@ class InverseLink:
         self._parameters = merged
         self.settings[OFFSET] = float(merged.get('offset', 0.0))
         self._transition.start()
+
+    def follow(self, past: Iterable[ReferencePoint]) -> None:
+        """Take the memory that the last points of a running reference leave."""
+        self.reset()
+        dt, low, high, offset, ease = self.settings[: EASING + 1].tolist()
+        self.memory[_TICK] = ease
+        rows = np.array([point[1:4] for point in past], dtype=np.float64).reshape(-1, 3)
+        reference = np.ascontiguousarray(rows.T)
+        conditioned = np.empty_like(reference)
+        condition(reference, conditioned, self.memory[:FADING], offset, ease, dt)
+        voltage = np.empty(reference.shape[1])
+        self.run(conditioned, voltage, self.own, self.packed, dt, low, high)
 
     def counters(self) -> dict[str, int]:
         """Return the error counters by name."""

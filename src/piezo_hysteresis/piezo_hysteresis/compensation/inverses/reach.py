@@ -10,8 +10,9 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.inverses.inverse_choice import model_gain
 from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.operating_limits import operating_limits, rate_of
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.models import Model
+from piezo_hysteresis.models import Model, ModelFile
 
 _SLOW = 20.0  # duration of two periods of a triangle that excites no mode [s]
 _MOST_SAMPLES = 400_000
@@ -69,6 +70,13 @@ def reach_of(model: Model, values: Mapping[str, float], dt: float, limits: Limit
     with np.errstate(over='ignore', invalid='ignore'):
         moved = model.respond(voltage, model.pack(values), dt)[samples // 2 :]
     return Reach(float(np.min(moved)), float(np.max(moved)))
+
+
+def usual_reference(model: ModelFile) -> tuple[float, float]:
+    """Return mean and amplitude of a reference over half the range of a model [m]."""
+    limits = operating_limits(model).limits
+    reach = reach_of(model.model, model.values, 1.0 / rate_of(model), limits)
+    return reach.middle, 0.5 * reach.half
 
 
 def require_reachable(

@@ -1,0 +1,132 @@
+"""One set of parameters for each drive frequency: the schedule of a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.models.plain import mapping, number
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.models.modelfile import ModelFile
+
+#: The only variable of a schedule.
+BY_FREQUENCY = 'frequency'
+_OWN = ('frequency', 'amplitude', 'travel', 'order')
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """The model of one drive.
+
+    Attributes
+    ----------
+    frequency : float
+        Fundamental frequency of the drive [Hz].
+    amplitude : float
+        Amplitude of its voltage [V].
+    travel : float
+        Half the range of its displacement [m].
+    order : int
+        Odd harmonic of the displacement that is above the hysteresis, 0 for none.
+    model : ModelFile
+        Chain, values and deviations, without a schedule of its own.
+    """
+
+    frequency: float
+    amplitude: float
+    travel: float
+    order: int
+    model: ModelFile
+
+    def __post_init__(self) -> None:
+        if not (self.frequency > 0.0 and self.amplitude > 0.0 and self.travel >= 0.0):
+            raise ModelError(
+                f'an entry of a schedule has a frequency of {self.frequency:g} Hz and an '
+                f'amplitude of {self.amplitude:g} V; both must be positive'
+            )
+
+    @property
+    def name(self) -> str:
+        """The drive in words."""
+        return f'{self.frequency:g} Hz, {self.amplitude:g} V'
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Models by drive, of which the nearest is used.
+
+    Parameters between two frequencies are not interpolated: those of a hysteresis are strongly
+    correlated, and the mean of two sets describes a third actuator.
+
+    Attributes
+    ----------
+    points : tuple of OperatingPoint
+        At least one; sorted by frequency and amplitude.
+    """
+
+    points: tuple[OperatingPoint, ...]
+
+    def __post_init__(self) -> None:
+        if not self.points:
+            raise ModelError('a schedule needs at least one entry')
+        ordered = sorted(self.points, key=lambda p: (p.frequency, p.amplitude))
+        object.__setattr__(self, 'points', tuple(ordered))
+        names = [point.name for point in ordered]
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise ModelError(f'the schedule has two entries for {sorted(twice)[0]}; keep one')
+
+    def at(self, frequency: float, amplitude: float | None = None) -> OperatingPoint:
+        """Return the entry of the nearest frequency [Hz] and of it the nearest amplitude [V].
+
+        Parameters
+        ----------
+        frequency : float
+            Of the drive [Hz].
+        amplitude : float, optional
+            Of its voltage [V]; the largest by default.
+        """
+        row = self.row(frequency)
+        if amplitude is None:
+            return row[-1]
+        return min(row, key=lambda p: abs(p.amplitude - amplitude))
+
+    def row(self, frequency: float) -> tuple[OperatingPoint, ...]:
+        """Return the entries of the nearest frequency [Hz], smallest amplitude first."""
+        nearest = min((p.frequency for p in self.points), key=lambda f: abs(f - frequency))
+        return tuple(p for p in self.points if p.frequency == nearest)
+
+    def without(self, frequency: float) -> Schedule | None:
+        """Return the schedule without the entries of a frequency [Hz], None if none is left."""
+        left = tuple(p for p in self.points if p.frequency != frequency)
+        return replace(self, points=left) if left else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entries as plain types, by drive."""
+        return {
+            point.name: {
+                **{name: getattr(point, name) for name in _OWN},
+                **{k: v for k, v in point.model.to_dict().items() if k != 'schema'},
+            }
+            for point in self.points
+        }
+
+    @classmethod
+    def parse(cls, content: object, read: Callable[[Mapping[str, Any]], ModelFile]) -> Schedule:
+        """Return the schedule of plain types; `read` reads the model of an entry.
+
+        Raises
+        ------
+        ModelError
+            If an entry is unknown, missing or out of range.
+        """
+        points = []
+        for name, each in mapping(content, 'entries of the schedule').items():
+            row = dict(mapping(each, f'entry {name}'))
+            own = {key: number(row.pop(key, None), f'{key} of entry {name}') for key in _OWN}
+            order = int(own.pop('order'))
+            points.append(OperatingPoint(**own, order=order, model=read(row)))
+        return cls(tuple(points))
