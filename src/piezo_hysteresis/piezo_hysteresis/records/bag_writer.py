@@ -166,7 +166,7 @@ def _batches(records: Sequence[Record]) -> Iterator[list[MessageBatch]]:
             part = slice(first, min(first + ROWS, len(record)))
             tick = np.arange(part.start, part.stop)
             stamps = start + np.round(tick * (record.dt * SECOND)).astype(np.int64)
-            batches = [] if first else [MessageBatch(2, stamps[:1], _marker(record, start))]
+            batches = [] if first else [MessageBatch(2, stamps[:1], marker_row(record, start))]
             columns = {
                 'sample': sample + tick,
                 'voltage': record.voltage[part],
@@ -205,7 +205,7 @@ def _reference_columns(record: Record, part: slice) -> dict[str, Any]:
     }
 
 
-def _marker(record: Record, start: int) -> np.ndarray[Any, Any]:
+def marker_row(record: Record, start: int) -> np.ndarray[Any, Any]:
     """Return the marker of a record as one row of bytes."""
     types = typestore().types
     sec, nanosec = divmod(start, SECOND)

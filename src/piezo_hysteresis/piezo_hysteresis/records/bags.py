@@ -12,6 +12,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import BagContent, TopicContent, read_content
+from piezo_hysteresis.records.columns import alike, several_axes
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE
 from piezo_hysteresis.records.markers import MOVED, Marker
@@ -21,6 +22,7 @@ from piezo_hysteresis.records.sampling import Track, records_of, restarts
 STATE_NAME = 'actuator/state'
 REFERENCE_NAME = 'reference'
 MARKER_NAME = 'record/marker'
+ON_ONE_CLOCK = 0.9  # part of the stamps that two axes of one clock share at least
 EXACT = 1 << 53  # nanoseconds that float64 still resolves (104 days)
 
 
@@ -60,8 +62,15 @@ def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None
     """
     states = content.of_type(STATE)
     if not states:
-        raise RecordError(_no_states(content))
-    runs = [run for state in states for run in _runs(content, state, len(states) == 1, log)]
+        raise RecordError(no_states(content))
+    if actuator is None and _are_axes(states):
+        raise several_axes(
+            content.path,
+            [f'{each.topic.name}.voltage' for each in states],
+            [f'{each.topic.name}.displacement' for each in states],
+            '`import BAG --actuator NAME --out NEW_BAG`, NAME being that of a namespace',
+        )
+    runs = [run for state in states for run in runs_of(content, state, len(states) == 1, log)]
     if actuator is not None:
         runs = [run for run in runs if actuator in (run.track.info.actuator, run.namespace)]
         if not runs:
@@ -81,14 +90,15 @@ def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None
 
 
 @dataclass(frozen=True)
-class _Run:
+class TopicRun:
     """The samples of one record, and the namespace of their topic."""
 
     namespace: str
     track: Track
 
 
-def _no_states(content: BagContent) -> str:
+def no_states(content: BagContent) -> str:
+    """Return the sentence with which a bag without states is refused."""
     held = [f'{t.topic.name} ({t.topic.msgtype})' for t in content.topics.values() if t.count]
     if not held:
         return f'{content.path}: it holds no messages; record while the experiment runs'
@@ -114,8 +124,36 @@ def _siblings(content: BagContent, msgtype: str, name: str, space: str, alone: b
     ]
 
 
-def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog) -> list[_Run]:
-    """Cut the samples of one topic where their numbers start again, and at its markers."""
+def _are_axes(states: list[TopicContent]) -> bool:
+    """Return whether topics are of the axes of one stage: numbered, and on one clock."""
+    numbered = len(states) > 1 and alike([each.topic.name for each in states])
+    return numbered and all(on_one_clock(states[0], each) for each in states[1:])
+
+
+def on_one_clock(one: TopicContent, other: TopicContent) -> bool:
+    """Return whether nearly all stamps of two topics are the same."""
+    stamps = one.stamp(), other.stamp()
+    common = np.intersect1d(*stamps).size
+    return bool(common >= ON_ONE_CLOCK * min(each.size for each in stamps) and common > 1)
+
+
+def origin_of(state: TopicContent) -> int:
+    """Return the origin of the times of a topic, so that nanoseconds are exact [ns]."""
+    stamp = state.stamp()
+    return int(stamp.min()) if stamp.size and int(stamp.max()) >= EXACT else 0
+
+
+def runs_of(
+    content: BagContent,
+    state: TopicContent,
+    alone: bool,
+    log: DamageLog,
+    origin: int | None = None,
+) -> list[TopicRun]:
+    """Cut the samples of one topic where their numbers start again, and at its markers.
+
+    With an `origin` [ns] it is one of several axes: the only topic of markers is that of all.
+    """
     space = _namespace(state.topic.name, STATE_NAME)
     for name in ('sample', 'voltage', 'displacement'):
         if name not in state.columns:
@@ -124,7 +162,7 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
                 'recorded with another definition'
             )
     stamp = state.stamp()
-    origin = int(stamp.min()) if stamp.size and int(stamp.max()) >= EXACT else 0
+    start = origin_of(state) if origin is None else origin
     columns = {name: state.column(name).astype(np.float64) for name in ('voltage', 'displacement')}
     sample = state.column('sample').astype(np.int64)
     starts = restarts(sample, state.log_time())
@@ -133,13 +171,14 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
         columns['reference'] = reference
     track = Track(
         content.path.resolve().stem or 'record',
-        np.asarray((stamp - origin) / 1e9, np.float64),
+        np.asarray((stamp - start) / 1e9, np.float64),
         columns,
         sample,
     )
+    shared = origin is not None and len(content.of_type(MARKER)) == 1
     markers = [
         message
-        for held in _siblings(content, MARKER, MARKER_NAME, space, alone)
+        for held in _siblings(content, MARKER, MARKER_NAME, space, alone or shared)
         for message in held.messages
     ]
     if starts.size:
@@ -153,7 +192,7 @@ def _runs(content: BagContent, state: TopicContent, alone: bool, log: DamageLog)
         parts = _cut(parts, _edges(markers, parts, stamps, log_times), content.path, log)
     elif len(parts) > 1:
         parts = [replace(part, name=f'{part.name}.{k}') for k, part in enumerate(parts, 1)]
-    return [_Run(space, _with_reference(part, content.path, log)) for part in parts]
+    return [TopicRun(space, _with_reference(part, content.path, log)) for part in parts]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.errors import RecordError, SeveralAxesError
 
 LENGTHS = {
     'm': 1.0, 'mm': 1e3, 'um': 1e6, 'µm': 1e6, 'μm': 1e6, 'nm': 1e9, 'cm': 1e2, 'Å': 1e10,
@@ -163,17 +163,10 @@ def assigned(
     ------
     RecordError
         If a quantity cannot be identified, a unit is unknown, or two columns are the same.
+    SeveralAxesError
+        If the columns are those of several axes.
     """
-    if length and length not in LENGTHS:
-        raise RecordError(f'{length!r} is no unit of a displacement; use {", ".join(LENGTHS)}')
-    meanings = [(hints or {}).get(k) or meaning(name) for k, name in enumerate(names)]
-    if length:
-        meanings = [
-            replace(m, unit=length, rank=NAMED)
-            if not m.unit and m.what in ('displacement', 'reference') and not _stated(names[k])
-            else m
-            for k, m in enumerate(meanings)
-        ]
+    meanings = meanings_of(names, hints or {}, length)
     by_hand, assumed = _chosen(names, meanings, chosen or {}, length, where)
     found: dict[int, tuple[str, str]] = dict(by_hand)
     uncertain = []
@@ -198,6 +191,7 @@ def assigned(
         else:
             found[places[0]] = (what, meanings[places[0]].unit)
     found = _one_input(found, meanings, by_hand, where)
+    _refuse_axes(names, meanings, chosen or {}, where)
     _require(found, names, meanings, uncertain, where, of_file, needed)
     guesses = [
         f'{what} from column {names[k]!r} in {unit.replace("u", "µ")}'
@@ -205,6 +199,93 @@ def assigned(
         if k in assumed or (k not in by_hand and meanings[k].rank != CERTAIN)
     ]
     return found, ', '.join(guesses)
+
+
+def meanings_of(names: Sequence[str], hints: Mapping[int, Meaning], length: str) -> list[Meaning]:
+    """Return what the columns mean; `length` is the unit of a displacement that states none.
+
+    Raises
+    ------
+    RecordError
+        If the unit is unknown.
+    """
+    if length and length not in LENGTHS:
+        raise RecordError(f'{length!r} is no unit of a displacement; use {", ".join(LENGTHS)}')
+    found = [hints.get(k) or meaning(name) for k, name in enumerate(names)]
+    if not length:
+        return found
+    return [
+        replace(m, unit=length, rank=NAMED)
+        if not m.unit and m.what in ('displacement', 'reference') and not _stated(names[k])
+        else m
+        for k, m in enumerate(found)
+    ]
+
+
+# What distinguishes the channels of one quantity: a number, or a letter that stands alone.
+_INDEX = r'(\d+|(?<![A-Za-z])[xyzXYZ](?![A-Za-z]))'
+
+
+def alike(names: Sequence[str]) -> bool:
+    """Return whether names differ in one number or in one letter x, y, z only."""
+    parts = [re.split(_INDEX, name) for name in names]
+    if len({len(each) for each in parts}) > 1:
+        return False
+    differ = [k for k, each in enumerate(zip(*parts, strict=True)) if len(set(each)) > 1]
+    return len(differ) == 1 and differ[0] % 2 == 1 and len(set(names)) == len(names)
+
+
+def in_order(names: Sequence[str], places: Sequence[int]) -> list[int]:
+    """Return the places of names by their numbers: 2 before 10."""
+    return sorted(
+        places, key=lambda k: [(int(x), '') if x.isdigit() else (-1, x)
+                               for x in re.split(r'(\d+)', names[k])]
+    )  # fmt: skip
+
+
+def _refuse_axes(
+    names: Sequence[str], meanings: Sequence[Meaning], chosen: Mapping[str, str], where: object
+) -> None:
+    """Refuse columns of several axes, of which a reader of one axis would need one pair."""
+    groups = []
+    for what in ('voltage', 'displacement'):
+        ranks = [m.rank for m in meanings if m.what == what]
+        rank = min(ranks, default=BY_UNIT)
+        places = [k for k, m in enumerate(meanings) if (m.what, m.rank) == (what, rank)]
+        group = [names[k] for k in in_order(names, places)]
+        if what in chosen or rank == BY_UNIT or (len(group) > 1 and not alike(group)):
+            return
+        groups.append((group, rank))
+    counts = [len(group) for group, _ in groups]
+    if max(counts) == 1 or (min(counts) == 1 and NOT_ENOUGH in [rank for _, rank in groups]):
+        return
+    raise several_axes(where, groups[0][0], groups[1][0])
+
+
+def several_axes(
+    where: object, voltages: Sequence[str], displacements: Sequence[str], take: str = ''
+) -> SeveralAxesError:
+    """Return the error with which data of several axes are refused by readers of one."""
+    take = take or (
+        f"`import FILE --voltage '{voltages[0]}' --displacement '{displacements[0]}' --out BAG`"
+    )
+    return SeveralAxesError(
+        f'{where}: it has {counted_axes(len(voltages), len(displacements))} '
+        f'({_range(voltages)}; {_range(displacements)}); use `identify --model '
+        f'modes` for all of them (in Python ph.load_axes), or take one with {take}'
+    )
+
+
+def _range(names: Sequence[str]) -> str:
+    return ', '.join(names) if len(names) <= 2 else f'{names[0]} to {names[-1]}'
+
+
+def counted_axes(inputs: int, outputs: int) -> str:
+    """Return the number of axes in words."""
+    if inputs == outputs:
+        return f'{inputs} ax{"i" if inputs == 1 else "e"}s'
+    number = f'{inputs} voltage{"s" * (inputs > 1)}'
+    return f'{number} and {outputs} displacement{"s" * (outputs > 1)}'
 
 
 def _stated(name: str) -> str:

@@ -1,9 +1,8 @@
 """Columns of a large CSV file by pyarrow, which reads in pieces and on all cores.
 
 3 million rows of three columns: 0.9 s of processor time and 550 MB at the most, against 2.2 s and
-850 MB by NumPy on lines of text, to the same bits (`python bench/csv_reading.py`). Files with
-anything but plain numbers, such as comments or damage, are left to the reader that reports the
-wrong line.
+850 MB by NumPy on lines of text, to the same bits. Files with anything but plain numbers, such as
+comments or damage, are left to the reader that reports the wrong line.
 """
 
 from __future__ import annotations

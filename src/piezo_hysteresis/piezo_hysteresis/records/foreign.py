@@ -170,14 +170,7 @@ def _times(
     log: DamageLog,
     time_from: str,
 ) -> dict[str, IntArray]:
-    """Return the times of each signal [ns], all of one clock.
-
-    Raises
-    ------
-    RecordError
-        If headers were asked for and messages have none, or their clocks differ and it is not
-        clear which one counts.
-    """
+    """Return the times of each signal [ns], all of one clock; refuse what is ambiguous."""
     if time_from == 'recording':
         return logged
     bare = sorted({topics[key] for key, stamps in headers.items() if stamps is None})

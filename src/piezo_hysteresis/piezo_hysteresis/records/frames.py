@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.array_pairs import ArrayPair, refuse_pair
 from piezo_hysteresis.records.columns import UNITS, meaning
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, column
@@ -73,7 +74,7 @@ def frame_records(given: Columns, name: str, log: DamageLog, options: ReadOption
     RecordError
         If the columns are no record.
     """
-    columns = _columns_of(given)
+    columns = columns_in(given)
     timed = any((each.known or meaning(each.name)).what == 'time' for each in columns)
     if timed and options.interval is not None:
         raise RecordError(f'{_WHERE} have a time; leave dt out')
@@ -89,7 +90,7 @@ def frame_records(given: Columns, name: str, log: DamageLog, options: ReadOption
     return records_of(track, _WHERE, log)
 
 
-def _columns_of(given: Columns) -> list[Column]:
+def columns_in(given: Columns) -> list[Column]:
     """Return all columns of numbers or times, each of shape (n,)."""
     if isinstance(given, Mapping):
         raw: dict[str, Any] = {str(name): values for name, values in given.items()}
@@ -113,6 +114,9 @@ def _columns_of(given: Columns) -> list[Column]:
             raise RecordError(f'column {name} holds values that are not numbers')
         shapes[name] = array.shape
         columns.append(found or Column(_with_unit(name), np.asarray(array, np.float64)))
+    if shapes.keys() == {'voltage', 'displacement'}:
+        arrays = (np.asarray(raw['voltage']), np.asarray(raw['displacement']))
+        refuse_pair(_WHERE, ArrayPair('', ('u', 'y'), *arrays))
     if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) > 1:
         listed = ', '.join(f'{name} {shape}' for name, shape in shapes.items())
         raise RecordError(f'columns must be of equal length, one number a sample; got {listed}')

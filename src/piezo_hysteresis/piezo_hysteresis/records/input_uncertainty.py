@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.signal import lfilter
 
 from piezo_hysteresis.arrays import FloatArray
 
@@ -43,6 +42,8 @@ class InputUncertainty:
 
     def draw(self, samples: int, repeats: int, generator: np.random.Generator) -> FloatArray:
         """Return such an error in the mean of so many periods, shape (samples,) [V or N]."""
+        from scipy.signal import lfilter  # imports more than all the rest together
+
         white = generator.standard_normal(samples) * sqrt((1.0 - self.colour**2) / repeats)
         error = self.rest * lfilter([1.0], [1.0, -self.colour], white)
         error += self.term * generator.standard_normal()

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import struct
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
 from piezo_hysteresis.common.wording import reason_of
-from piezo_hysteresis.errors import DataNote, RecordError
+from piezo_hysteresis.errors import DataNote, RecordError, SeveralAxesError
+from piezo_hysteresis.records.array_pairs import refuse_arrays
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
 from piezo_hysteresis.records.bags import bag_records
 from piezo_hysteresis.records.damage import (
@@ -24,6 +26,7 @@ from piezo_hysteresis.records.damage import (
 )
 from piezo_hysteresis.records.folder_content import content_of, is_csv, is_of_columns, matching
 from piezo_hysteresis.records.foreign import foreign_records
+from piezo_hysteresis.records.formats.column_table import ColumnTable
 from piezo_hysteresis.records.formats.reading import FORMATS, tables
 from piezo_hysteresis.records.frames import (
     Arrays,
@@ -34,9 +37,11 @@ from piezo_hysteresis.records.frames import (
 )
 from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.record import Record, RecordList
-from piezo_hysteresis.records.table_reader import file_records
+from piezo_hysteresis.records.table_reader import file_records, with_voltage
 from piezo_hysteresis.records.text_tables import text_tables
 
+R = TypeVar('R')
+N = TypeVar('N', bound=Any)
 Source: TypeAlias = str | Path | Columns | Arrays | Record
 
 
@@ -132,13 +137,22 @@ def loaded(
 ) -> RecordList:
     """Return records like `load`, with what is stated about the files as one object."""
     found = survey(_several(data), salvage=salvage, actuator=actuator, options=options)
-    for damage in found.damage:
-        warnings.warn(str(damage), DamageWarning, stacklevel=3)
-    for record in found.left_out:
-        warnings.warn(str(record), LeftOutWarning, stacklevel=3)
-    for guess in found.guesses:
-        warnings.warn(str(guess), DataNote, stacklevel=3)
+    _warn(found.damage, found.left_out, found.guesses)
     return RecordList(found.records)
+
+
+def warn_of(log: DamageLog) -> None:
+    """Warn the caller of a function like `loaded`."""
+    _warn(log.findings, log.left_out, log.guesses)
+
+
+def _warn(damage: list[Damage], left_out: list[Damage], guesses: list[Damage]) -> None:
+    for each in damage:
+        warnings.warn(str(each), DamageWarning, stacklevel=4)
+    for each in left_out:
+        warnings.warn(str(each), LeftOutWarning, stacklevel=4)
+    for each in guesses:
+        warnings.warn(str(each), DataNote, stacklevel=4)
 
 
 def listed(data: Source | Iterable[Source]) -> list[Record]:
@@ -211,13 +225,13 @@ def survey(
     if not sources:
         raise RecordError('no data were given; name a bag folder or a CSV file')
     log = DamageLog(salvage) if log is None else log
-    reading = _Reading(log, options or ReadOptions(), actuator)
+    reading = _OneAxis(log, options or ReadOptions(), actuator)
     records: list[Record] = []
     for given in sources:
         source = columns_of_arrays(given) or given
         if isinstance(source, (str, Path)):
             for path in matching(source):
-                records += _of_path(path, reading)
+                records += reading.of_path(path)
         elif isinstance(source, Record):
             records.append(source)
         elif isinstance(source, (Mapping, DataFrameLike)):
@@ -226,7 +240,7 @@ def survey(
             raise RecordError(_UNKNOWN.format(type(source).__name__))
     if reading.options.sign < 0:
         records = [_reversed(record) for record in records]
-    named = _uniquely_named(records)
+    named = uniquely_named(records)
     return Survey(named, log.findings, log.notes, reading.bags, log.left_out, log.guesses)
 
 
@@ -240,28 +254,125 @@ def _reversed(record: Record) -> Record:
 
 
 @dataclass(frozen=True)
-class _Reading:
-    """What all readers share: the log, what the user states, and the bags that were met."""
+class Reading(ABC, Generic[R]):
+    """What all readers share: the log, what the user states, and the bags that were met.
+
+    Subclasses say what becomes of a bag, of a file of columns and of columns in memory.
+    """
 
     log: DamageLog
     options: ReadOptions
     actuator: str | None = None
     bags: list[BagContent] = field(default_factory=list)
 
+    @abstractmethod
+    def of_bag(self, content: BagContent) -> list[R]:
+        """Return the records of a bag with our topics."""
 
-def _of_path(path: Path, reading: _Reading) -> list[Record]:
-    log = reading.log
-    before = len(log.findings)
-    try:
-        with sentences(path):
-            found = _read(path, reading)
-    except RecordError as error:
-        lost = '; '.join(each.what for each in log.findings[before : before + 2])
-        raise RecordError(f'{error} ({lost})' if lost else str(error)) from error
-    if not found:
-        lost = '; '.join(str(each) for each in (*log.findings, *log.left_out)[-2:])
-        raise RecordError(f'{path}: no record in it is readable ({lost})')
-    return found
+    @abstractmethod
+    def of_fields(self, path: Path) -> list[R]:
+        """Return the records of a bag of which fields are named."""
+
+    @abstractmethod
+    def of_columns(self, path: Path) -> list[R]:
+        """Return the records of a file of columns."""
+
+    def of_path(self, path: Path) -> list[R]:
+        """Return the records of a file, bag or folder.
+
+        Raises
+        ------
+        RecordError
+            If there is none.
+        """
+        log = self.log
+        before = len(log.findings)
+        try:
+            with sentences(path):
+                found = self._read(path)
+        except SeveralAxesError:
+            raise
+        except RecordError as error:
+            lost = '; '.join(each.what for each in log.findings[before : before + 2])
+            raise RecordError(f'{error} ({lost})' if lost else str(error)) from error
+        if not found:
+            lost = '; '.join(str(each) for each in (*log.findings, *log.left_out)[-2:])
+            raise RecordError(f'{path}: no record in it is readable ({lost})')
+        return found
+
+    def _read(self, path: Path) -> list[R]:
+        if path.is_dir() and not content_of(path).is_bag:
+            return self.of_folder(path)
+        if path.is_dir() or path.suffix in (*READERS, '.zstd'):
+            if self.options.columns:
+                return self.of_fields(path)
+            content = read_content(path, self.log)
+            self.bags.append(content)
+            return self.of_bag(content)
+        if is_of_columns(path):
+            return self.of_columns(path)
+        raise RecordError(unknown_kind(path))
+
+    def of_folder(self, path: Path) -> list[R]:
+        """Return the records of all files and bags in a folder; others are left out with a note.
+
+        Raises
+        ------
+        RecordError
+            If there is none.
+        """
+        log, content = self.log, content_of(path)
+        if not (content.files or content.bags):
+            inside = next((str(each) for each in content.folders), '')
+            hint = f'; give the folders in it, such as {inside}' if inside else ''
+            raise RecordError(f'{path}: the folder holds no bag and no file of columns{hint}')
+        records: list[R] = []
+        errors: list[RecordError] = []
+        for each in (*content.files, *content.bags):
+            known = len(log.findings)
+            try:
+                records += self.of_path(each)
+            except RecordError as error:
+                del log.findings[known:]
+                errors.append(error)
+        if not records:
+            raise errors[0]
+        for reason in errors:
+            log.leave_out(path, f'left out: {reason}')
+        if stray := [each.name for each in (*content.others, *content.folders)]:
+            some = ', '.join(stray[:4]) + (', ...' if len(stray) > 4 else '')
+            log.leave_out(
+                path, f'{some} left out: no bag and no file of columns', count=len(stray)
+            )
+        return records
+
+
+class _OneAxis(Reading[Record]):
+    """Reads everything as records of one axis."""
+
+    def of_bag(self, content: BagContent) -> list[Record]:
+        return bag_records(content, self.log, self.actuator)
+
+    def of_fields(self, path: Path) -> list[Record]:
+        options = self.options
+        fields = {what: text for what, text in options.columns.items() if what != 'time'}
+        if 'displacement' not in fields or not {'voltage', 'force'} & fields.keys():
+            raise RecordError(
+                'of a bag --displacement and --voltage (or --force) belong together; name both '
+                'fields'
+            )
+        return foreign_records(path, self.log, time_from=options.time_from, **fields)
+
+    def of_columns(self, path: Path) -> list[Record]:
+        try:
+            return column_records(path, self.log, self.options)
+        except RecordError:
+            refuse_arrays(path)
+            raise
+
+    def of_folder(self, path: Path) -> list[Record]:
+        refuse_arrays(path, content_of(path).files)
+        return super().of_folder(path)
 
 
 @contextmanager
@@ -287,57 +398,6 @@ def sentences(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _read(path: Path, reading: _Reading) -> list[Record]:
-    log, options = reading.log, reading.options
-    if path.is_dir() and not content_of(path).is_bag:
-        return _folder(path, reading)
-    if path.is_dir() or path.suffix in (*READERS, '.zstd'):
-        if options.columns:
-            return _named_fields(path, log, options)
-        content = read_content(path, log)
-        reading.bags.append(content)
-        return bag_records(content, log, reading.actuator)
-    if is_of_columns(path):
-        return column_records(path, log, options)
-    raise RecordError(unknown_kind(path))
-
-
-def _named_fields(path: Path, log: DamageLog, options: ReadOptions) -> list[Record]:
-    """Return the record of a bag of other messages, by the fields that the user names."""
-    fields = {what: text for what, text in options.columns.items() if what != 'time'}
-    if 'displacement' not in fields or not {'voltage', 'force'} & fields.keys():
-        raise RecordError(
-            'of a bag --displacement and --voltage (or --force) belong together; name both fields'
-        )
-    return foreign_records(path, log, time_from=options.time_from, **fields)
-
-
-def _folder(path: Path, reading: _Reading) -> list[Record]:
-    """Return the records of all files and bags in a folder; others are left out with a note."""
-    log, content = reading.log, content_of(path)
-    if not (content.files or content.bags):
-        inside = next((str(each) for each in content.folders), '')
-        hint = f'; give the folders in it, such as {inside}' if inside else ''
-        raise RecordError(f'{path}: the folder holds no bag and no file of columns{hint}')
-    records: list[Record] = []
-    errors: list[RecordError] = []
-    for each in (*content.files, *content.bags):
-        known = len(log.findings)
-        try:
-            records += _of_path(each, reading)
-        except RecordError as error:
-            del log.findings[known:]
-            errors.append(error)
-    if not records:
-        raise errors[0]
-    for reason in errors:
-        log.leave_out(path, f'left out: {reason}')
-    if stray := [each.name for each in (*content.others, *content.folders)]:
-        some = ', '.join(stray[:4]) + (', ...' if len(stray) > 4 else '')
-        log.leave_out(path, f'{some} left out: no bag and no file of columns', count=len(stray))
-    return records
-
-
 def unknown_kind(path: Path) -> str:
     """Return the sentence with which a file of another kind is refused."""
     return (
@@ -355,14 +415,49 @@ def column_records(path: Path, log: DamageLog, options: ReadOptions | None = Non
         If the file is unusable, or a line of a file that is no text is requested.
     """
     options = options or ReadOptions()
+    return file_records(path, tables_of_file(path, log, options), log, options)
+
+
+def tables_of_file(path: Path, log: DamageLog, options: ReadOptions) -> list[ColumnTable]:
+    """Return the tables of a file of columns in any format.
+
+    Raises
+    ------
+    RecordError
+        As `column_records` does.
+    """
     if is_csv(path):
-        return file_records(path, text_tables(path, log, options), log, options)
+        return text_tables(path, log, options)
     if options.header_row is not None:
         raise RecordError(f'{path}: --header-row and --skip-rows are for text; leave them out')
-    return file_records(path, tables(path), log, options)
+    return tables(path)
 
 
-def _uniquely_named(records: list[Record]) -> list[Record]:
+def reference_record(
+    path: Path, options: ReadOptions | None = None, salvage: bool = False
+) -> Record:
+    """Return the first record of a file, also of one without a voltage: of a desired displacement.
+
+    Raises
+    ------
+    RecordError
+        If the file is unusable, or holds no displacement and no reference.
+    """
+    if not is_of_columns(path):
+        return loaded([path], options or ReadOptions(), salvage)[0]
+    chosen, log = options or ReadOptions(), DamageLog(salvage)
+    with sentences(path):
+        found = [with_voltage(each) for each in tables_of_file(path, log, chosen)]
+        record = file_records(path, found, log, chosen)[0]
+    for damage in log.findings:
+        warnings.warn(str(damage), DamageWarning, stacklevel=3)
+    for guess in log.guesses:
+        warnings.warn(str(guess), DataNote, stacklevel=3)
+    return _reversed(record) if chosen.sign < 0 else record
+
+
+def uniquely_named(records: Sequence[N]) -> list[N]:
+    """Return records with a number behind the names that stand twice."""
     taken: set[str] = set()
     result = []
     for record in records:

@@ -7,7 +7,7 @@ killed or the disk is full, all flushed data remain.
 
 Reason for not using rosbags: of a killed recording of 200 000 states, any reader finds all 200 000
 in these files and none in those of rosbags, which have no footer before they are closed; and
-writing whole chunks of an array takes a seventh of the time (``bench/records.py``, ratio 7.6).
+writing whole chunks of an array takes a seventh of the time (ratio 7.6).
 """
 
 from __future__ import annotations

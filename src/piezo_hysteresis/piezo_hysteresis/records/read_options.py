@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from piezo_hysteresis.common.stated import CLOCKS
 from piezo_hysteresis.errors import RecordError
-
-#: Which time of the messages of a bag counts.
-CLOCKS = ('recording', 'header')
 
 
 @dataclass(frozen=True)
@@ -33,6 +31,9 @@ class ReadOptions:
         Decimal mark of a text file, ``.`` or ``,``; empty: found from all cells.
     time_from : str
         ``recording`` or ``header`` for bags; empty: header stamps where they agree.
+    axes : bool
+        The files are of several axes: a column of ``voltage`` and ``displacement`` is then a
+        pattern, ``u*`` or ``u*:mV``.
 
     Raises
     ------
@@ -47,6 +48,7 @@ class ReadOptions:
     unit: str = ''
     decimal: str = ''
     time_from: str = ''
+    axes: bool = False
 
     def __post_init__(self) -> None:
         step = self.interval
@@ -60,8 +62,3 @@ class ReadOptions:
             raise RecordError(f'the decimal mark is . or , and not {self.decimal!r}')
         if self.time_from not in ('', *CLOCKS):
             raise RecordError(f'the time is from {" or ".join(CLOCKS)}, not {self.time_from!r}')
-
-    @property
-    def names_nothing(self) -> bool:
-        """Whether no column and no line is named."""
-        return not self.columns and self.header_row is None

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import Any, SupportsIndex, overload
+from typing import Any, ClassVar, SupportsIndex, overload
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.results import Plottable
-from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.common.wording import missing
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.input_uncertainty import InputUncertainty
 
@@ -82,6 +82,20 @@ class Record(Plottable):
         If the arrays have different lengths, are empty or not finite, ``dt`` is not positive, or
         the warm-up is negative or not finite.
     """
+
+    _INSTEAD: ClassVar = {
+        'voltage': 'u input',
+        'displacement': 'y output position',
+        'time': 't',
+        'rate': 'fs sampling_rate samplerate',
+        'dt': 'Ts',
+        'len(record)': 'n size shape',
+        'record[0.5:1.5], in seconds': 'trim crop slice',
+        'resample(rate)': 'decimate downsample',
+        'ph.write_bag(path, [record])': 'save',
+        'info.frequency': 'frequency',
+        'info.amplitude': 'amplitude',
+    }
 
     name: str
     dt: float
@@ -219,7 +233,8 @@ class RecordList(list[Record]):
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith('_') or (not hasattr(Record, name) and name not in _FIELDS):
-            raise AttributeError(f'records have no attribute {name!r}{near(name, _KNOWN)}')
+            instead = missing(name, _KNOWN, Record._INSTEAD)
+            raise AttributeError(f'records have no attribute {name!r}{instead}')
         if len(self) != 1:
             raise AttributeError(
                 f'{len(self)} records: records[0].{name} is that of the first one'

@@ -39,7 +39,8 @@ class Track:
     time : ndarray, shape (n,)
         Time of each sample [s].
     columns : dict of ndarray, shape (n,)
-        ``voltage`` [V], ``displacement`` [m] and perhaps ``reference`` [m].
+        ``voltage`` [V], ``displacement`` [m] and perhaps ``reference`` [m]; of several axes
+        ``voltage_1``, ``voltage_2``, ..., ``displacement_1``, ...
     sample : ndarray, shape (n,), or None
         Number of each sample, if the source counts them.
     info : RecordInfo
@@ -66,9 +67,42 @@ class Track:
             self.rate,
         )
 
+    def of(self, quantity: str) -> list[FloatArray]:
+        """Return the columns of one quantity: one, or one for each axis."""
+        return [each for key, each in self.columns.items() if key.startswith(quantity)]
+
+
+@dataclass(frozen=True)
+class SampledTrack:
+    """Samples of a track at a constant rate, and the interval between them [s]."""
+
+    track: Track
+    dt: float
+
+    def record(self) -> Record:
+        """Return them as a record of one axis."""
+        columns = self.track.columns
+        return Record(
+            self.track.name,
+            self.dt,
+            columns['voltage'],
+            columns['displacement'],
+            start=float(self.track.time[0]),
+            reference=columns.get('reference'),
+            info=self.track.info,
+        )
+
 
 def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
     """Return the samples of a track as one record, or as its intact pieces when salvaging.
+
+    Parameters and errors are those of `sampled`.
+    """
+    return [each.record() for each in sampled(track, where, log)]
+
+
+def sampled(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
+    """Return the samples of a track at a constant rate, or its intact pieces when salvaging.
 
     Parameters
     ----------
@@ -88,11 +122,11 @@ def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
     if track.sample is not None and track.sample.size and np.all(track.sample == track.sample[0]):
         track = Track(track.name, track.time, track.columns, None, track.info, track.rate)
     track = _finite(track, place, log)
-    return [record for run in _runs(track, place, log) for record in _pieces_of(run, where, log)]
+    return [piece for run in _runs(track, place, log) for piece in _pieces_of(run, where, log)]
 
 
-def _pieces_of(track: Track, where: str, log: DamageLog) -> list[Record]:
-    """Return one run as a record, or as its intact pieces when salvaging."""
+def _pieces_of(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
+    """Return one run at a constant rate, or its intact pieces when salvaging."""
     place = f'{where}: record {track.name}'
     track = _ordered(track, place, log)
     if track.time.size < 2:
@@ -110,10 +144,13 @@ def _pieces_of(track: Track, where: str, log: DamageLog) -> list[Record]:
     names = [track.name]
     if len(whole) > 1:
         names = [f'{track.name}.{number}' for number in range(1, len(whole) + 1)]
-    records = [_record(piece, name, place, log) for piece, name in zip(whole, names, strict=False)]
-    for record in records:
-        _check_units(record, place, log)
-    return records
+    found = [
+        SampledTrack(replace(piece, name=name), _interval(piece, place, log))
+        for piece, name in zip(whole, names, strict=False)
+    ]
+    for each in found:
+        check_units(each.track, place, log)
+    return found
 
 
 def _finite(track: Track, place: str, log: DamageLog) -> Track:
@@ -192,13 +229,8 @@ def _refuse_two_senders(track: Track, place: str) -> None:
     """Refuse samples of two senders between each other, which no order makes one record.
 
     Every second sample is even by itself, and the displacement is far rougher together than apart.
-
-    Raises
-    ------
-    RecordError
-        Also when salvaging.
     """
-    time, moved = track.time, track.columns['displacement']
+    time, moved = track.time, track.of('displacement')[0]
     if time.size < 2 * SHORTEST:
         return
     steps = np.diff(time)
@@ -435,31 +467,19 @@ def _interval(track: Track, place: str, log: DamageLog) -> float:
     return dt
 
 
-def _record(track: Track, name: str, place: str, log: DamageLog) -> Record:
-    dt = _interval(track, place, log)
-    columns = track.columns
-    return Record(
-        name,
-        dt,
-        columns['voltage'],
-        columns['displacement'],
-        start=float(track.time[0]),
-        reference=columns.get('reference'),
-        info=track.info,
-    )
-
-
-def _check_units(record: Record, place: str, log: DamageLog) -> None:
+def check_units(track: Track, place: str, log: DamageLog) -> None:
     """Refuse values that can only be a mistaken unit."""
-    stroke = float(np.ptp(record.displacement))
-    swing = float(np.ptp(record.voltage))
-    largest = float(np.abs(record.voltage).max())
-    if stroke > LARGEST_STROKE:
-        log.add(place, f'the stroke is {stroke:.4g} m, which no piezo actuator has',
-                remedy='name the displacement column by its unit (displacement_um)')  # fmt: skip
-    elif record.info.input_unit == 'V' and swing > 1.0 and 0 < stroke < SMALLEST_STROKE:
-        log.add(place, f'a swing of {swing:.4g} V moves it by only {stroke:.3g} m',
-                remedy='name the displacement column by its unit (displacement_m)')  # fmt: skip
-    if record.info.input_unit == 'V' and largest > LARGEST_VOLTAGE:
+    voltages, electric = track.of('voltage'), track.info.input_unit == 'V'
+    swing = max(float(np.ptp(each)) for each in voltages)
+    largest = max(float(np.abs(each).max()) for each in voltages)
+    remedy = 'name the displacement column by its unit ({})'
+    for stroke in (float(np.ptp(each)) for each in track.of('displacement')):
+        if stroke > LARGEST_STROKE:
+            log.add(place, f'the stroke is {stroke:.4g} m, which no piezo actuator has',
+                    remedy=remedy.format('displacement_um'))  # fmt: skip
+        elif electric and swing > 1.0 and 0 < stroke < SMALLEST_STROKE:
+            log.add(place, f'a swing of {swing:.4g} V moves it by only {stroke:.3g} m',
+                    remedy=remedy.format('displacement_m'))  # fmt: skip
+    if electric and largest > LARGEST_VOLTAGE:
         log.add(place, f'the voltage reaches {largest:.4g} V, which no amplifier gives',
                 remedy='give it in volts')  # fmt: skip

@@ -11,12 +11,13 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records.columns import UNITS, Meaning, assigned
+from piezo_hysteresis.records.channels import QUANTITIES, channel, channels_of, pattern_of
+from piezo_hysteresis.records.columns import CERTAIN, UNITS, Meaning, assigned, meaning
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, united
 from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.record import Record, RecordInfo
-from piezo_hysteresis.records.sampling import Track, records_of
+from piezo_hysteresis.records.sampling import SampledTrack, Track, sampled
 from piezo_hysteresis.records.tabular import about
 
 SAME_RATE = 1e-3  # steps that differ by a smaller part are of one rate
@@ -27,7 +28,14 @@ SAME_TICK = 0.01  # times closer than this part of a step are one
 def file_records(
     path: Path, tables: Sequence[ColumnTable], log: DamageLog, options: ReadOptions
 ) -> list[Record]:
-    """Return the records of a file: one for each table with the required columns.
+    """Return the records of a file, see `file_samples`."""
+    return [each.record() for each in file_samples(path, tables, log, options)]
+
+
+def file_samples(
+    path: Path, tables: Sequence[ColumnTable], log: DamageLog, options: ReadOptions
+) -> list[SampledTrack]:
+    """Return the samples of a file: those of each table with the required columns.
 
     If no table has them all, the tables are read as one: some programs write one channel a group.
 
@@ -40,7 +48,7 @@ def file_records(
         raise RecordError(f'{path}: it holds no columns of numbers; save time, voltage and '
                           'displacement as vectors')  # fmt: skip
     info, name, rate = about(path)
-    records: list[Record] = []
+    found: list[SampledTrack] = []
     reasons: list[RecordError] = []
     several = len(tables) > 1
     for table in tables:
@@ -51,39 +59,54 @@ def file_records(
         except RecordError as error:
             reasons.append(error)
             continue
-        records += _cut(track, table, str(path), log)
-    if not records and not reasons:
+        found += _cut(track, table, str(path), log)
+    if not found and not reasons:
         raise RecordError(f'{path}: nothing of it is readable as a record')
-    if not records and several:
+    if not found and several:
         whole = united(tables)
         try:
             track = track_of(whole, name, str(path), log, options, info=info, rate=rate)
         except RecordError:
             raise reasons[0] from None
-        return records_of(track, str(path), log)
-    if not records:
+        return sampled(track, str(path), log)
+    if not found:
         raise reasons[0]
     for reason in reasons:
         log.note(path, f'left out: {reason}')
-    return records
+    return found
 
 
-def _cut(track: Track, table: ColumnTable, where: str, log: DamageLog) -> list[Record]:
-    """Return the records of a table, which is cut where its names stand again without a time."""
+def _cut(track: Track, table: ColumnTable, where: str, log: DamageLog) -> list[SampledTrack]:
+    """Return the samples of a table, which is cut where its names stand again without a time."""
     if table.count and track.time.size != table.count:
         what = f'its header states {table.count} samples but {track.time.size} follow'
         log.add(where, what, lost=max(table.count - track.time.size, 0), remedy='save it again')
     if not table.repeats or track.rate <= 0.0:
-        return records_of(track, where, log)
+        return sampled(track, where, log)
     edges = [0, *table.repeats, track.time.size]
     log.note(where, f'the column names stand again: read as {len(edges) - 1} records')
     return [
-        record
+        each
         for k, (a, b) in enumerate(pairwise(edges), 1)
         if b > a
-        for record in records_of(replace(track.take(slice(a, b)), name=f'{track.name}.{k}'),
+        for each in sampled(replace(track.take(slice(a, b)), name=f'{track.name}.{k}'),
                                  where, log)
     ]  # fmt: skip
+
+
+def with_voltage(table: ColumnTable) -> ColumnTable:
+    """Return a table of a desired displacement as one of a record: it has no voltage yet."""
+    columns = list(table.columns)
+    meant = {(each.known or meaning(each.name)).what: each for each in columns}
+    target = meant.get('displacement') or meant.get('reference')
+    if target is None or 'voltage' in meant or 'force' in meant:
+        return table
+    if 'displacement' not in meant:
+        unit = (target.known or meaning(target.name)).unit
+        columns.append(replace(target, known=Meaning('displacement', unit, CERTAIN)))
+    nothing = replace(target, values=np.zeros(target.values.size))
+    columns.append(replace(nothing, known=Meaning('voltage', 'V', CERTAIN)))
+    return replace(table, columns=columns)
 
 
 def track_of(
@@ -97,15 +120,17 @@ def track_of(
     rate: float = 0.0,
     of_file: bool = True,
 ) -> Track:
-    """Return the samples of one table in SI units, with their times.
+    """Return the samples of one table in SI units, with their times; of several axes if asked.
 
     Raises
     ------
     RecordError
         If columns are missing, doubtful, or of two rates.
     """
+    if options.axes:
+        return _track_of_axes(table, name, where, log, options, rate)
     columns = table.columns
-    hints = {k: each.known for k, each in enumerate(columns) if each.known is not None}
+    hints = _known(columns)
     has_clock = any(each.time is not None for each in columns)
     stated = options.interval or table.interval
     needed = ('voltage', 'displacement') if stated or has_clock else _ALL
@@ -131,6 +156,35 @@ def track_of(
         found = _held(found, where, log)
     time, values, step = _timed(found, table, where, log, options)
     return Track(name, time, values, info=info, rate=1.0 / step if step else rate)
+
+
+def _known(columns: Sequence[Column]) -> dict[int, Meaning]:
+    return {k: each.known for k, each in enumerate(columns) if each.known is not None}
+
+
+def _track_of_axes(
+    table: ColumnTable, name: str, where: str, log: DamageLog, options: ReadOptions, rate: float
+) -> Track:
+    """Return the samples of all axes on their one clock: the tracks of pairs of channels."""
+    names = [each.name for each in table.columns]
+    places = channels_of(names, where, options, _known(table.columns))
+    units = {what: pattern_of(options.columns.get(what, ''), what)[1] for what in QUANTITIES}
+    pairs: list[Track] = []
+    columns: dict[str, FloatArray] = {}
+    for k in range(max(map(len, places.values()))):
+        chosen = {
+            what: channel(names, each[min(k, len(each) - 1)], units[what])
+            for what, each in places.items()
+        }
+        one = replace(options, axes=False, columns={**options.columns, **chosen})
+        pairs.append(track_of(table, name, where, log, one, rate=rate))
+        if not np.array_equal(pairs[k].time, pairs[0].time):
+            raise RecordError(
+                f'{where}: the displacements {names[places["displacement"][0]]!r} and '
+                f'{chosen["displacement"]!r} have different times; save all axes from one clock'
+            )
+        columns |= {f'{w}_{k + 1}': pairs[k].columns[w] for w in QUANTITIES if k < len(places[w])}
+    return Track(name, pairs[0].time, columns, rate=pairs[0].rate)
 
 
 _ALL = ('time', 'voltage', 'displacement')
@@ -202,11 +256,6 @@ def _on_one_clock(
     """Return the times of the displacement, and what every other column is at them.
 
     Columns of one rate may start apart: each is then held until its next sample.
-
-    Raises
-    ------
-    RecordError
-        If they have two rates, or share no time.
     """
     clock = found['displacement'].time
     if clock is None:

@@ -12,7 +12,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import csv_columns
-from piezo_hysteresis.records.columns import Meaning, assigned, stamped
+from piezo_hysteresis.records.channels import used_columns
+from piezo_hysteresis.records.columns import Meaning, stamped
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.dialects import TextLayout, dialect_of, plain
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable
@@ -103,16 +104,13 @@ def _at_once(path: Path, layout: TextLayout, options: ReadOptions) -> ColumnTabl
     """Return the columns of a large file that mean something, by pyarrow; None if it cannot."""
     timed = options.interval or layout.interval
     try:
-        meanings, _ = assigned(
-            layout.names, path, chosen=options.columns, hints=layout.known, length=options.unit,
-            needed=() if timed else ('time', 'voltage', 'displacement'),
-        )  # fmt: skip
+        places = used_columns(layout.names, path, options, layout.known, timed)
     except RecordError:
         return None
-    values = csv_columns.columns(path, layout.first - 1, layout.separator, list(meanings))
+    values = csv_columns.columns(path, layout.first - 1, layout.separator, places)
     if values is None:
         return None
-    taken = dict(zip(meanings, values.T, strict=True))
+    taken = dict(zip(places, values.T, strict=True))
     nothing = np.zeros(0)
     columns = [
         Column(name, taken.get(k, nothing), known=layout.known.get(k))
@@ -212,11 +210,7 @@ def _columns(
         hints |= {0: Meaning('time', 's', 1), 1: Meaning()}
     timed = options.interval or layout.interval
     try:
-        meanings, _ = assigned(
-            layout.names, path, chosen=options.columns, hints=hints, length=options.unit,
-            needed=() if timed else ('time', 'voltage', 'displacement'),
-        )  # fmt: skip
-        places = sorted(meanings)
+        places = sorted(used_columns(layout.names, path, options, hints, timed))
     except RecordError:
         places = []
     wrong = {k: f'line {rows.numbers[k]} has {len(cells)} cells for {width} columns'

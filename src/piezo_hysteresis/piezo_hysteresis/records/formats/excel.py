@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime, time, timedelta
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -144,4 +145,6 @@ def write(path: Path, columns: dict[str, FloatArray]) -> None:
     sheet.append(list(columns))
     for row in zip(*(values.tolist() for values in columns.values()), strict=True):
         sheet.append(row)
-    book.save(path)
+    file = BytesIO()  # the archive of a full disk fails once more when it is collected
+    book.save(file)
+    path.write_bytes(file.getvalue())

@@ -40,6 +40,20 @@ def read(path: Path) -> Iterator[ColumnTable]:
                 for table in found)  # fmt: skip
 
 
+def arrays(path: Path) -> dict[str, Any]:
+    """Return the arrays at the top of a file by name, in the order of axes of their program."""
+    import h5py
+
+    with h5py.File(path, 'r') as file:
+        found = _entries(file, file, h5py, set(), [])
+        columns_first = any('MATLAB_class' in item.attrs for item in file.values())
+    held = {
+        name: each for name, each in found.items() if isinstance(each, np.ndarray | np.generic)
+    }
+    return {name: np.asarray(each).T if columns_first else np.asarray(each)
+            for name, each in held.items()}  # fmt: skip
+
+
 def object_refused(names: Sequence[str]) -> RecordError:
     """Return the error with the instruction to save objects that only MATLAB can read."""
     return RecordError(

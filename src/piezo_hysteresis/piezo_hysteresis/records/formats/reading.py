@@ -10,9 +10,12 @@ from piezo_hysteresis.records.formats import (
     arrow,
     excel,
     hdf5,
+    igor,
     matlab,
+    mdf,
     numpy_files,
     tdms,
+    uff,
 )
 from piezo_hysteresis.records.formats.column_table import ColumnTable
 
@@ -28,7 +31,14 @@ FORMATS: dict[str, tuple[Any, str]] = {
     '.xlsx': (excel, 'Excel file'),
     '.xlsm': (excel, 'Excel file'),
     '.tdms': (tdms, 'TDMS file'),
+    '.mf4': (mdf, 'MDF file'),
+    '.mdf': (mdf, 'MDF file'),
+    '.uff': (uff, 'universal file'),
+    '.unv': (uff, 'universal file'),
+    '.ibw': (igor, 'Igor binary wave'),
 }
+# Libraries of few users, in an extra of their own.
+_INSTRUMENTS = ('asammdf', 'pyuff', 'igor2')
 
 
 def has_format(path: Path) -> bool:
@@ -60,4 +70,5 @@ def tables(path: Path) -> list[ColumnTable]:
 
 def missing(path: Path, kind: str, error: ImportError) -> str:
     """Return the message with the library that a format needs."""
-    return f"{path}: a {kind} needs {error.name}; pip install 'piezo_hysteresis[formats]'"
+    extra = 'instruments' if error.name in _INSTRUMENTS else 'formats'
+    return f"{path}: a {kind} needs {error.name}; pip install 'piezo_hysteresis[{extra}]'"

@@ -1,0 +1,46 @@
+"""Igor binary wave (``.ibw``): the columns of a wave of two dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.columns import UNITS
+from piezo_hysteresis.records.formats import sizes
+from piezo_hysteresis.records.formats.column_table import ColumnTable, column
+
+
+def read(path: Path) -> Iterator[ColumnTable]:
+    """Yield one table: the columns of a wave, by their dimension labels or numbers.
+
+    Raises
+    ------
+    RecordError
+        If the wave is not one of columns.
+    """
+    from igor2 import binarywave
+
+    sizes.judge(path.stat().st_size)
+    wave = binarywave.load(str(path))['wave']
+    values, header = np.asarray(wave['wData']), wave['wave_header']
+    if values.ndim != 2:
+        raise RecordError(
+            f'its wave has {values.ndim} dimension(s); save voltage and displacement as the '
+            'columns of one wave'
+        )
+    labels = [_text(each) for each in wave['labels'][1][1:]]
+    names = [each or str(k) for k, each in enumerate([*labels, *[''] * values.shape[1]], 1)]
+    found = [column(name, each) for name, each in zip(names, values.T, strict=False)]
+    columns = [each for each in found if each is not None]
+    unit, step = _text(b''.join(np.ravel(header['dimUnits'][0]))), float(header['sfA'][0])
+    interval = step / UNITS['time'][unit] if unit in UNITS['time'] else 0.0
+    assumed = ('read as Igor wave: rows are the row scaling apart where that is in seconds',)
+    yield ColumnTable('', columns, interval, assumed=assumed)
+
+
+def _text(raw: Any) -> str:
+    return bytes(raw).split(b'\0')[0].decode('utf-8', 'replace').strip()
