@@ -13,9 +13,10 @@ import pytest
 from piezo_hysteresis.discovery.choice import choice_rules as rules
 from piezo_hysteresis.discovery.choice.choice_policy import CHOICE, ChoicePolicy
 from piezo_hysteresis.discovery.choice.choose import TriedModel, choose_model, climbed
-from piezo_hysteresis.discovery.choice.ladder import Rung
+from piezo_hysteresis.discovery.choice.ladder import Ladder, Rung, simplest_first
 from piezo_hysteresis.discovery.selection.policy import rows
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_hysteresis.models.named import LADDER, MEMORIES
 from piezo_hysteresis.records import Record
@@ -60,6 +61,28 @@ def test_nothing_is_added_where_nothing_is_missing() -> None:
     assert [step.name for step in plain if step.kept] == ['modified']
     assert choice.model.name == 'modified'
     assert tried == [name for memory in MEMORIES for name in (memory, *LADDER)]
+
+
+@pytest.mark.component
+def test_an_effect_that_promises_nothing_is_not_fitted_to_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ladder = Ladder([record(None)], Choices())
+    before = ladder.memory('modified')
+    monkeypatch.delattr(Ladder, '_polished')
+    for name in ('amplifier_lag', 'creep'):
+        tried = ladder.larger(before, name)
+        assert tried is not None
+        assert not tried.improves(before)
+        assert tried.trained == pytest.approx(before.trained, rel=0.01)
+
+
+def test_of_variants_that_fit_alike_the_smallest_comes_first() -> None:
+    def trial(name: str, count: int, cost: float) -> Any:
+        return SimpleNamespace(name=name, added=('x',) * count), SimpleNamespace(cost=cost)
+
+    tried = [trial('pair', 4, 0.99), trial('one', 2, 1.0), trial('other', 1, 1.2)]
+    assert [each.name for each, _ in cast(Any, simplest_first(tried))] == ['one', 'pair', 'other']
 
 
 class Rungs:

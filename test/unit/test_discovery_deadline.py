@@ -1,8 +1,12 @@
 """A time limit: no further step is started, and untested candidates are reported."""
 
 import argparse
+import itertools
 import math
 import time
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +16,8 @@ from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.selection.baseline import fitted_baselines
+from piezo_hysteresis.discovery.selection.candidate_fit import Added, ModelSpec
+from piezo_hysteresis.discovery.selection.elimination import without_unfinished
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
@@ -90,6 +96,27 @@ def test_a_search_with_time_enough_is_the_same_as_one_without_a_limit() -> None:
     assert 'time limit' not in with_limit.summary
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('steps', [375, 560, 620])
+def test_wherever_the_limit_cuts_no_wrong_or_unlikely_effect_is_listed(
+    steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = itertools.count()
+
+    def passed(end: Deadline) -> bool:
+        return next(asked) > (1.0 - end.reserved) * steps
+
+    monkeypatch.setattr(Deadline, 'passed', property(passed))
+    found = discover([record.section(0, 2500) for record in records()], named('classical'))
+    assert found.verdict.not_tried
+    assert {effect.name for effect in found.verdict.effects} <= {'transport_delay'}
+    assert all(effect.probability >= 0.005 for effect in found.verdict.effects)
+    ends = {q.name: (q.low, q.high) for q in found.final.model.parameters}
+    for added in found.final.added:
+        values = [(found.final.values[name], ends[name]) for name in added.names.values()]
+        assert all(low < value < high for value, (low, high) in values)
+
+
 def test_a_baseline_without_time_is_fitted_from_its_first_start_only() -> None:
     end = Deadline(1e-9)
     model = named('classical')
@@ -97,3 +124,21 @@ def test_a_baseline_without_time_is_fitted_from_its_first_start_only() -> None:
     fitted_baselines(split(annotated(records())), given, Choices(), deadline=end)
     assert 'a further start of the baseline' in end.untried
     assert 'the baseline on the slowest records' in end.untried
+
+
+@pytest.mark.parametrize(('p_value', 'stays'), [(1e-4, True), (0.2, False), (1.0, False)])
+def test_an_effect_of_no_significance_is_not_listed_by_a_search_that_was_cut(
+    p_value: float, stays: bool
+) -> None:
+    """One was, with probability .73 and p 1, beside a mode whose fit had not ended."""
+    model = named('linear_mode')
+    start: Any = ModelSpec(model, model.defaults())
+    added = Added('friction', 'output', {})
+    final: Any = replace(start, added=(added,))
+    won = SimpleNamespace(
+        probabilities=lambda: {'friction': 0.73}, gain=SimpleNamespace(p_value=p_value)
+    )
+    step: Any = SimpleNamespace(fit=SimpleNamespace(effect='friction'), round=won)
+    evaluator: Any = SimpleNamespace(fit=lambda spec, enough: spec)
+    kept, found = without_unfinished(evaluator, start, [step], final)
+    assert (kept, found) == (([step], final) if stays else ([], start))

@@ -92,6 +92,22 @@ def test_a_file_and_new_records_are_split_alike_where_the_drive_grows() -> None:
     assert found.phases[3] == pytest.approx(0.4 - np.pi / 2, abs=0.05)
 
 
+def test_a_discrepancy_repeats_with_a_drive_whose_period_wanders() -> None:
+    """On a rig that reverses at a position, lines of one run lay between those of another."""
+
+    def run(wander: float) -> tuple[np.ndarray, np.ndarray]:
+        phase = 4 * np.pi * TIME + wander * np.sin(2 * np.pi * TIME / 8.0 + wander)
+        lines = ((1, 2e-7, 0.3), (5, 3e-7, 1.1), (9, 4e-7, -0.8), (11, 3e-7, 2.0))
+        return np.cos(phase), sum(a * np.cos(n * phase + at) for n, a, at in lines)
+
+    known = Discrepancy(False, (condition(*run(0.1)),))
+    for wander in (0.1, 0.25, -0.3):
+        voltage, error = run(wander)
+        expected = expectation(replace(whole(record(voltage, error)), noise=1e-9), known, STROKE)
+        assert not expected.new_deviation(expected.powers(error - expected.repeated)), wander
+        assert expected.new_deviation(expected.powers(1.5 * error - expected.repeated)), wander
+
+
 def test_uncertainty_of_values_is_no_deviation_at_other_conditions() -> None:
     model = named('linear_mode')
     values = {**model.defaults(), 'A1': 2e-5, 'natural_frequency': 60.0, 'damping_ratio': 0.05}

@@ -174,6 +174,9 @@ def test_a_change_of_a_value_costs_by_its_deviation_in_the_file(known: ModelFile
     assert known.discrepancy is not None
     held = HeldEvaluator(seen, 1, 1, base, known)
     (change,) = (c for c in held.candidates(base) if c.effect is PARAMETER_SHIFT)
+    # each record has a zero of its own: -1 m of offset was once reported as a changed parameter
+    assert base.model.zero_names == {'offset'}
+    assert 'offset' not in change.renamed
 
     def moved(by: float) -> float:
         std = known.deviations['A1']

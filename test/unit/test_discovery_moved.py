@@ -13,8 +13,8 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     is_another_change,
 )
 from piezo_hysteresis.discovery.selection.screen import Screen
-from piezo_hysteresis.discovery.verdict.naming import changes_of
-from piezo_hysteresis.discovery.verdict.verdict import Number
+from piezo_hysteresis.discovery.verdict.naming import changes_of, summary_of
+from piezo_hysteresis.discovery.verdict.verdict import HeldOut, Number, Unexplained, Verdict
 from piezo_hysteresis.models import add_effect, described, named, shifted
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -69,5 +69,24 @@ def test_changes_are_stated_in_units_of_users_and_the_gain_once() -> None:
         if name in MODEL.free_names
     } | {'natural_frequency': 130.0}
     numbers = {name: Number(v, 1e-6 * abs(v), units[name]) for name, v in after.items()}
-    said = changes_of(numbers, start, [multisine(VALUES)])
-    assert said == ('natural_frequency 160 Hz to 130 Hz', 'gain +3 %')
+    changes = changes_of(numbers, start, [multisine(VALUES)])
+    assert changes == ('natural_frequency 160 Hz to 130 Hz', 'gain +3 %')
+
+    # a time limit leaves no standard deviations, and the end of a range is no value
+    bare = {name: Number(number.value, None, number.unit) for name, number in numbers.items()}
+    assert changes_of(bare, start, [multisine(VALUES)]) == changes
+    low = next(q.low for q in MODEL.parameters if q.name == 'natural_frequency')
+    ended = bare | {'natural_frequency': Number(low, None, 'Hz')}
+    assert changes_of(ended, start, [multisine(VALUES)]) == ('gain +3 %',)
+
+
+@pytest.mark.parametrize('held', [True, False])
+def test_nothing_missing_beside_a_gap_says_that_the_gap_was_known(held: bool) -> None:
+    verdict = Verdict(
+        'model.yaml', 0, 5e-9, HeldOut(48e-9, 48e-9, 9.63, 9.63), (), 'none',
+        Unexplained(False, ''), (), (), {'training': ['a'], 'held_out': ['b']}, 1.0,
+        held_baseline=held,
+    )  # fmt: skip
+    known = 'floors, is one that it was known to leave.' in summary_of(verdict)
+    assert known == held
+    assert '9.63 noise floors' in summary_of(verdict)

@@ -23,6 +23,7 @@ from piezo_hysteresis.discovery.selection.significance import (
     improvement,
     win_shares,
 )
+from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.models import named
 
 MODEL = named('linear_mode')
@@ -86,6 +87,22 @@ def test_the_best_trials_are_continued() -> None:
         evaluated_for_ranking=lambda each: each,
     )
     assert rounds.choose_first_fits(cast(Any, evaluator), tried) == [tried[1], tried[2]]
+
+
+def test_a_time_limit_skips_a_leading_effect_but_no_leading_change() -> None:
+    change, effect = (fit((name, 'x'), error=noise(1.0)) for name in ('parameter_shift', 'a'))
+    evaluator: Any = SimpleNamespace(
+        deadline=Deadline(1e-9),
+        policy=POLICY,
+        workers=1,
+        fit_briefly=lambda each, *given: each,
+        sharpened=lambda each: each,
+        evaluated_for_ranking=lambda each: each,
+    )
+    assert rounds.first_fit(evaluator, change, np.inf, True) is change
+    assert rounds.first_fit(evaluator, change, np.inf, False) is None
+    assert rounds.first_fit(evaluator, effect, np.inf, True) is None
+    assert list(evaluator.deadline.untried) == ['parameter_shift', 'a']
 
 
 def test_followers_need_only_approach_the_leader() -> None:

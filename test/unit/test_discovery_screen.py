@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.discovery.data.dataset import split, thinned
+from piezo_hysteresis.discovery.data.dataset import part_of, split, thinned
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, evaluated_on
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.identification.free_run import StageCache, simulated
@@ -86,6 +88,24 @@ def test_what_the_end_of_a_chirp_shows_is_not_cut_off() -> None:
     kept = {v.name: v.voltage.size for v in thinned(views, 4000, split(records).periods)}
     assert kept['chirp'] > 5800
     assert kept['sine'] < 3000
+
+
+def test_a_part_of_a_view_has_the_samples_of_that_part() -> None:
+    t = DT * np.arange(3000)
+    view = replace(
+        whole(Record('sine', DT, np.sin(t), np.cos(t))),
+        stride=3,
+        measured=np.cos(t)[::3],
+        valid=np.arange(1000.0),
+        influence=2.0 * np.arange(1000.0),
+    )
+    part = part_of(view, 100, 400)
+    assert part.valid is not None
+    assert part.influence is not None
+    assert part.valid.tolist() == list(range(100, 400))
+    assert part.influence.tolist() == list(range(200, 800, 2))
+    seen = part.pick(np.cos(DT * (np.arange(part.voltage.size) - view.first)))
+    np.testing.assert_allclose(seen, part.measured, rtol=1e-12)
 
 
 def test_a_lag_before_a_fast_mode_is_right_between_the_samples() -> None:

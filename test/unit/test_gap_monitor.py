@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.live.monitor import GapMonitor, GapReport, family_of, fundamental
+from piezo_hysteresis.discovery.gap_monitor import GapMonitor, GapReport, family_of, fundamental
 from piezo_hysteresis.models import ModelFile, Provenance, named
 from piezo_hysteresis.models.discrepancy import Condition, Discrepancy
 from piezo_sim.plant import Plant

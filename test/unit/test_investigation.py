@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.common.ranges import range_refusal
+from piezo_hysteresis.experiments.catalogue import catalogue
 from piezo_hysteresis.experiments.experiment_limits import (
     ExperimentLimits,
     InvestigationError,
@@ -146,8 +147,27 @@ def test_one_limit_alone_is_refused_and_none_is_what_is_known(model: ModelFile) 
     with pytest.raises(InvestigationError, match='does not publish its voltage range'):
         granted_range((0.0, 0.0), (0.0, 0.0), model)
 
+    with pytest.raises(InvestigationError, match=r'5 \.\. 95 V exclude 0 V'):
+        granted_range((5.0, 95.0), (-20.0, 130.0), model)
 
-@pytest.mark.parametrize(('low', 'high'), [(1.0, 2.0), (0.0, 0.0), (NAN, 1.0)])
-def test_a_range_without_rest_is_refused(low: Any, high: float) -> None:
+
+@pytest.mark.parametrize(
+    ('low', 'high', 'rest', 'at_rest'),
+    [(5.0, 95.0, 0.0, 5.0), (5.0, 95.0, 50.0, 50.0), (-9.0, -2.0, 0.0, -2.0), (-1, 1, 0.0, 0.0)],
+)
+def test_experiments_begin_and_end_at_the_permitted_voltage_nearest_to_rest(
+    low: Any, high: float, rest: float, at_rest: float
+) -> None:
+    limits = ExperimentLimits(low, high, 20.0 * (high - low), 20.0, rest=rest)
+    assert limits.rest == at_rest
+    for each in catalogue(limits, RATE):
+        voltage = each.voltage(RATE)
+        assert voltage[0] == pytest.approx(at_rest, abs=1e-6 * (high - low))
+        assert voltage[-1] == pytest.approx(at_rest, abs=0.05 * (high - low))
+        assert not limits.refusal(voltage, 1.0 / RATE)
+
+
+@pytest.mark.parametrize(('low', 'high'), [(0.0, 0.0), (NAN, 1.0)])
+def test_a_range_without_voltages_is_refused(low: Any, high: float) -> None:
     with pytest.raises(InvestigationError):
         ExperimentLimits(low, high)

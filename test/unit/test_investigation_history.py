@@ -55,6 +55,16 @@ def test_old_history_is_omitted() -> None:
     np.testing.assert_array_equal(third.before, np.zeros(ticks))
 
 
+def test_a_model_rests_at_another_voltage_before_the_first_experiment() -> None:
+    history = History(rest=5.0)
+    assert history.following(record([5.0, 9.0, 5.0], 0.0)).before is None
+    second = history.following(record([5.0, 7.0], 0.005))
+    assert second.before is not None
+    assert second.before.size == round(LONGEST / DT)
+    np.testing.assert_array_equal(second.before[-6:], [5.0, 5.0, 9.0, 5.0, 5.0, 5.0])
+    assert set(second.before[:-4]) == {5.0}
+
+
 def test_a_section_knows_what_went_before_it() -> None:
     history = History()
     history.following(record([1.0], 0.0))

@@ -1,7 +1,7 @@
 """Discovery of missing effects: check, locate, select, validate, advise.
 
 ``data`` splits the records, ``selection`` finds the effects, ``verdict`` reports them, and
-``live`` monitors and updates a running actuator.
+``gap_monitor`` monitors a running actuator.
 """
 
 from __future__ import annotations

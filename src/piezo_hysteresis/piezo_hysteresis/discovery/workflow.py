@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.discovery.data.annotate import annotated
@@ -66,6 +66,19 @@ class Discovery(Reportable, Modelled):
         By the name of each found effect, the models of the effects that these records cannot
         distinguish from it.
     """
+
+    _INSTEAD: ClassVar = {
+        'verdict.effects': 'effects effect missing missing_effects',
+        'to_frame(), or verdict.effects': 'names probabilities',
+        'verdict.summary': 'summary text',
+        'verdict.held_out': 'held_out',
+        'floor': 'noise noise_floor',
+        'verdict.detection_limits': 'detection_limits limits',
+        'verdict.seconds': 'seconds',
+        'verdict.check': 'warnings',
+        'verdict.next_experiments': 'next_experiments',
+        'verdict.effects[0].alternatives': 'alternatives',
+    }
 
     verdict: Verdict
     data: Dataset

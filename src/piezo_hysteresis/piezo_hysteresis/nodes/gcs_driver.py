@@ -165,13 +165,7 @@ class GcsDriver(GuardedNode):
         return report
 
     def _bag_of(self, goal: RunSweep.Goal) -> Path:
-        """Return the bag of a goal, a new one if it names none.
-
-        Raises
-        ------
-        PiezoError
-            If it is outside the folder of the node, or exists.
-        """
+        """Return the bag of a goal, a new one if it names none, in the folder of the node."""
         if goal.bag:
             return new_inside(str(self._folder), goal.bag)
         taken = len(list(self._folder.glob('sweep_*'))) if self._folder.is_dir() else 0

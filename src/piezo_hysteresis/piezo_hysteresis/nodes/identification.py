@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
 from std_srvs.srv import Trigger
 
@@ -58,7 +59,10 @@ class IdentificationNode(GuardedNode):
         self._params.serve(self._apply, self._refuse)
         value = self._params
         self._course = RecordSegmenter(
-            self._new_method(), value.number('rate'), value.flag('only_records')
+            self._new_method(),
+            value.number('rate'),
+            value.flag('only_records'),
+            self._renewing(),
         )
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)
@@ -80,6 +84,10 @@ class IdentificationNode(GuardedNode):
         spare.estimate()
         return new_method(self._params.values)
 
+    def _renewing(self) -> Callable[[], OnlineMethod] | None:
+        """Return what makes the method of a further drive, None for one of all drives."""
+        return self._new_method if self._params.flag('per_frequency') else None
+
     def _on_state(self, message: ActuatorState) -> None:
         self._received += 1
         if self._received % CONFIRM_EVERY == 0:
@@ -96,7 +104,8 @@ class IdentificationNode(GuardedNode):
     def _on_marker(self, message: RecordMarker) -> None:
         self._marked += 1
         stamp = nanoseconds_of(message.header.stamp)
-        self._course.mark(SegmentEdge(stamp, message.record, message.frequency))
+        drive = message.frequency, message.amplitude
+        self._course.mark(SegmentEdge(stamp, message.record, *drive))
         self._confirm()
 
     def _confirm(self) -> None:
@@ -133,6 +142,9 @@ class IdentificationNode(GuardedNode):
         estimate_into(estimate, self._course.model(estimate), message)
         message.free_run_rms = self._course.free_run_rms(estimate)
         message.converged = self._course.settled(estimate, message.free_run_rms)
+        drive = self._course.drive
+        message.frequency, message.amplitude = drive.frequency, drive.amplitude
+        message.travel, message.order = drive.travel, drive.order
         self._publisher.publish(message)
 
     def _refuse(self, changes: dict[str, Value]) -> str:
@@ -144,6 +156,7 @@ class IdentificationNode(GuardedNode):
 
     def _apply(self, changes: dict[str, Value]) -> None:
         self._course.only_records = self._params.flag('only_records')
+        self._course.renew = self._renewing()
         if not changes.keys().isdisjoint(SETTINGS):
             self._course.change(self._new_method())
         elif 'forgetting' in changes:

@@ -71,7 +71,7 @@ class Observer(Client):
 
     def __init__(self, processes: NodeProcesses) -> None:
         self._processes = processes
-        super().__init__('observer', processes.domain)
+        super().__init__('_observer', processes.domain)
         self._neighbours = Neighbours(self.node, everywhere=True)
 
     def until(

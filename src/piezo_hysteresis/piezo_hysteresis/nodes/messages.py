@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.common.recipes import RECIPES as MODELS
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models import Model, ModelFile, named
-from piezo_hysteresis.models.named import RECIPES as MODELS
 from piezo_interfaces.msg import ModelEstimate
 
 if TYPE_CHECKING:  # an import at run time would load every identification method

@@ -48,4 +48,4 @@ class ChoicePolicy:
 
 CHOICE = ChoicePolicy()
 #: Evaluations of the fits, and the accepted increase of the held-out error.
-FITS = POLICY.but(trial_evaluations=4, first_evaluations=10, final_evaluations=80, worse=0.01)
+FITS = POLICY.but(first_evaluations=10, final_evaluations=80, worse=0.01)

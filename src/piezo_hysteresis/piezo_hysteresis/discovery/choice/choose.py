@@ -4,7 +4,8 @@ The search of discovery has another purpose: it names effects and omits every ef
 certain, whereas a model for prediction keeps it. Fitted to the first 70 % of the measured 150 V
 record, discovery names no effect and leaves 0.53 % of the rest, this selection 0.40 %. On
 increasing amplitudes of a stack that was fitted at one, they leave 0.44 and 0.20 µm
-(``studies/choice.py``). Both share the effects, starting values, rules and threshold descriptions.
+(``studies/study.py choice``). Both share the effects, starting values, rules and threshold
+descriptions.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil
+from math import inf
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from piezo_hysteresis.discovery.choice.choice_rules import (
     predicts_better,
 )
 from piezo_hysteresis.discovery.choice.score import HeldOutScore
+from piezo_hysteresis.discovery.data.dataset import thinned
 from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
@@ -41,15 +42,19 @@ from piezo_hysteresis.models import (
 )
 from piezo_hysteresis.records import Record
 
-# Evaluations per starting point, and the share of starting points that continue.
-_ROUNDS = ((FITS.trial_evaluations, 1 / 2), (FITS.first_evaluations, 1.0))
+# Samples to which a trial is fitted.
+_BRIEF = 60_000
+
+_Start = tuple[Candidate, dict[str, float]]
+_Trial = tuple[Candidate, FitResult]
 
 
 @dataclass(frozen=True)
 class Rung:
     """A fitted model with its free-run errors before and after the cuts [m].
 
-    `sure` states that the parameters of its last effect differ significantly from no effect.
+    `sure` states that the parameters of its last effect differ significantly from no effect;
+    `views` are the whole records with the initial conditions of the errors.
     """
 
     fit: FitResult
@@ -57,6 +62,7 @@ class Rung:
     held_out: float
     records: tuple[HeldOutScore, ...]
     sure: bool
+    views: tuple[Target, ...] = ()
 
     def improves(self, before: Rung) -> bool:
         """Return whether the last effect is significant and improves the prediction."""
@@ -66,6 +72,16 @@ class Rung:
     def fits_better(self, before: Rung) -> bool:
         """Return whether the last effect is significant and improves the fitted part."""
         return self.sure and predicts_better((before.trained, self.trained), (1.0, 1.0))
+
+    @property
+    def useful_cost(self) -> float:
+        """Largest cost, on the targets of its fit, of a model that fits noticeably better."""
+        return (1.0 - CHOICE.min_gain) ** 2 * self.fit.cost
+
+    def promises(self, before: Rung) -> bool:
+        """Return whether a trial on the data of the previous fit is worth converging."""
+        less = self.held_out <= (1.0 - CHOICE.min_gain) * before.held_out
+        return less or self.fit.cost <= before.useful_cost
 
     def values(self) -> dict[str, float]:
         """Return the fitted values as starting values of another fit."""
@@ -82,25 +98,44 @@ def _late(found: FitResult) -> dict[str, float]:
 
 
 def _attempted(
-    seen: Sequence[Target], evaluations: int, start: tuple[Model, dict[str, float]]
+    seen: Sequence[Target],
+    evaluations: int,
+    model: Model,
+    values: Mapping[str, float],
+    free: Sequence[str] | None = None,
+    enough: float = inf,
 ) -> FitResult:
+    """Fit a model, or some of its parameters, to cut records from known starts."""
     return fit(
-        start[0],
+        model,
         (),
-        start[1],
+        values,
+        free=free,
         targets=seen,
         sampling_offset=True,
         max_evaluations=evaluations,
         tolerance=CHOICE.rough,
+        enough=enough,
     )
 
 
-def _one_of_each(tried: Sequence[FitResult]) -> list[FitResult]:
-    """Return the best trial of every model, lowest cost first."""
-    best: dict[int, FitResult] = {}
-    for each in sorted(tried, key=lambda each: each.cost):
-        best.setdefault(id(each.model), each)
+def _one_of_each(tried: Sequence[_Trial]) -> list[_Trial]:
+    """Return the best trial of every candidate."""
+    best: dict[int, _Trial] = {}
+    for each in sorted(tried, key=lambda each: each[1].cost):
+        best.setdefault(id(each[0]), each)
     return list(best.values())
+
+
+def simplest_first(tried: Sequence[_Trial]) -> list[_Trial]:
+    """Return trials by cost; of those that fit alike, by the number of new parameters."""
+    alike = min(found.cost for _, found in tried) / (1.0 - CHOICE.min_gain) ** 2
+
+    def place(each: _Trial) -> tuple[bool, int, float]:
+        worse = each[1].cost > alike
+        return worse, 0 if worse else len(each[0].added), each[1].cost
+
+    return sorted(tried, key=place)
 
 
 def _left(fit: FitResult) -> float:
@@ -191,48 +226,68 @@ class Ladder:
     def _fitted(self, before: Rung, candidates: Sequence[Candidate]) -> Rung:
         """Fit briefly from every starting point of every candidate, and continue from the best."""
         seen, late = before.fit.targets, before.fit.sampling_offset
+        brief = thinned(seen, _BRIEF, {})
         starts = [
-            (each.model, {**each.values(before.fit.values, start), SAMPLING_OFFSET: late})
+            (each, {**each.values(before.fit.values, start), SAMPLING_OFFSET: late})
             for each in candidates
             for start in each.starts
         ]
-        tried: list[FitResult] = []
-        for evaluations, share in _ROUNDS:
+
+        def tested(start: _Start, alone: bool) -> _Trial:
+            free = start[0].added if alone else None
+            found = _attempted(brief, FITS.first_evaluations, start[0].model, start[1], free)
+            return start[0], found
+
+        tried: list[_Trial] = []
+        for alone in (True, False):
             with ThreadPoolExecutor(os.cpu_count()) as pool:
-                tried = list(pool.map(partial(_attempted, seen, evaluations), starts))
-            tried = sorted(tried, key=lambda each: each.cost)[: ceil(share * len(tried))]
-            starts = [(each.model, {**each.values, **_late(each)}) for each in tried]
+                tried = _one_of_each(list(pool.map(partial(tested, alone=alone), starts)))
+            starts = [(each, {**found.values, **_late(found)}) for each, found in tried]
         best: Rung | None = None
-        for each in _one_of_each(tried):
-            neutral = next(c.neutral for c in candidates if c.model is each.model)
-            rung = self._polished(each, seen, neutral)
+        for candidate, found in simplest_first(tried):
+            rung = self._continued(candidate, found, before)
+            if rung.promises(before):
+                rung = self._polished(rung.fit, seen, candidate.neutral)
             if rung.improves(before):
                 return rung
             best = rung if best is None or rung.held_out < best.held_out else best
         assert best is not None
         return best
 
+    def _continued(self, candidate: Candidate, found: FitResult, before: Rung) -> Rung:
+        """Continue a trial until it converges, or promises too little.
+
+        The errors are those with the initial conditions of the previous model.
+        """
+        again = _attempted(
+            before.fit.targets,
+            FITS.final_evaluations,
+            candidate.model,
+            {**found.values, **_late(found)},
+            enough=before.useful_cost,
+        )
+        return self._scored(again, before.views, candidate.neutral)
+
     def _polished(
         self, found: FitResult, seen: Sequence[Target], neutral: Mapping[str, float]
     ) -> Rung:
         """Continue the fit of a trial until it converges."""
-        again = {**found.values, **_late(found)}
+        values = {**found.values, **_late(found)}
         # initial conditions may have absorbed a missing effect: also try the original ones
         views = [seen] if _alike(seen, self._plain) else [seen, self._plain]
-
-        def polished(targets: Sequence[Target]) -> FitResult:
-            return refined(
-                found.model,
-                targets,
-                self._training,
-                again,
-                choices=self._choices,
-                max_evaluations=FITS.final_evaluations,
-            )
-
+        tried = [partial(_attempted, each, FITS.final_evaluations) for each in views]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            ends = list(pool.map(polished, views))
-        return self._evaluated(min(ends, key=_left), neutral)
+            ends = list(pool.map(lambda attempt: attempt(found.model, values), tried))
+        best = min(ends, key=_left)
+        end = refined(
+            found.model,
+            best.targets,
+            self._training,
+            {**best.values, **_late(best)},
+            choices=self._choices,
+            max_evaluations=FITS.final_evaluations,
+        )
+        return self._evaluated(end, neutral)
 
     def _evaluated(self, found: FitResult, neutral: Mapping[str, float] | None = None) -> Rung:
         """Return a fit with its errors on the whole records, before and after the cuts.
@@ -241,9 +296,15 @@ class Ladder:
         """
         late = found.sampling_offset
         views = views_of(found.model, found.values, self._records, late, self._choices)
+        return self._scored(found, views, neutral)
+
+    def _scored(
+        self, found: FitResult, views: Sequence[Target], neutral: Mapping[str, float] | None
+    ) -> Rung:
+        """Return a fit with its errors on views of the whole records."""
         parts: tuple[list[FloatArray], list[FloatArray]] = ([], [])
         rows = []
-        runs = predictions(found.model, found.values, views, late)
+        runs = predictions(found.model, found.values, views, found.sampling_offset)
         for run, record, cut in zip(runs, self._records, self._cuts, strict=True):
             error = run.valid_error
             before = max(cut - record.warm_up_samples, 0)
@@ -251,7 +312,8 @@ class Ladder:
             parts[1].append(error[before:])
             rows.append(_held_out(run.target, error, before))
         trained, held_out = (float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for p in parts)
-        return Rung(found, trained, held_out, tuple(rows), _is_significant(found, neutral or {}))
+        sure = _is_significant(found, neutral or {})
+        return Rung(found, trained, held_out, tuple(rows), sure, tuple(views))
 
 
 def _is_significant(found: FitResult, neutral: Mapping[str, float]) -> bool:

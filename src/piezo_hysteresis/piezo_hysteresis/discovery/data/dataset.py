@@ -1,4 +1,4 @@
-"""Training and held-out views of records; held-out data can reject an effect, never propose one.
+"""Training and held-out views of records; held-out data only veto.
 
 A view is an identification `Target`: the input signal and the measured samples that are compared
 with the model.
@@ -199,10 +199,11 @@ def part_of(view: Target, first: int, last: int) -> Target:
     """Return the view with only the compared samples ``first`` to ``last - 1``."""
     return replace(
         view,
-        voltage=view.voltage[: view.first + last],
+        voltage=view.voltage[: view.first + last * view.stride],
         measured=view.measured[first:last],
-        first=view.first + first,
+        first=view.first + first * view.stride,
         valid=None if view.valid is None else view.valid[first:last],
+        influence=None if view.influence is None else view.influence[first:last],
     )
 
 
@@ -248,7 +249,9 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
     excess = np.array([v.voltage.size for v in views]) - np.array(least)
     share = max(0.0, spare) / max(float(excess.sum()), 1.0)
     kept = [base + int(share * more) for base, more in zip(least, excess, strict=True)]
-    return tuple(part_of(v, 0, n - v.first) for v, n in zip(views, kept, strict=True))
+    return tuple(
+        part_of(v, 0, max(n - v.first, 0) // v.stride) for v, n in zip(views, kept, strict=True)
+    )
 
 
 def _shortest(view: Target, period: int) -> int:

@@ -8,13 +8,14 @@ from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP
 from piezo_hysteresis.identification.targets import Target
 
-# Ticks of rest at 0 V before a record.
+# Ticks of rest before a record.
 _EDGE = 4
 
 
 def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
     """Return an experiment as a view for the fit functions, with zero measured displacement."""
-    voltage = np.concatenate([np.zeros(_EDGE), experiment.voltage(rate)])
+    driven = experiment.voltage(rate)
+    voltage = np.concatenate([np.full(_EDGE, driven[0]), driven])
     first = _EDGE + round(experiment.prelude * rate)
     return Target(
         name=experiment.name,

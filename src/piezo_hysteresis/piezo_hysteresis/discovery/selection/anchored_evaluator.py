@@ -156,7 +156,9 @@ class HeldEvaluator(Evaluator):
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return the model extended by each effect it can accept, and with shifted parameters."""
         found = super().candidates(spec)
-        own = [name for name in spec.model.free_names if name in self._fixed]
+        # what is the zero of each record is none of the actuator, and moves without bound
+        zeros = spec.model.zero_names if all(view.own_zero for view in self.views) else ()
+        own = [n for n in spec.model.free_names if n in self._fixed and n not in zeros]
         if spec.shifted or not own:
             return found
         return (*found, shifted(spec.model, spec.values, own))

@@ -29,8 +29,7 @@ from piezo_hysteresis.records import Record
 SLOWEST = 3
 START_SAMPLES = 60_000
 EVALUATIONS = 60
-# Number of starting points, and of revisions of the initial conditions by a fit.
-_COUNT, _REVISIONS = 4, 3
+_REVISIONS = 3  # of the initial conditions by a fit
 TOLERANCE = 1e-7  # a tenth of that of later fits: all improvements refer to this fit
 
 
@@ -198,7 +197,7 @@ def _from_data(
             break
         try:
             result = output_error(
-                model, chosen, count=_COUNT,
+                model, chosen,
                 begins=choices.start, zero=choices.zero, workers=workers,
                 stopped=lambda: end.passed,
             )  # fmt: skip

@@ -22,6 +22,9 @@ from piezo_hysteresis.discovery.selection.rounds import SelectionRound, select
 
 # Probability below which an effect is not listed by a search that its time limit ended.
 _UNLIKELY = 0.005
+# p-value from which it is not listed there: residuals just within the known discrepancy suffice
+# for an effect only where the model without it is fitted to the end.
+_CHANCE = 0.05
 # Relative distance from an end of its range at which a parameter counts as limited by it.
 _AT_BOUND = 1e-3
 
@@ -101,12 +104,14 @@ def without_unfinished(
 ) -> tuple[list[Step], CandidateFit]:
     """Remove the effects that a search ended by its time limit has not settled.
 
-    Such an effect has hardly any probability, or parameters at the end of their range.
+    Such an effect has hardly any probability, is not significant against a fit that may not have
+    ended, or has parameters at the end of their range.
     """
     kept = list(steps)
     for step in steps:
         name = step.fit.effect
-        if step.round.probabilities()[name] >= _UNLIKELY and not _ends_at_a_bound(final, name):
+        likely = step.round.probabilities()[name] >= _UNLIKELY
+        if likely and step.round.gain.p_value < _CHANCE and not _ends_at_a_bound(final, name):
             continue
         bare = _without(evaluator, final, start, name, compared=False)
         if bare is None:

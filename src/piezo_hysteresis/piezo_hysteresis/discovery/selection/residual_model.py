@@ -20,14 +20,15 @@ from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.identification.drive_lines import (
     amplitudes,
     drive_lines,
-    phase_at,
+    drive_turn,
+    octaves_of,
 )
 from piezo_hysteresis.identification.model_discrepancy import LEAST_POWER
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.models.trace import stretches_of
-from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, phase_of
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 from piezo_hysteresis.numerics.modulated import ModulatedLines
 
 # Parts of a residual: harmonic orders 0 to the highest, then octaves.
@@ -191,7 +192,9 @@ def expectation(
     lines = drive_lines(voltage, dt, view.frequency, policy.periods, policy.steady)
     frequency = np.asarray(np.fft.rfftfreq(count, dt), dtype=np.float64)
     octave_of = np.full(frequency.size, _ORDERS, dtype=np.int64)
-    octave_of[1:] += np.floor(np.log2(np.arange(1, frequency.size))).astype(np.int64)
+    octaves, base = octaves_of(count, dt, view.frequency)
+    lowest = int(octaves.min(initial=0))
+    octave_of[1:] += octaves - lowest
     parts = int(octave_of.max()) + 1
     angle = 2.0 * np.pi * dt
     broadband = missed.density(frequency) * (frequency[1] * stroke**2)
@@ -216,7 +219,9 @@ def expectation(
         if ranks[order]:
             by_model[order] += square
         elif order:  # too few periods to resolve the harmonic
-            near = _octaves_near(order * view.frequency * count * dt, parts - _ORDERS)
+            ratio = order * view.frequency / base
+            place = int(np.floor(np.log2(ratio))) - lowest if ratio > 0.0 else None
+            near = _octaves_near(place, parts - _ORDERS)
             by_model[_ORDERS:] += square * near
     total = (missed.share * stroke) ** 2
     open_to = min(total, sum(known_lines.values()) + float(broadband.sum()))
@@ -264,15 +269,9 @@ _STEPS = 32
 def _repeating(
     voltage: FloatArray, dt: float, drive: float, known: Discrepancy, stroke: float
 ) -> tuple[FloatArray | None, dict[int, float]]:
-    """Return the expected discrepancy signal of a drive and the uncertainty of its harmonics.
+    """Return the expected discrepancy [m] and its mean square uncertainty by harmonic [m^2].
 
-    Returns
-    -------
-    repeated : ndarray, shape (n,), or None
-        Sum of the expected harmonics [m]; None if phases are unknown or the record has no drive
-        frequency.
-    squares : dict of int to float
-        Mean square uncertainty by harmonic order [m^2].
+    The signal is None if phases are unknown or the record has no drive frequency.
     """
     if drive <= 0.0 or drive * dt * voltage.size < 1.0:
         return None, {}
@@ -282,7 +281,7 @@ def _repeating(
     found = known.repeats(drive, levels)
     if found is None:
         return None, {}
-    turn = phase_of(drive, dt, voltage.size) + phase_at(voltage, dt, drive)
+    turn = drive_turn(voltage, dt, drive)
     repeated, squares = np.zeros(voltage.size), {}
     shown = {n: each for n, each in found.items() if n * drive * dt < 0.45}
     for order, each in shown.items():
@@ -292,16 +291,14 @@ def _repeating(
     return repeated, squares
 
 
-def _octaves_near(bin_of_line: float, octaves: int) -> FloatArray:
+def _octaves_near(place: int | None, octaves: int) -> FloatArray:
     """Return the share of a harmonic's power in each octave of a short record, shape (octaves,).
 
-    The line leaks into the neighbouring octaves. For a non-periodic drive (bin 0) the power is
-    spread over all octaves.
+    The line leaks into the neighbouring octaves. Without a drive (None) it may be in any.
     """
-    if bin_of_line <= 0.0:
+    if place is None:
         return np.full(octaves, 1.0 / octaves)
-    place = min(max(int(np.floor(np.log2(max(bin_of_line, 1.0)))), 0), octaves - 1)
-    near = np.abs(np.arange(octaves) - place)
+    near = np.abs(np.arange(octaves) - min(max(place, 0), octaves - 1))
     return np.where(near == 0, 1.0, np.where(near == 1, 0.5, 0.0))
 
 

@@ -18,7 +18,7 @@ from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.restart import better_of_both
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.models import Candidate
+from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate
 
 Progress = Callable[[float, str], None]
 
@@ -101,7 +101,7 @@ def select(
     progress(0.4, f'{len(chosen)} candidates tried')
     promising = choose_first_fits(evaluator, _themselves([f for f in tried if f is not None]))
     first = evaluator.with_early_stopping(
-        lambda each, enough: _first_fit(evaluator, each, enough),
+        lambda each, enough: first_fit(evaluator, each, enough, each is promising[0]),
         promising,
         evaluator.policy.final_within,
     )
@@ -239,9 +239,16 @@ def choose_first_fits(evaluator: Evaluator, tried: Sequence[CandidateFit]) -> li
     return ranked(evaluator, tried)[: evaluator.policy.first_fits]
 
 
-def _first_fit(evaluator: Evaluator, trial: CandidateFit, enough: float) -> CandidateFit | None:
-    """Continue the fit of a trial on the short views."""
-    if evaluator.deadline.skips(trial.effect):
+def first_fit(
+    evaluator: Evaluator, trial: CandidateFit, enough: float, leads: bool
+) -> CandidateFit | None:
+    """Continue the fit of a trial on the short views.
+
+    A time limit does not skip a leading change of the baseline. It skips a leading effect, which
+    would be named without the rivals that it might lose to.
+    """
+    certain = leads and trial.effect == PARAMETER_SHIFT.name
+    if not certain and evaluator.deadline.skips(trial.effect):
         return None
     evaluations, workers = evaluator.policy.first_evaluations, evaluator.workers
     fit = evaluator.fit_briefly(trial, evaluations, enough, workers)

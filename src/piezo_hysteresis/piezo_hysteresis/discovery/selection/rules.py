@@ -115,7 +115,7 @@ def is_as_good(
 def is_no_worse(before: float, after: float, policy: SelectionPolicy) -> bool:
     """Return whether the error on held-out records has not increased beyond the tolerance.
 
-    Held-out records can reject an effect but never propose one.
+    Held-out records only veto.
     """
     return after <= (1.0 + policy.worse) * before
 

@@ -35,6 +35,9 @@ LISTED = 3
 CHANGED = POLICY.noise_deviations
 # Relative change of the gain from which it is stated.
 GAIN_CHANGED = 2e-3
+# Relative change from which a parameter without a standard deviation counts as changed: a time
+# limit leaves none. Chosen; it affects only this sentence.
+MOVED = 0.05
 # Relative distance of a drive harmonic from a mode up to which the drive is listed. Within 4 % a
 # lightly damped mode amplifies at least twelve times, 1 / (1 - (1 - 0.04)^2), and a harmonic of
 # one per cent reaches an eighth of the drive. Chosen; it affects only this sentence.
@@ -194,7 +197,8 @@ def changes_of(
 ) -> tuple[str, ...]:
     """Return the changes of a baseline in words: its parameters, most significant first, and gain.
 
-    Parameters of the displacement that only follow the gain are not listed.
+    Parameters of the displacement that only follow the gain are not listed, nor those without a
+    standard deviation that hardly changed or ended at a bound.
 
     Parameters
     ----------
@@ -207,12 +211,20 @@ def changes_of(
     """
     gain = _gain_ratio(numbers, start, records)
     sure: dict[str, float] = {}
+    within = {
+        q.name: q.name not in numbers or q.low < numbers[q.name].value < q.high
+        for q in start.model.parameters
+    }
     for name, number in numbers.items():
         follows = number.unit.startswith('m')
         change = abs(number.value - start.values[name] * (gain if follows else 1.0))
         least = GAIN_CHANGED * abs(start.values[name]) if follows else 0.0
         if number.std and change > max(CHANGED * number.std, least):
             sure[name] = change / number.std
+        elif number.std is None and not follows and within[name]:
+            moved = change / max(abs(start.values[name]), 1e-300)
+            if moved > MOVED:
+                sure[name] = moved
     found = [
         f'{name} {_between(start.values[name], numbers[name])}'
         for name in sorted(sure, key=lambda each: -sure[each])
@@ -368,10 +380,13 @@ def _summary(verdict: Verdict) -> str:
         )
     gap = f'{held.before_in_floors:.3g} to {held.after_in_floors:.3g} noise floors'
     if verdict.verdict == 'none':
-        what = 'new' if verdict.held_baseline else 'that these records show'
+        floors = f'{held.before_in_floors:.3g} noise floors'
+        what = f'that these records show: the gap on held-out records is {floors}'
+        if verdict.held_baseline:
+            what = f'new: the gap on held-out records, {floors}, is one that it was known to leave'
         return (
-            f'The model {verdict.baseline} misses nothing {what}: the gap on held-out records is '
-            f'{held.before_in_floors:.3g} noise floors. {verdict.unexplained.description}'
+            f'The model {verdict.baseline} misses nothing {what}. '
+            f'{verdict.unexplained.description}'
         ).rstrip()
     if verdict.verdict == 'unknown':
         left = f'the held-out gap is {held.after_in_floors:.3g} noise floors.'

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from math import isfinite
-from typing import Any
+from typing import Any, ClassVar
 
+from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
 from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 from piezo_hysteresis.discovery.selection.policy import POLICY
@@ -29,7 +30,7 @@ class Alternative:
 
 
 @dataclass(frozen=True)
-class NamedEffect:
+class NamedEffect(Guided):
     """One effect that the baseline lacks.
 
     Attributes
@@ -58,6 +59,11 @@ class NamedEffect:
     changes : tuple of str
         Changes of the baseline, most significant first: ``natural_frequency 800 to 650 Hz``.
     """
+
+    _INSTEAD: ClassVar = {
+        'p_value': 'p pvalue',
+        'probability': 'p_present',
+    }
 
     name: str
     variant: str
@@ -99,8 +105,14 @@ class Unexplained:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Guided):
     """Content of `verdict.json`; the keys are the names of the fields."""
+
+    _INSTEAD: ClassVar = {
+        'verdict': 'name result',
+        'effects[0].probability': 'probability',
+        'summary': 'text',
+    }
 
     baseline: str
     seed: int

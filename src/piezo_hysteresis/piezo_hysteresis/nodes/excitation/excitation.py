@@ -320,13 +320,7 @@ class Excitation(GuardedNode):
             return f'waveform: {error}'
 
     def _beyond_range(self, changes: dict[str, Value]) -> str:
-        """Return why the actuator would refuse the voltage; empty if it accepts it.
-
-        Raises
-        ------
-        PiezoError
-            If there is no such waveform.
-        """
+        """Return why the actuator would refuse the voltage; empty if it accepts it."""
         waveform = self._waveform(changes)
         if changes.get('mode', self._params.text('mode')) != 'voltage':
             return ''

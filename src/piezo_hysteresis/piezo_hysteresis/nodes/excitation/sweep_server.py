@@ -268,13 +268,7 @@ class SweepServer:
         )
 
     def _path(self, goal: RunSweep.Goal) -> str:
-        """Return the bag of a goal, empty for none.
-
-        Raises
-        ------
-        PiezoError
-            If it is outside the folder of the node, or exists.
-        """
+        """Return the bag of a goal, empty for none; it is new and in the folder of the node."""
         folder = self._parameters.text('folder')
         return str(new_inside(folder, goal.bag)) if goal.bag else ''
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
@@ -13,6 +14,7 @@ from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
 from piezo_hysteresis.nodes.codecs import measured_of, point_of
 from piezo_hysteresis.nodes.links.link_node import LinkNode
 from piezo_hysteresis.nodes.messages import model_from
@@ -140,13 +142,7 @@ class Feedforward(LinkNode):
         return self._inversion.refusal(self.parameters.text('law'), loaded)
 
     def _take(self, loaded: ModelFile) -> None:
-        """Use the inverse of `loaded`.
-
-        Raises
-        ------
-        PiezoError
-            If it cannot be inverted; the previous model then remains in use.
-        """
+        """Use the inverse of `loaded`; if it has none, the previous model remains in use."""
         if not self._inversion.take(loaded):
             return
         self.cross_fade()
@@ -176,7 +172,7 @@ class Feedforward(LinkNode):
 
     def _on_estimate(self, message: ModelEstimate) -> None:
         self._estimate = message
-        if self.parameters.flag('follow_estimate'):
+        if self.parameters.flag('follow_estimate') and message.converged:
             reason = self._use(message)
             if reason:
                 self.get_logger().warning(reason, throttle_duration_sec=5.0)
@@ -192,10 +188,23 @@ class Feedforward(LinkNode):
 
     def _use(self, message: ModelEstimate) -> str:
         try:
-            self.load(model_from(message))
+            estimate = model_from(message)
+            if message.frequency > 0.0 and message.amplitude > 0.0:
+                estimate = self._with_drive(message, estimate)
+            self.load(estimate)
         except PiezoError as error:
             return f'model/estimate cannot be used: {error}'
         return ''
+
+    def _with_drive(self, message: ModelEstimate, estimate: ModelFile) -> ModelFile:
+        """Return the schedule in use with the estimate of one drive in its place."""
+        point = OperatingPoint(
+            message.frequency, message.amplitude, message.travel, message.order, estimate
+        )
+        loaded = self._inversion.loaded
+        known = loaded.schedule.points if loaded is not None and loaded.schedule else ()
+        others = (each for each in known if each.name != point.name)
+        return replace(estimate, schedule=Schedule((*others, point)))
 
 
 def main() -> None:

@@ -13,16 +13,17 @@ from piezo_hysteresis.errors import PiezoError
 
 
 def message_type(name: str) -> type:
-    """Return the class of ``package/msg/Name``.
+    """Return the class of ``package/msg/Name``, or of a service or an action.
 
     Raises
     ------
     PiezoError
         If its package is not built or sourced.
     """
-    package, _, kind = name.partition('/msg/')
+    package, _, rest = name.partition('/')
+    room, _, kind = rest.partition('/')
     try:
-        found: type = getattr(importlib.import_module(f'{package}.msg'), kind)
+        found: type = getattr(importlib.import_module(f'{package}.{room or "msg"}'), kind)
     except (ImportError, AttributeError):
         raise PiezoError(
             f'messages of type {name} are not known here: source the workspace that has {package}'

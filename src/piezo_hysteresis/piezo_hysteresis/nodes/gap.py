@@ -12,7 +12,7 @@ from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level,
 from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import StampValidator, nanoseconds_of
-from piezo_hysteresis.discovery.live.monitor import GapMonitor, GapReport
+from piezo_hysteresis.discovery.gap_monitor import GapMonitor, GapReport
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
