@@ -1,9 +1,9 @@
 # make demo   sets up and runs the main job: record, identify, compensate, report
-# make test   sets up, checks the style and runs the tests;  make studies  runs the long ones
+# make test   sets up, checks the style and runs the tests;  make studies, make scripts  the long ones
 # make setup  only sets up;  make dev  with what tests need;  make clean  removes what was made
 # make site   builds the documentation as a site: out/site/index.html
 
-.PHONY: demo test studies lint setup setup-demo build dev site clients clean
+.PHONY: demo test studies scripts lint setup setup-demo build dev site clients clean
 .DEFAULT_GOAL := help
 DATA ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -49,7 +49,11 @@ test: lint clients
 
 studies: dev
 	@$(run) $(pytest) -m slow --junitxml=out/tests/studies.xml \
-	  --dist loadfile --no-loadscope-reorder test
+	  --dist loadfile --no-loadscope-reorder --ignore test/scripts test
+
+# Every script of bench/ and studies/, made small: evidence, not the product.
+scripts: dev
+	@$(run) $(pytest) --junitxml=out/tests/scripts.xml --dist worksteal test/scripts
 
 # In an environment of its own: nothing else needs these packages.
 site:

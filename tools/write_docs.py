@@ -78,11 +78,11 @@ kernel. A client that waits for a node reports its name, and its timeout pauses 
 compiles.
 
 **Sample index.** The `sample` of a message defines its tick. A sample index more than 1000 ahead
-of or 64 behind the current one is discarded and counted in `strays`. A second consistent index is
-accepted, and 0 starts a new run. Time stamps only assign records and markers. A stamp that
-deviates from the sample index by half a second or more, or decreases, is counted in `stamp_jumps`
-and replaced. A clock that was set is accepted from the second sample on. The excitation stamps
-its markers with the clock of the states.
+of or 64 behind the current one is discarded and counted in `strays`. The second sample in
+sequence is accepted; sample 0 starts a run. Time stamps only assign records and markers. A stamp
+that deviates from the sample index by half a second or more, or decreases, is counted in
+`stamp_jumps` and replaced. A clock that was set is accepted from the second sample on. The
+excitation stamps its markers with the clock of the states.
 """
 
 MODEL = """

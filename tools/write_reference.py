@@ -20,6 +20,10 @@ PAGES = {
         ('interface.compensate_runs', 'common.results'),
     ),
     'records': ('Reading and writing of data. Guide: [records](../records.md).', ('records',)),
+    'axes': (
+        'Records of several axes. Guide: [records](../records.md#several-axes).',
+        ('axes.axes_load', 'axes.axes_record', 'axes.modal_search', 'axes.modal_model'),
+    ),
     'models': ('Chains of blocks. Guide: [models](../models.md).', ('models',)),
     'identification': (
         'Parameters from records. Guide: [identification](../identification.md).',

@@ -60,7 +60,6 @@ setup(
         'rich>=13,<16',
         'rosbags>=0.10,<0.12',
         'scipy>=1.11,<2',
-        'cma>=4,<5',
         'shtab>=1.6,<2',
     ],
     python_requires='>=3.11',
@@ -74,6 +73,7 @@ setup(
         'dashboard': ['tornado>=6.3,<7'],
         'dask': ['distributed>=2024.1'],
         'formats': ['h5py>=3,<4', 'npTDMS>=1.7,<2', 'openpyxl>=3.1,<4', 'pyarrow>=14'],
+        'instruments': ['asammdf>=8,<9', 'igor2>=0.5,<1', 'pyuff>=2.4,<3'],  # .mf4, .ibw, .uff
         'pandas': ['pandas>=2,<4'],  # data frames of results
         'serial': ['pyserial>=3.5,<4'],  # controllers on a serial port
         'test': ['hypothesis>=6', 'pytest>=8', 'pytest-xdist>=3'],

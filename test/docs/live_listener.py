@@ -16,7 +16,7 @@ from piezo_hysteresis.ros.client import Client
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 
-TIMEOUT = 180.0  # s until what is expected has to be heard, on a busy machine
+TIMEOUT = 400.0  # s until what is expected has to be heard, on a busy machine
 STRETCH, STRETCHES = 2000, 3  # ticks that a tracking error is the rms of; the worst one counts
 
 

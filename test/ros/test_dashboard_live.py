@@ -216,3 +216,23 @@ def run_sweep(browser: Browser, name: str, seconds: str) -> None:
     browser.until(f"model('sweep.name').value === '{name}'")
     time.sleep(0.2)  # the browser tells the server
     browser.click('sweep.start')
+
+
+def test_a_phone_folds_what_is_secondary(processes: NodeProcesses, tmp_path: Path) -> None:
+    browser = Browser(tmp_path)
+    try:
+        dashboard = processes.start(
+            'piezo_hysteresis', 'dashboard', {'port': 0, 'folder': str(tmp_path)}
+        )
+        browser.size(390, 844, phone=True)
+        browser.open(address_of(dashboard, browser))
+        assert browser.run("document.querySelectorAll('details[open]').length") == 1
+        folded = browser.run('document.documentElement.scrollHeight')
+        assert folded < 4000
+        browser.run("document.querySelector('details.more').open = true")
+        browser.until(f'document.documentElement.scrollHeight > {folded + 900}')
+        box = "view('gap').el.getBoundingClientRect()"
+        browser.until(f'{box}.height > 150 && {box}.width > 300')
+        assert browser.run('document.documentElement.scrollWidth') <= 390
+    finally:
+        browser.close()

@@ -84,7 +84,7 @@ def test_the_gap_closes_in_running_nodes(
     assert without.family
 
     # The effect goes into the running simulator: the gap falls to the floor.
-    assert load(listener, 'simulator', found / 'simulator.yaml')
+    assert all(one.successful for one in listener.set_parameters('simulator', HIDDEN))
     assert settled_gap(listener, seconds=3.0).floors < 1.5
     good = tracking_error(listener)
 

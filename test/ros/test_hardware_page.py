@@ -174,3 +174,28 @@ def test_the_driver_takes_any_type_of_number(
     driver.send_signal(signal.SIGINT)
     assert driver.wait(30.0) == 0
     assert float((tmp_path / 'amplifier').read_text()) == 0.0
+
+
+def test_the_driver_in_lock_step_answers_every_command(
+    processes: LiveNodes, listener: Listener, tmp_path: Path
+) -> None:
+    """The second block of the tutorial, inserted where the page says."""
+    driver, lock_step = re.findall(r'```python\n(.*?)```', TUTORIAL.read_text(), re.DOTALL)
+    assert driver.count('# Ctrl-C') == driver.count('driver = Driver()') == 1
+    driver = driver.replace('# Ctrl-C', f'{lock_step}\n\n# Ctrl-C')
+    driver = driver.replace('driver = Driver()', 'driver = LockStepDriver()')
+    (tmp_path / 'page.md').write_text(f'```python\n{driver}```')
+    process = start_driver(tmp_path / 'page.md', tmp_path, processes, listener)
+    states = listener.received['actuator/state']
+    try:
+        settings = {'rate': 500.0, 'mode': 'voltage', 'frequency': 5.0, 'voltage.amplitude': 0.8}
+        processes.start('piezo_hysteresis', 'excitation', settings)
+        listener.until(lambda: len(states) > 700, 60.0)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(10)
+    samples = np.array([state.sample for state in states])
+    assert np.all(np.diff(samples) == 1)
+    expected = 0.8 * np.sin(2.0 * np.pi * 5.0 * samples / 500.0)
+    voltage = np.array([state.voltage for state in states])
+    np.testing.assert_allclose(voltage[samples > 550], expected[samples > 550], atol=1e-9)

@@ -146,3 +146,35 @@ def _lives(pid: Any) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def test_a_sweep_and_the_life_cycle_are_called_from_the_command_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with LiveNodes() as processes:
+        processes.start('piezo_sim', 'simulator', {'clock': 'lock_step'})
+        processes.start('piezo_hysteresis', 'excitation', {'folder': str(tmp_path)})
+        processes.start('piezo_hysteresis', 'attenuation')
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(processes.domain))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+        def called(*words: str) -> tuple[int, str, str]:
+            code = main(['call', *words, '--timeout', '60'])
+            printed = capsys.readouterr()
+            return code, printed.out, printed.err
+
+        sweep = '{frequencies: [20, 50], amplitudes: [1], seconds: 0.2, bag: swept}'
+        code, text, _ = called('/run_sweep', sweep)
+        assert code == 0
+        assert yaml.safe_load(text)['names'] == ['sine_20Hz_1V', 'sine_50Hz_1V']
+        assert (tmp_path / 'swept').is_dir()
+        code, text, _ = called('/run_sweep', '{frequencies: [5], amplitudes: [100], seconds: 1}')
+        assert code == 1
+        assert 'ask for a smaller amplitude' in yaml.safe_load(text)['message']
+        code, _, error = called('/run_sweep', '{frequencies: [5], amplitude: [1]}')
+        assert (code, 'did you mean amplitudes' in error) == (2, True)
+        code, _, error = called('/run_sweep', '{frequencies: 5}')
+        assert (code, 'frequencies is sequence<double>, not 5' in error) == (2, True)
+        assert called('/attenuation/change_state', '{transition: {label: deactivate}}')[0] == 0
+        state = yaml.safe_load(called('/attenuation/get_state')[1])
+        assert state['current_state']['label'] == 'inactive'

@@ -64,7 +64,7 @@ SINE = '--reference sine:frequency=5,amplitude=2e-5,duration=1'
 
 BAD = [
     ('identify', '--method pso --max-evaluations 0', 'at least 1 evaluation, got 0'),
-    ('identify', '--method cma --max-evaluations -5', 'at least 1 evaluation, got -5'),
+    ('identify', '--method de --max-evaluations -5', 'at least 1 evaluation, got -5'),
     ('identify', '--set beta=-5', 'beta = -5 1/V is impossible to start from'),
     ('identify', '--set beta=x', 'should be NAME=VALUE'),
     ('identify', '--set A1=nan', 'A1 = nan is not a number to start from'),

@@ -72,7 +72,6 @@ def test_the_model_is_loadable_and_the_report_is_one_file(found: Path) -> None:
         'verdict.json',
         'model.yaml',
         'params.yaml',
-        'simulator.yaml',
         'report.html',
         MARKER,
     }

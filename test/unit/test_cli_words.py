@@ -147,3 +147,18 @@ def test_a_reader_that_has_seen_enough_is_no_error(folder: Path) -> None:
     done = subprocess.run(['bash', '-c', command], capture_output=True, text=True, check=True)
     assert done.stdout == '0\n'
     assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize(
+    'words',
+    ['--help', *(f'{verb} --help' for verb in ('param', 'identify', 'discover', 'validate'))],
+)
+def test_help_imports_neither_arrays_nor_a_compiler(words: str) -> None:
+    code = (
+        'import atexit, sys; from piezo_hysteresis.cli.main import main\n'
+        'heavy = ["numpy", "scipy", "numba", "rclpy"]\n'
+        'atexit.register(lambda: print(*filter(sys.modules.get, heavy), file=sys.stderr))\n'
+        f'main({words.split()!r})'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert (done.stdout[:6], done.stderr.strip()) == ('usage:', '')

@@ -38,6 +38,17 @@ def files(tmp_path: Path) -> list[Any]:
 
 
 @pytest.mark.component
+def test_an_attenuation_without_time_to_begin_is_stated(
+    files: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = REFERENCE.replace('duration=10', 'duration=0.5').replace('ramp=1', 'ramp=0.1')
+    out = str(tmp_path / 'out')
+    assert main(['compensate', *files, '--reference', short, '--out', out]) == 0
+    printed = capsys.readouterr()
+    assert 'with attenuation: 0.5 s are too short' in printed.out + printed.err
+
+
+@pytest.mark.component
 def test_study_reports_each_run_and_what_every_link_gains(
     files: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -49,18 +60,23 @@ def test_study_reports_each_run_and_what_every_link_gains(
     assert list(rms) == ['no compensation', 'feedforward', 'with attenuation', 'with PID']
     assert rms['feedforward'] < 0.3 * rms['no compensation']
     assert rms['with attenuation'] < 0.05 * rms['feedforward']
-    assert summary['runs'][1]['counters']['0_PhysicalInverse']['clamped_slopes'] == 0
+    assert summary['runs'][1]['counters']['0_physical_inverse']['clamped_slopes'] == 0
     assert summary['rate_hz'] == 1000.0
+    page = (out / 'report.html').read_text()
+    assert '<td>harmonic attenuation</td>' in page
+    assert 'HarmonicAttenuation' not in page  # words, not names of classes
     assert (out / 'tracking.png').read_bytes().startswith(b'\x89PNG')
     assert sorted(path.name for path in out.iterdir()) == [
         MARKER, 'report.html', 'summary.json', 'tracking.png', 'voltage.csv',
     ]  # fmt: skip
+    printed = capsys.readouterr()
+    assert 'too short' not in printed.out + printed.err
     page = (out / 'report.html').read_text()
     for run in rms:
         assert run in page
     assert 'The rms tracking error of' in page
     assert 'Plant and model have the same name' in page
-    assert 'with attenuation' in capsys.readouterr().out
+    assert 'with attenuation' in printed.out
 
 
 @pytest.mark.component

@@ -110,7 +110,7 @@ def test_a_loop_that_swings_between_the_limits_is_switched_off() -> None:
     plant = ModelPlant(named('bouc_wen_mode'), values, DT)
     wild = Pid(PidGains(integral=2e6), DT, limits=LIMITS)
     result = closed_loop(constant(50e-6, 6.0), [wild], plant, LIMITS, DT)
-    assert result.counters['0_Pid']['diverged'] == 1
+    assert result.counters['0_pid']['diverged'] == 1
     assert not result.voltage[-1000:].any()
     assert np.ptp(result.displacement[-500:]) < 1e-6
 

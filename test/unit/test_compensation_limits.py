@@ -195,7 +195,7 @@ def test_closed_loop_gives_reference_k_and_measurement_k_minus_1() -> None:
     np.testing.assert_allclose(result.voltage, 0.3)
     np.testing.assert_allclose(result.displacement, [0.0, 0.6, 0.6, 0.6, 0.6])
     assert result.counters['limiter']['not_finite'] == 0
-    assert result.counters['0_Spy'] == {'steps': 5}
+    assert result.counters['0_spy'] == {'steps': 5}
 
 
 def test_metrics_name_mean_rms_and_harmonics() -> None:

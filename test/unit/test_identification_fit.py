@@ -331,6 +331,23 @@ def test_confounded_parameters_are_named_once_together() -> None:
     assert 'smaller than their uncertainties' in remarks[1]
 
 
+def test_lost_directions_that_share_a_parameter_are_one_warning() -> None:
+    lost = (
+        (('w2', 0.9), ('w0', 0.1)),
+        (('w1', 0.5), ('w2', 0.5)),
+        (('w5', 0.7), ('w4', 0.3)),
+        (('w3', 1.0),),
+    )
+    names = [f'w{j}' for j in range(6)]
+    result = Covariance(np.full(6, np.inf), np.eye(6), 1e9, lost)
+    remarks = warnings_of(result, names, np.ones(6))
+    assert [each.split(':')[0] for each in remarks] == [
+        'w0, w1 and w2 cannot be distinguished from these records',
+        'w4 and w5 cannot be distinguished from these records',
+        'w3 has no influence on these records',
+    ]
+
+
 def test_digits_end_where_the_uncertainty_begins() -> None:
     assert digits(1.23456, 0.0123) == '1.23 ± 0.01'
     assert digits(1e-4, 1e-3) == '0 within 0.0010'

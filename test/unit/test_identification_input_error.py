@@ -145,3 +145,30 @@ def test_each_record_is_simulated_also_one_with_a_hardly_known_voltage() -> None
     model = ph.identify(driven, 'prandtl_ishlinskii')
     runs = ph.simulate(model, [driven, vague])
     assert [run.size for run in runs] == [COUNT, COUNT]
+
+
+@pytest.mark.component
+def test_an_online_method_states_that_its_deviations_lack_the_error_of_the_input() -> None:
+    u = DRIVES['sine']
+    error = 5e-3 * np.ptp(u) * np.random.default_rng(7).standard_normal(u.size)
+    command, monitor = (
+        Record('a', 1.0 / RATE, u, plays(u)),
+        Record('a', 1.0 / RATE, u + error, plays(u)),
+    )
+    sentence = 'do not contain the error of the measured voltage'
+    by_rls = [ph.identify(each, 'classical', method='rls') for each in (command, monitor)]
+    assert [any(sentence in line for line in found.warnings) for found in by_rls] == [False, True]
+
+
+def test_the_error_of_a_fitted_drive_is_as_large_as_stated() -> None:
+    """Median over draws of the square over the stated one; .84 by chance of four terms."""
+    time, ratios = np.arange(3000) / 1000.0, []
+    for seed in range(24):
+        generator = np.random.default_rng(seed)
+        u = np.sin(2 * np.pi * 30.0 * time + generator.uniform(-3.0, 3.0))
+        y = 1e-4 * u + 4e-8 * generator.standard_normal(u.size)
+        readings = u + 6e-3 * generator.standard_normal(u.size)
+        found = input_error(readings[np.arange(u.size) // 10 * 10], y, 1e-3)
+        assert found is not None
+        ratios.append(float(np.mean((found.voltage - u) ** 2)) / found.left.rms**2)
+    assert 0.6 < np.median(ratios) < 1.1

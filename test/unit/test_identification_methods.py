@@ -67,7 +67,6 @@ def slow(*values: object) -> Any:
         ('output_error', 'bouc_wen_mode', {}, 0.05e-6),
         ('rls_ud', 'bouc_wen_mode', {'start': MODE}, 0.05e-6),
         ('rls', 'extended', {}, 80e-6),
-        slow('cma', 'bouc_wen_mode', {'max_evaluations': 3000}, 3e-6),
         ('rls_ud', 'classical', {}, 0.5e-6),
         slow('de', 'classical', {'max_evaluations': 3000}, 2e-6),
         slow('pso', 'classical', {'max_evaluations': 4000}, 2e-6),

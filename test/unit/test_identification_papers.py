@@ -246,7 +246,7 @@ def test_constants_of_a_swarm_are_options() -> None:
     with pytest.raises(IdentificationError, match=r'0 \.\. 10'):
         Swarm(own=-1.0)
     with pytest.raises(IdentificationError, match='no swarm'):
-        identify(data, named('classical'), method='cma', swarm={'inertia': 0.5})
+        identify(data, named('classical'), method='de', swarm={'inertia': 0.5})
 
 
 def lagging(values: dict[str, float], u: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.global_search import SEARCHES, search
+from piezo_hysteresis.identification.global_search import METHODS, search
 
 LOW, HIGH = np.array([-2.0, -1.0, 0.0]), np.array([2.0, 3.0, 50.0])
 
@@ -17,7 +17,7 @@ def valley(x: np.ndarray) -> float:
     return float(100 * (x[1] - x[0] ** 2) ** 2 + (1 - x[0]) ** 2) + 1e-9
 
 
-@pytest.mark.parametrize('method', SEARCHES)
+@pytest.mark.parametrize('method', METHODS)
 def test_finds_the_bottom_of_a_bowl(method: str) -> None:
     found = search(bowl, LOW, HIGH, method=method, seed=1, max_evaluations=6000)
     np.testing.assert_allclose(found.x, [0.5, 1.0, 7.0], atol=2e-3)
@@ -25,13 +25,13 @@ def test_finds_the_bottom_of_a_bowl(method: str) -> None:
     assert list(found.history) == sorted(found.history, reverse=True)
 
 
-@pytest.mark.parametrize('method', ['pso', 'cma', 'de'])
+@pytest.mark.parametrize('method', ['pso', 'de'])
 def test_follows_a_curved_valley(method: str) -> None:
     found = search(valley, np.full(2, -2.0), np.full(2, 2.0), method=method, seed=2)
     np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-2)
 
 
-@pytest.mark.parametrize('method', SEARCHES)
+@pytest.mark.parametrize('method', METHODS)
 def test_same_seed_same_answer_other_seed_other_way(method: str) -> None:
     one, same, other = (
         search(bowl, LOW, HIGH, method=method, seed=seed, max_evaluations=300)
@@ -42,7 +42,7 @@ def test_same_seed_same_answer_other_seed_other_way(method: str) -> None:
     assert one.history != other.history
 
 
-@pytest.mark.parametrize('method', SEARCHES)
+@pytest.mark.parametrize('method', METHODS)
 def test_stays_in_the_box_and_in_the_budget(method: str) -> None:
     seen: list[np.ndarray] = []
 
@@ -58,7 +58,7 @@ def test_stays_in_the_box_and_in_the_budget(method: str) -> None:
     assert np.all(found.x - LOW < 0.1 * (HIGH - LOW))
 
 
-@pytest.mark.parametrize('method', SEARCHES)
+@pytest.mark.parametrize('method', METHODS)
 def test_impossible_points_are_survived(method: str) -> None:
     def cost(x: np.ndarray) -> float:
         return bowl(x) if x[0] > 0 else float('inf')

@@ -19,6 +19,7 @@ from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.simulation.plan import free_states
 from piezo_hysteresis.numerics.qr import triangle
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.signals import amplitude_spectrum
 
 DT = 1e-3
 CHAINS = (
@@ -99,6 +100,7 @@ def peak(count: int) -> int:
     return top
 
 
+@pytest.mark.component
 def test_memory_of_a_linearisation_is_a_few_arrays_for_any_number_of_parameters(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -113,3 +115,26 @@ def test_the_remainder_of_a_dependent_column_leaves_no_infinite_factor() -> None
     rows = np.array([np.full(600, 1e-160), np.ones(600), np.arange(600.0)])
     factor = triangle(rows.copy())
     np.testing.assert_allclose(factor.T @ factor, rows @ rows.T, rtol=1e-12, atol=1e-100)
+
+
+def test_a_target_keeps_no_second_copy_of_its_voltage() -> None:
+    target = whole(Record(name='sine', voltage=drive(100_000), displacement=drive(100_000), dt=DT))
+    tracemalloc.start()
+    try:
+        assert target.drive.size == target.voltage.size + 2
+        kept = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert kept < 0.1 * target.voltage.nbytes
+
+
+def test_a_spectrum_needs_less_than_four_copies_of_a_signal() -> None:
+    signal = drive(200_000)
+    amplitude_spectrum(signal[:1000], DT)
+    tracemalloc.start()
+    try:
+        amplitude_spectrum(signal, DT)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 4 * signal.nbytes

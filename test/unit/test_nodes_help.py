@@ -85,10 +85,12 @@ def test_a_row_states_the_allowed_values() -> None:
 def test_the_loop_gives_no_node_an_empty_text(model: str) -> None:
     parser = argparse.ArgumentParser()
     loop.configure(parser)
-    found = loop.nodes(parser.parse_args([]), model, 8000.0)
+    found = loop.nodes(parser.parse_args([]), model, 8000.0, (0.0, 1e-5))
     for name in ('simulator', 'identification'):
         assert found[name]['rate'] == 8000.0
     assert found['control_loop']['attenuation:rate'] == 8000.0
     assert not [name for name, values in found.items() if '' in values.values()]
     assert found['discovery'].get('model_file', '') == model
+    for link in ('feedforward', 'attenuation', 'feedback'):  # each limits the voltage
+        assert found['control_loop'].get(f'{link}:model_file', '') == model
     assert ('gap_monitor' in found) == bool(model)

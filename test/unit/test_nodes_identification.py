@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.recursion import OnlineMethod
-from piezo_hysteresis.models import named
+from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.parameters.node_tables import IDENTIFICATION
+from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.runtime.identification_plan import (
     RecordSegmenter,
     SegmentEdge,
@@ -282,3 +283,68 @@ def test_the_harmonic_belongs_to_its_named_model(harmonic: int) -> None:
     model = course.model(estimate)
     assert model is not None
     assert {*estimate.names, 'offset'} == set(model.parameter_names)  # no column of its own
+
+
+DRIVES = ((10.0, 1.0), (23.0, 1.0), (10.0, 0.5))
+
+
+def played_sweep(course: RecordSegmenter, *, late: bool = False) -> None:
+    """Pass the records of `DRIVES` with 20 samples of rest before each, markers first or last."""
+    k = 0
+    for n, (frequency, amplitude) in enumerate(DRIVES):
+        record = drive(frequency, amplitude)
+        k += 20
+        edges = (
+            SegmentEdge(k * MS, f'r{n}', frequency, amplitude),
+            SegmentEdge((k + len(record)) * MS, ''),
+        )
+        for edge in () if late else edges:
+            course.mark(edge)
+        for u, y in zip(record.voltage, record.displacement, strict=True):
+            course.take(k, k * MS, float(u), float(y))
+            k += 1
+        for edge in edges if late else ():
+            course.mark(edge)
+
+
+def drive(frequency: float, amplitude: float) -> Record:
+    """Return a record of a classical model whose gain depends on the frequency."""
+    time = np.arange(1500) / RATE
+    voltage = amplitude * np.sin(2 * np.pi * frequency * time)
+    gain = 1e-4 * (1.0 + frequency / 20.0)
+    plant = ModelFile.from_name('classical', A1=gain, A=0.3 * gain, beta=1.0, gamma=0.2)
+    moved = plant.simulate(voltage, 1.0 / RATE)
+    moved += 1e-9 * np.random.default_rng(0).standard_normal(time.size)
+    info = RecordInfo(frequency=frequency, amplitude=amplitude)
+    return Record(f'{frequency:g}Hz_{amplitude:g}V', 1.0 / RATE, voltage, moved, info=info)
+
+
+@pytest.mark.parametrize('late', [False, True])
+@pytest.mark.parametrize('method', ['rls', 'rls_ud'])
+def test_each_drive_has_the_estimate_of_its_record_alone(method: str, late: bool) -> None:
+    values = {**DEFAULTS, 'method': method, 'voltage_range': 1.0}
+    course = RecordSegmenter(new_method(values), RATE, renew=lambda: new_method(values))
+    played_sweep(course, late=late)
+    saved = course.model_file('test')
+    assert saved.schedule is not None
+    assert {(p.frequency, p.amplitude) for p in saved.schedule.points} == set(DRIVES)
+    for frequency, amplitude in DRIVES:
+        alone = new_method(values)
+        record = drive(frequency, amplitude)
+        alone.update_many(record.voltage, record.displacement)
+        found = saved.at(frequency, amplitude).values
+        for name, value in alone.estimate().parameters().items():
+            assert found[name] == value
+
+
+def test_an_actuator_at_rest_gives_no_converged_estimate() -> None:
+    values = {**DEFAULTS, 'method': 'rls_ud', 'voltage_range': 1.0}
+    course = RecordSegmenter(new_method(values), RATE, only_records=False)
+    noise = 2e-8 * np.random.default_rng(3).standard_normal(6000)
+    verdicts = []
+    for k, y in enumerate(noise):
+        course.take(k, k * MS, 0.0, float(y))
+        if k % 500 == 499:
+            estimate = course.method.estimate()
+            verdicts.append(course.settled(estimate, course.free_run_rms(estimate)))
+    assert not any(verdicts)

@@ -14,6 +14,8 @@ import yaml
 
 from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.common.registry import package_of
+from piezo_hysteresis.models import ModelFile, Provenance
+from piezo_hysteresis.models.operating_range import OperatingRange
 from piezo_hysteresis.parameters import node_tables
 from piezo_sim.nodes.simulator_tables import plant_table, simulator_table
 from piezo_sim.plant import Plant
@@ -103,6 +105,15 @@ def test_the_loop_of_a_scenario_runs_at_one_rate() -> None:
         assert len(rates) == 1, file
 
 
+def stage_model() -> ModelFile:
+    """Return a model of 40 µm between 0 and 100 V, of records at 10 kHz."""
+    model = ModelFile.from_name('linear_mode', A1=4e-7, natural_frequency=500.0, damping_ratio=0.1)
+    voltage = OperatingRange(0.0, 100.0, 1e4, 0.0)
+    return ModelFile(
+        model.model, model.values, provenance=Provenance(rate=10000.0, voltage=voltage)
+    )
+
+
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     """Stand in for the packages of launch; return what launch files say of each node."""
@@ -142,8 +153,11 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 @pytest.mark.parametrize('changed', [{}, OTHER], ids=['defaults', 'other'])
 @pytest.mark.parametrize('file', LAUNCH, ids=lambda file: file.stem)
 def test_a_launch_file_names_what_there_is(
-    file: Path, changed: dict[str, str], launched: list[dict[str, Any]]
+    file: Path, changed: dict[str, str], launched: list[dict[str, Any]], tmp_path: Path
 ) -> None:
+    if changed:
+        stage_model().save(tmp_path / 'model.yaml')
+        changed = {**changed, 'model_file': str(tmp_path / 'model.yaml')}
     source = runpy.run_path(str(file))
     arguments = source['ARGUMENTS']
     used = set(re.findall(r"values\['(\w+)'\]", file.read_text())) | set(
@@ -175,6 +189,32 @@ def test_a_launch_file_names_what_there_is(
             spec = simulator_table().spec(name) or node_tables.FEEDFORWARD.spec(name)
             assert spec is not None
             assert spec.judge(arguments[name][0]) == ''
+
+
+def test_a_model_of_100_volts_sets_rate_limits_and_reference(
+    launched: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    stage_model().save(tmp_path / 'model.yaml')
+    (tmp_path / 'own.yaml').write_text('{}')
+    source = runpy.run_path(str(CONFIG / 'launch' / 'loop.launch.py'))
+    usual = {name: default for name, (default, _) in source['ARGUMENTS'].items()}
+    given = usual | {'model_file': str(tmp_path / 'model.yaml')}
+
+    def of(node: str) -> dict[str, Any]:
+        parts = next(each['parameters'] for each in launched if each['executable'] == node)
+        return {k: v for part in parts if isinstance(part, dict) for k, v in part.items()}
+
+    source['_nodes'](given)
+    assert {of(node)['rate'] for node in USUAL} == {10000.0}
+    assert of('excitation')['reference.offset'] == pytest.approx(20e-6, rel=0.1)
+    assert of('excitation')['reference.amplitude'] == pytest.approx(10e-6, rel=0.1)
+    assert of('identification')['voltage_range'] == 100.0
+    for file in SCENARIOS:  # limits that a file gives would replace those of the model
+        assert 'limits' not in file.read_text(encoding='utf-8').replace('# limits', '')
+    launched.clear()
+    source['_nodes'](given | {'scenario': str(tmp_path / 'own.yaml')})
+    implied, own, _ = launched[1]['parameters']  # a file of one's own has the last word
+    assert (implied['rate'], own) == (10000.0, str(tmp_path / 'own.yaml'))
 
 
 def test_setup_installs_scenarios_and_launch_files(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,10 +5,14 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.numerics.modulated import ModulatedLines
 from piezo_hysteresis.numerics.qr import orthonormal, projected_out
 
-STEP, HIGHEST, DEPENDENT = 2 * np.pi / 97.3, 12, 1e-6
+HIGHEST, DEPENDENT = 12, 1e-6
+#: Of a fundamental whose period wanders.
+PHASE: FloatArray = 2 * np.pi / 97.3 * np.arange(60_000.0)
+PHASE += 0.2 * np.sin(PHASE / 9.7)
 
 
 def laws(count: int) -> np.ndarray:
@@ -17,7 +21,7 @@ def laws(count: int) -> np.ndarray:
 
 
 def rows(of: np.ndarray) -> np.ndarray:
-    angle = STEP * np.arange(of.shape[1])
+    angle = PHASE[: of.shape[1]]
     found = list(of)
     for n in range(1, HIGHEST + 1):
         for law in of:
@@ -31,22 +35,22 @@ def rows(of: np.ndarray) -> np.ndarray:
 )  # fmt: skip
 def test_sums_give_what_stored_rows_give(of: np.ndarray) -> None:
     rng = np.random.default_rng(0)
-    error = rng.standard_normal(1500) + of[-1] * np.cos(3 * STEP * np.arange(1500))
+    error = rng.standard_normal(1500) + of[-1] * np.cos(3 * PHASE[:1500])
     error -= error.mean()
-    shares, left = ModulatedLines(of.copy(), STEP, HIGHEST, DEPENDENT).split(error)
+    shares, left = ModulatedLines(of.copy(), PHASE[: of.shape[1]], HIGHEST, DEPENDENT).split(error)
     expected, rest = projected_out(error, orthonormal(rows(of), DEPENDENT)[1:])
     assert np.max(np.abs(left - rest)) < 1e-9
     # one order, of which all rows are orthogonal to those of the others
-    orders = ModulatedLines(of.copy(), STEP, HIGHEST, DEPENDENT).orders
+    orders = ModulatedLines(of.copy(), PHASE[: of.shape[1]], HIGHEST, DEPENDENT).orders
     powers = [np.bincount(orders, each**2) for each in (shares, expected)]
     assert powers[0] == pytest.approx(powers[1], rel=1e-9)
 
 
 def test_memory_is_that_of_the_laws_and_not_of_the_lines() -> None:
     def peak(count: int) -> int:
-        of, error = laws(count), np.ones(count)
+        of, error, phase = laws(count), np.ones(count), PHASE[:count]
         tracemalloc.start()
-        ModulatedLines(of, STEP, HIGHEST, DEPENDENT).split(error)
+        ModulatedLines(of, phase, HIGHEST, DEPENDENT).split(error)
         top = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return top

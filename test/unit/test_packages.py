@@ -20,9 +20,10 @@ PACKAGES = [
 KEYS = {'yaml': 'python3-yaml', 'bokeh': 'python3-bokeh-pip', 'llvmlite': 'python3-numba'}
 # By pip where there is no key, or what comes with another that is named.
 ELSEWHERE = {
-    *('rosbags', 'pyarrow', 'shtab', 'cma', 'h5py', 'openpyxl', 'nptdms'),  # requirements.txt
+    *('rosbags', 'pyarrow', 'shtab', 'h5py', 'openpyxl', 'nptdms'),  # requirements.txt
     *('apsw', 'lz4', 'backports'),  # of rosbags
     *('jinja2',),  # of bokeh
+    *('asammdf', 'igor2', 'pyuff'),  # the extra instruments
     *('distributed', 'pandas'),  # where a user brings a cluster, or wants data frames
 }
 

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import piezo_hysteresis
+from piezo_hysteresis.discovery.verdict.verdict import Verdict
+from piezo_hysteresis.investigation.runner import Result as InvestigationResult
 
 ph: Any = piezo_hysteresis  # what mypy would refuse is tried too
 
@@ -109,10 +111,12 @@ WORKS: dict[str, tuple[Call, Callable[[Any], bool]]] = {
     'a usual name': (lambda p, f: MODEL['mode_frequency'], lambda v: v == 80.0),
     'a parameter of a result': (lambda p, f: f['A1'], lambda v: v > 0),
     'response': (
-        lambda p, f: np.abs(MODEL.frequency_response([1.0, 80.0])),
+        lambda p, f: np.abs(MODEL.frequency_response([1.0, 80.0], amplitude=1)),
         lambda g: g[1] / g[0] == pytest.approx(1 / 0.06, rel=0.03),
     ),
-    'response at one': (lambda p, f: MODEL.frequency_response(1.0), lambda g: g.shape == ()),
+    'response at one': (
+        lambda p, f: MODEL.frequency_response(1.0, amplitude=1), lambda g: g.shape == ()
+    ),
     'inverse': (
         lambda p, f: PLAIN.inverse(WISH, DT),
         lambda i: float(np.std(i.displacement - WISH)) < 1e-9 and not i.limited,
@@ -173,6 +177,7 @@ SAYS: dict[str, tuple[Call, str]] = {
     'unknown parameter': (lambda p, f: MODEL['w0'], 'choose one of A1'),
     'misspelt parameter': (lambda p, f: MODEL['natural_freqency'], 'did you mean natural_freq'),
     'above Nyquist': (lambda p, f: MODEL.frequency_response(800.0), 'half the rate'),
+    'response without a range': (lambda p, f: MODEL.frequency_response(1.0), 'give amplitude='),
     'words to inverse': (lambda p, f: MODEL.inverse(SINE, DT), 'goes to ph.compensate'),
     'inverse of a table': (lambda p, f: MODEL.inverse([[1.0]], DT), 'series of finite numbers'),
     'inverse without a step': (lambda p, f: MODEL.inverse(WISH, 0.0), 'dt must be a positive'),
@@ -225,6 +230,81 @@ def test_a_name_that_does_not_exist_names_the_call(where: Any, name: str, call: 
         getattr(where, name)
     assert not hasattr(where, name)
     assert copy.deepcopy(MODEL).values == MODEL.values
+
+
+# Names as other libraries have them, by result.
+INSTEAD: dict[str, dict[str, str]] = {
+    'record': {
+        'u': 'voltage', 'y': 'displacement', 't': 'time', 'fs': 'rate', 'Ts': 'dt', 'n': 'len',
+        'trim': r'record\[0', 'decimate': 'resample', 'save': 'write_bag', 'fit': 'ph.identify',
+        'displacment': 'did you mean displacement', 'to_pandas': 'to_frame',
+    },
+    'records': {'u': 'voltage', 'fs': 'rate', 'to_csv': 'to_frame', 'identify': 'ph.identify'},
+    'identified': {
+        'rmse': 'nrmse_percent', 'params': 'parameters', 'stderr': 'std', 'residuals': 'runs',
+        'predict': 'ph.simulate', 'score': 'nrmse', 'bode': 'frequency_resp', 'show': 'plot',
+        'covariance': 'model.covariance', 'noise': 'noise_floor',
+    },
+    'errors': {'rmse': 'free_run_rms', 'nrmse': 'nrmse_percent', 'noise': 'noise_rms'},
+    'validation': {'rmse': 'nrmse_percent', 'r2': 'nrmse', 'residuals': 'simulated'},
+    'compensation': {
+        'u': 'voltage', 'y': 'best.result.displacement', 'rms': 'best.metrics', 't': 'time',
+        'metrics': 'best.metrics', 'error': 'best.result.error',
+    },
+    'run': {'voltage': 'result.voltage', 'rms': 'metrics.rms'},
+    'samples': {'u': 'voltage', 'displacment': 'did you mean displacement'},
+    'metrics': {'rmse': 'rms', 'peak': 'largest'},
+    'inverse': {'u': 'voltage', 'error': 'displacement - reference', 'to_csv': 'to_frame'},
+    'discovery': {
+        'effects': 'verdict.effects', 'summary': 'verdict.summary', 'names': 'verdict.effects',
+        'noise_floor': 'floor', 'limits': 'verdict.detection_limits',
+    },
+    'verdict': {'text': 'summary', 'probability': r'effects\[0\]'},
+    'investigation': {'summary': 'words', 'names': 'effects'},
+}  # fmt: skip
+
+
+def _bare(kind: type) -> Any:
+    """Return an object without its values: a wrong name is wrong of any."""
+    return object.__new__(kind)
+
+
+@pytest.fixture(scope='module')
+def results(found: Any) -> dict[str, Any]:
+    compared = ph.compensate(PLAIN, WISH, dt=DT)
+    return {
+        'record': RECORD, 'records': ph.load(U, Y, dt=DT), 'identified': found,
+        'errors': found.records[0], 'validation': ph.validate(RECORD, found),
+        'compensation': compared, 'run': compared.best, 'samples': compared.best.result,
+        'metrics': compared.best.metrics, 'inverse': PLAIN.inverse(WISH, DT),
+        'discovery': _bare(ph.Discovery), 'verdict': _bare(Verdict),
+        'investigation': _bare(InvestigationResult),
+    }  # fmt: skip
+
+
+@pytest.mark.component
+@pytest.mark.parametrize('kind', INSTEAD)
+def test_a_wrong_name_of_a_result_names_the_right_one(kind: str, results: dict[str, Any]) -> None:
+    for name, right in INSTEAD[kind].items():
+        with pytest.raises(AttributeError, match=right) as caught:
+            getattr(results[kind], name)
+        sentence = str(caught.value)
+        assert '; use ' in sentence or 'did you mean' in sentence
+    with pytest.raises(AttributeError, match='__nothing__'):
+        _ = results[kind].__nothing__
+    copy.copy(results[kind])
+
+
+@pytest.mark.component
+def test_no_table_of_wrong_names_holds_a_right_one(results: dict[str, Any]) -> None:
+    for result in results.values():
+        kind = type(result)
+        wrong = ' '.join(vars(kind).get('_INSTEAD', {}).values()).split()
+        assert len(set(wrong)) == len(wrong)
+        for name in wrong:
+            assert not hasattr(result, name), f'{kind.__name__}.{name}'
+            with pytest.raises(AttributeError, match='; use '):
+                getattr(result, name)
 
 
 def test_records_come_first() -> None:

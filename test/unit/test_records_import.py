@@ -148,7 +148,7 @@ def test_salvage_reports_its_changes(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_in_a_pipe_progress_is_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
     now = [0.0]
-    tell = ProgressLines('discover', 30.0, lambda: now[0])
+    tell = ProgressLines('discover', 30.0, now=lambda: now[0])
     for second in range(100):
         now[0] = float(second)
         tell(second / 200, 'fits')
@@ -156,6 +156,9 @@ def test_in_a_pipe_progress_is_a_line_now_and_then(capsys: pytest.CaptureFixture
     assert len(lines) == 3
     assert lines[1] == 'discover: 30 %, fits, 1 min 00 s, about 2 min 20 s left'
     assert remaining_time_text(0.0, 9.0) == remaining_time_text(1.0, 9.0) == ''
+    assert 'about 9 min' in remaining_time_text(0.1, 60.0)
+    assert remaining_time_text(0.1, 60.0, 300.0) == ', at most 4 min 00 s left'
+    assert remaining_time_text(0.1, 310.0, 300.0) == ''
 
 
 def test_a_verbose_error_states_its_origin(

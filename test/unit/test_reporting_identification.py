@@ -20,7 +20,7 @@ from piezo_hysteresis.reporting.identification_report import (
     next_section,
     sentence_of,
 )
-from piezo_hysteresis.reporting.identification_where import harmonics
+from piezo_hysteresis.reporting.identification_where import harmonics, where_section
 
 DT = 1e-3
 VALUES = {'A1': 1.6e-4, 'A': 3e-5, 'A0': 0.0, 'beta': 1.2, 'gamma': 0.2, 'offset': 2e-6}
@@ -126,3 +126,13 @@ def test_the_verb_writes_the_report_next_to_the_model(
     row = json.loads((out / 'summary.json').read_text())['records'][0]
     assert f'{1e6 * row["free_run_rms_m"]:.3g} µm rms' in page
     assert str(out / 'model.yaml') in text_of(page)
+
+
+def test_one_report_has_one_worst_record(records: list[Record], found: Identification) -> None:
+    """The record of the sentence is drawn, also if another has the larger error in µm."""
+    rows = (replace(found.records[0], free_run_rms=9e-6), *found.records[1:])
+    simulated = {each.name: np.zeros_like(each.displacement) for each in records}
+    section = where_section(records, replace(found, records=rows), simulated)
+    drawn = ' '.join(each.caption for each in section.figures)
+    assert 'sine_10Hz' in drawn
+    assert 'sine_4Hz' not in drawn

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.reporting.display_units import micrometres, shown, with_deviation
+from piezo_hysteresis.reporting.folding import Value, folded
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table, write_report
 from piezo_hysteresis.reporting.plots import (
     PALETTE,
@@ -197,6 +198,13 @@ def test_a_single_spike_survives_thinning() -> None:
     assert xs[np.argmax(ys)] == 123_456
 
 
+def test_a_path_at_one_voltage_is_thinned() -> None:
+    y = np.concatenate([np.linspace(0.0, 1.0, 9000), np.ones(9000)])
+    xs, ys = thinned(np.full(y.size, 100.0), y)
+    assert np.all(xs == 100.0)
+    assert np.isclose(np.ptp(ys), 1.0)
+
+
 @pytest.mark.parametrize('steps', [7, 90])
 def test_a_thinned_staircase_keeps_its_corners(steps: int) -> None:
     x = np.repeat(np.r_[0:steps, steps:0:-1].astype(float), 500)
@@ -264,6 +272,8 @@ def test_numbers_as_people_read_them() -> None:
     assert with_deviation(67.968467, 0.0411) == ('67.968', '0.041')
     assert with_deviation(0.0, None) == ('0', 'held')
     assert with_deviation(1.0, float('inf'))[1] == 'not determined'
+    unknown = Value('offset', 2e-6, float('inf'), 'm')
+    assert folded([unknown]) == [('offset', 'not determined', '')]
     assert with_deviation(0.001, 5.0) == ('0.001', '5')
 
 

@@ -15,7 +15,7 @@ from piezo_hysteresis.blocks import BLOCKS, EFFECTS
 
 CORE = Path(__file__).parents[2] / 'src' / 'piezo_hysteresis' / 'piezo_hysteresis'
 # Where blocks are named: their own room, and the table of models that are made of them.
-OWN = ('blocks/', 'models/named.py')
+OWN = ('blocks/', 'models/named.py', 'common/recipes.py')  # the last: of what named models consist
 # Words that happen to be the name of a block, and what they mean there.
 OTHER_MEANING = {
     'mode': ('nodes/', 'dashboard/', 'parameters/', 'cli/loop.py'),  # parameter of the excitation

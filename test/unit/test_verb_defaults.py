@@ -36,7 +36,7 @@ TABLE = [
 # Verbs for controllers: test_drivers_gcs.py and docs/controllers.md run them.
 ON_CONTROLLERS = {'sweep'}
 # Verbs for nodes: test/ros/test_ends.py, test_verbs_for_nodes.py and the pages run them.
-LIVE = {'record', 'play', 'loop', 'node', 'param', 'dashboard', 'investigate'}
+LIVE = {'record', 'play', 'loop', 'node', 'param', 'call', 'dashboard', 'investigate'}
 
 
 def ran(

@@ -15,6 +15,9 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from piezo_hysteresis.common.registry import package_of
+from piezo_hysteresis.compensation.inverses.reach import usual_reference
+from piezo_hysteresis.compensation.operating_limits import operating_limits, rate_of
+from piezo_hysteresis.models import ModelFile
 
 SWITCHES = ('simulator', 'identification', 'gap_monitor', 'enclaves', 'dashboard')
 CHOICES = {
@@ -46,6 +49,19 @@ def _plant_of(model_file):
     return {'model_file': model_file, 'plant.gain': 0.0, 'plant.natural_frequency': 0.0}
 
 
+def _of_model(model_file):
+    """Return rate, reference and ranges that a model implies: of all nodes, of two of them."""
+    if not model_file:
+        return {}, {}, {}
+    model = ModelFile.load(model_file)
+    limits, (offset, amplitude) = operating_limits(model).limits, usual_reference(model)
+    return (
+        {'rate': rate_of(model)},
+        {'reference.offset': offset, 'reference.amplitude': amplitude},
+        {'voltage_range': max(-limits.low, limits.high), 'displacement_range': 2.0 * amplitude},
+    )
+
+
 def _scenario_file(context, name):
     """Return the path of a scenario that is named, or is a path already."""
     if name.endswith('.yaml'):
@@ -67,6 +83,7 @@ def _nodes(context):
     on = {name for name in SWITCHES if values[name] == 'true'} | {values['correction']}
     model = {'model_file': values['model_file']}
     page = {'folder': values['folder']}
+    rate, reference, ranges = _of_model(values['model_file'])
     simulator = {
         'preset': values['preset'],
         'clock': values['clock'],
@@ -74,14 +91,23 @@ def _nodes(context):
         # In lock-step the first tick waits for the readers of the states.
         'wait_for': 2 + len(on & {'identification', 'gap_monitor'}),
     }
+
+    def of(fixed, implied=None):
+        # what a model implies replaces values of the suite, not those of a file of one's own
+        implied = {**rate, **(implied or {})}
+        if values['scenario'].endswith('.yaml'):
+            return [implied, scenario, fixed]
+        return [scenario, {**implied, **fixed}]
+
+    plant = _plant_of(values['model_file'])
     parameters = {
-        'simulator': [scenario, simulator],
-        'excitation': [scenario, {'actuator': values['preset'], **page}],
-        'feedforward': [scenario, model],
-        'attenuation': [scenario, _plant_of(values['model_file'])],
-        'feedback': [scenario, _plant_of(values['model_file'])],
-        'identification': [scenario],
-        'gap_monitor': [scenario, model],
+        'simulator': of(simulator),
+        'excitation': of({'actuator': values['preset'], **page}, reference),
+        'feedforward': of(model),
+        'attenuation': of(plant),
+        'feedback': of(plant),
+        'identification': of({}, ranges),
+        'gap_monitor': of(model),
         'discovery': [page],
         'dashboard': [page],
     }

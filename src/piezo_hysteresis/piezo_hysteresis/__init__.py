@@ -32,6 +32,10 @@ import types
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from piezo_hysteresis.axes.axes_load import load_axes
+    from piezo_hysteresis.axes.axes_record import AxesRecord
+    from piezo_hysteresis.axes.modal_model import ModalModel as AxesModel
+    from piezo_hysteresis.axes.modal_search import identify_axes
     from piezo_hysteresis.batch import Batch
     from piezo_hysteresis.batch import run_batch as batch
     from piezo_hysteresis.discovery import Discovery
@@ -58,6 +62,8 @@ __all__ = [
     'EFFECTS',
     'METHODS',
     'MODELS',
+    'AxesModel',
+    'AxesRecord',
     'Batch',
     'Compensation',
     'Discovery',
@@ -73,8 +79,10 @@ __all__ = [
     'discover',
     'export',
     'identify',
+    'identify_axes',
     'investigate',
     'load',
+    'load_axes',
     'simulate',
     'validate',
     'write_bag',
@@ -84,6 +92,8 @@ _HOMES = {
     'EFFECTS': 'models.EFFECT_NAMES',
     'METHODS': 'identification.METHODS',
     'MODELS': 'models.NAMES',
+    'AxesModel': 'axes.modal_model.ModalModel',
+    'AxesRecord': 'axes.axes_record.AxesRecord',
     'Batch': 'batch.Batch',
     'Compensation': 'interface.compensate_runs.Compensation',
     'Discovery': 'discovery.Discovery',
@@ -101,6 +111,8 @@ _HOMES = {
     'investigate': 'interface.investigate.investigate',
     'identify': 'interface.verbs.identify',
     'load': 'records.load',
+    'identify_axes': 'axes.modal_search.identify_axes',
+    'load_axes': 'axes.axes_load.load_axes',
     'simulate': 'identification.simulate',
     'validate': 'identification.validate',
     'write_bag': 'records.write_bag',

@@ -12,6 +12,10 @@ class RecordError(PiezoError):
     """A record, bag or CSV file cannot be used as it is."""
 
 
+class SeveralAxesError(RecordError):
+    """The data are of several axes; they were read as those of one."""
+
+
 class ModelError(PiezoError):
     """A model file, model name or parameter cannot be used as it is."""
 

@@ -243,7 +243,19 @@ def screening() -> None:
     tone_amplitude(np.arange(8.0), 100.0, DT)
     without_tone(np.arange(8.0), 100.0, DT)
     projected_out(np.ones(8), orthonormal(np.eye(3, 8), 1e-6)[1:])
-    ModulatedLines(np.ones((1, 8)), 1.0, 1, 1e-6).split(np.arange(8.0))
+    ModulatedLines(np.ones((1, 8)), np.arange(8.0), 1, 1e-6).split(np.arange(8.0))
+
+
+def several_axes() -> None:
+    """Let modes of two axes follow a few samples of a steady state."""
+    from piezo_hysteresis.axes.axes_record import AxesRecord
+    from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
+
+    layout = ModalLayout(2, 2, 1, (0.1,), (), (0.1,))
+    vector, output = layout.zeros(), np.zeros((len(layout.signal_names), 2))
+    u = np.sin(np.arange(32.0))[:, None] * np.ones(2)
+    record = AxesRecord('rehearsal', DT, u, u, periods=1)
+    ModalModel(layout, vector, output, 1.0, DT).simulate(record)
 
 
 # longest first, so that processes end at about the same time
@@ -259,6 +271,7 @@ REHEARSALS = (
     between_ticks,
     demo,
     screening,
+    several_axes,
 )
 
 

@@ -149,6 +149,10 @@ class ModelEstimate:
     free_run_rms: float
     condition_number: float
     converged: bool
+    frequency: float
+    amplitude: float
+    travel: float
+    order: int
     message: str
     def __init__(
         self,
@@ -165,6 +169,10 @@ class ModelEstimate:
         free_run_rms: float = ...,
         condition_number: float = ...,
         converged: bool = ...,
+        frequency: float = ...,
+        amplitude: float = ...,
+        travel: float = ...,
+        order: int = ...,
         message: str = ...,
     ) -> None: ...
 

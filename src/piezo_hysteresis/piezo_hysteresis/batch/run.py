@@ -28,7 +28,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.common.results import Tabular
@@ -60,6 +60,12 @@ class Batch(Tabular):
     notes : list of str
         Remarks for the user, such as a format that could not be written.
     """
+
+    _INSTEAD: ClassVar = {
+        'rows': 'results',
+        'to_frame(), or rows': 'table',
+        'rows, state and error of each': 'errors',
+    }
 
     rows: list[Row]
     resumed: int

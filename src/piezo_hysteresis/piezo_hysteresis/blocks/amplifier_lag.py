@@ -1,12 +1,10 @@
 """Amplifier or sensor of limited bandwidth: a first-order lag."""
 
-from collections.abc import Mapping
-from math import exp, inf, pi
+from math import exp, inf
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import Counterpart, SimulatorValues, switched
 from piezo_hysteresis.blocks.base import Approach, Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -38,24 +36,15 @@ def approach(p: FloatArray) -> Approach:
     return Approach(float(p[0]), inf)
 
 
-def _sensor_counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    if values['sensor_lag_time'] <= 0.0:
-        return {}
-    corner = 1.0 / (2.0 * pi * values['sensor_lag_time'])
-    return {'effects.sensor_bandwidth': True, 'sensor.bandwidth': corner}
-
-
 def _block(
     name: str,
     parameter: str,
     slot: Slot,
     what: str,
     description: str,
-    counterpart: Counterpart,
 ) -> Block:
     return Block(
         name=name,
-        counterpart=counterpart,
         slot=slot,
         parameters=(
             Parameter(
@@ -86,7 +75,6 @@ BLOCKS = (
         'the bandwidth',
         'Low pass of first order between the command and the actuator: output resistance into '
         'the capacitance.',
-        switched('amplifier_lag', lag_time='amplifier__lag_time_constant'),
     ),
     _block(
         'sensor_lag',
@@ -94,7 +82,6 @@ BLOCKS = (
         Slot.SENSOR,
         'the bandwidth of the sensor',
         'Low pass of first order between the displacement and the reading.',
-        _sensor_counterpart,
     ),
 )
 

@@ -8,14 +8,13 @@ one call, one sample is a call of length one; the results are bitwise equal.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import Counterpart
 from piezo_hysteresis.errors import ModelError
 
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
@@ -224,9 +223,6 @@ class Block:
     regressors : callable or None
         ``regressors(x, rows, state, p)``, compiled: the regressors of the output, if every
         parameter but the first is a weight.
-    counterpart : callable or None
-        ``counterpart(values)`` returns the equivalent parameters of the simulator node; it also
-        receives the gain ``A1`` of the model, if there is one.
     """
 
     name: str
@@ -257,7 +253,6 @@ class Block:
     predictor: tuple[str, ...] = ()
     restoring: Restoring | None = None
     regressors: Regressors | None = None
-    counterpart: Counterpart | None = field(default=None, compare=False)
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
         """Return the state of the block at rest, shape (state_size,).

@@ -1,7 +1,6 @@
 """Bouc-Wen hysteresis by the papers' forward Euler step."""
 
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check, run_of
-from piezo_hysteresis.blocks._counterpart import bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import leaf
@@ -18,7 +17,6 @@ kernel = run_of(euler_step)
 
 BLOCK = Block(
     name='bouc_wen',
-    counterpart=bouc_wen,
     part=Part.EULER,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,

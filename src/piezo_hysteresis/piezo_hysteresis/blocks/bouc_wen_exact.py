@@ -3,7 +3,6 @@
 from math import expm1, log1p
 
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check, run_of
-from piezo_hysteresis.blocks._counterpart import bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit, leaf
@@ -54,7 +53,6 @@ kernel = run_of(exact_step)
 
 BLOCK = Block(
     name='bouc_wen_exact',
-    counterpart=bouc_wen,
     part=Part.EXACT,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,

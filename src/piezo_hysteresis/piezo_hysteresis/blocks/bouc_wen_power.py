@@ -1,11 +1,9 @@
 """Bouc-Wen hysteresis with an exponent, which sets how abruptly h saturates."""
 
-from collections.abc import Mapping
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check
-from piezo_hysteresis.blocks._counterpart import SimulatorValues, bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen import euler_step
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
@@ -131,14 +129,6 @@ def euler_kernel(
     state[1] = h
 
 
-def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {
-        **bouc_wen(values),
-        'effects.hysteresis_exponent': True,
-        'bouc_wen.exponent': values['exponent'],
-    }
-
-
 _PARAMETERS = (
     *PARAMETERS,
     Parameter(
@@ -158,7 +148,6 @@ _DESCRIPTION = (
 BLOCKS = (
     Block(
         name='bouc_wen_power',
-        counterpart=_counterpart,
         slot=Slot.HYSTERESIS,
         parameters=_PARAMETERS,
         kernel=kernel,

@@ -1,11 +1,9 @@
 """Bouc-Wen hysteresis with a loop that widens with the logarithm or a power of the rate."""
 
-from collections.abc import Mapping
 from math import log1p
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check
-from piezo_hysteresis.blocks._counterpart import SimulatorValues, bouc_wen
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import filtered_rate
@@ -54,31 +52,8 @@ def power_along(
     respond_widened(x, y, state, p, dt, p[8], p[7], points)
 
 
-def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {
-        **bouc_wen(values),
-        'effects.rate_dependence': True,
-        'rate_dependence.widening': values['widening'],
-        'rate_dependence.exponent': 0.0,
-        'rate_dependence.reference': values['widening_corner'],
-        'rate_dependence.memory': values['widening_memory'],
-    }
-
-
-def _power_counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {
-        **bouc_wen(values),
-        'effects.rate_dependence': True,
-        'rate_dependence.widening': values['power_widening'],
-        'rate_dependence.exponent': values['widening_power'],
-        'rate_dependence.reference': values['power_reference'],
-        'rate_dependence.memory': values['power_memory'],
-    }
-
-
 _LOGARITHM = Block(
     name='bouc_wen_widening',
-    counterpart=_counterpart,
     slot=Slot.HYSTERESIS,
     parameters=(
         *PARAMETERS,
@@ -104,7 +79,6 @@ _LOGARITHM = Block(
 
 _POWER = Block(
     name='bouc_wen_power_widening',
-    counterpart=_power_counterpart,
     slot=Slot.HYSTERESIS,
     parameters=(
         *PARAMETERS,

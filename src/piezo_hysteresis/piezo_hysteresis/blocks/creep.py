@@ -1,12 +1,10 @@
 """Creep: displacement that continues to grow at constant voltage."""
 
-from collections.abc import Mapping
 from math import expm1
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import SimulatorValues, switched
 from piezo_hysteresis.blocks._creep_times import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
@@ -97,24 +95,6 @@ def spectrum_system(p: FloatArray) -> System:
     return _elements(list(p), list(SPECTRUM))
 
 
-def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {
-        'effects.creep': True,
-        'creep.gain_1': values['creep_share'],
-        'creep.time_1': values['creep_time'],
-        'creep.gain_2': 0.0,
-        'creep.gain_3': 0.0,
-    }
-
-
-def _pair_counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {
-        **_counterpart(values),
-        'creep.gain_2': values['slow_creep_share'],
-        'creep.time_2': values['creep_time'] * values['slow_creep_ratio'],
-    }
-
-
 _ELEMENT = (
     Parameter(
         'creep_share',
@@ -131,7 +111,6 @@ _ELEMENT = (
 BLOCKS = (
     Block(
         name='creep',
-        counterpart=_counterpart,
         slot=Slot.SLOW,
         parameters=_ELEMENT,
         kernel=kernel,
@@ -143,7 +122,6 @@ BLOCKS = (
     ),
     Block(
         name='creep_pair',
-        counterpart=_pair_counterpart,
         slot=Slot.SLOW,
         parameters=(
             *_ELEMENT,
@@ -197,9 +175,6 @@ BLOCKS = (
     ),
     Block(
         name='logarithmic_creep',
-        counterpart=switched(
-            'log_creep', creep_per_decade='log_creep__gain', creep_onset='log_creep__start'
-        ),
         slot=Slot.SLOW,
         parameters=(
             Parameter(

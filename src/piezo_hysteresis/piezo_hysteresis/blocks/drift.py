@@ -3,7 +3,6 @@
 from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -36,7 +35,6 @@ def warming_kernel(
 BLOCKS = (
     Block(
         name='drift',
-        counterpart=switched('drift', drift_rate='drift__rate'),
         slot=Slot.SLOW,
         parameters=(
             Parameter(

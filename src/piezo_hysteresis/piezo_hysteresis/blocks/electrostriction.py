@@ -1,9 +1,6 @@
 """Electrostriction: strain proportional to the square of the voltage."""
 
-from collections.abc import Mapping
-
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
@@ -27,18 +24,9 @@ def input_kernel(
         y[k] = x[k] + p[0] * x[k] * x[k]
 
 
-def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    # The strain is relative to the gain of the actuator there.
-    return {
-        'effects.electrostriction': True,
-        'electrostriction.coefficient': values['electrostriction'] / values['A1'],
-    }
-
-
 BLOCKS = (
     Block(
         name='electrostriction',
-        counterpart=_counterpart,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(

@@ -3,7 +3,6 @@
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks._plays import play
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
@@ -65,7 +64,6 @@ _STICTION = (
 BLOCKS = (
     Block(
         name='backlash',
-        counterpart=switched('backlash', backlash='backlash__half_width'),
         slot=Slot.STRUCTURE,
         parameters=(
             Parameter(

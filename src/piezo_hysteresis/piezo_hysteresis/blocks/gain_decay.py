@@ -3,7 +3,6 @@
 from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
@@ -23,11 +22,6 @@ def kernel(
 
 BLOCK = Block(
     name='gain_decay',
-    counterpart=switched(
-        'gain_decay',
-        gain_loss='depolarisation__loss',
-        gain_loss_time='depolarisation__time_constant',
-    ),
     slot=Slot.SLOW,
     parameters=(
         Parameter(

@@ -1,12 +1,10 @@
 """Tone of fixed frequency that is independent of the drive."""
 
-from collections.abc import Mapping
-from math import atan2, cos, hypot, pi, sin
+from math import cos, hypot, pi, sin
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
@@ -81,19 +79,8 @@ def _tone(seen: Residual, lines: FloatArray, place: int) -> dict[str, float]:
     return {'hum_frequency': hum, 'hum_sine': float(sine), 'hum_cosine': float(cosine)}
 
 
-def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {
-        'effects.mains_hum': True,
-        'mains.frequency': values['hum_frequency'],
-        'mains.amplitude': hypot(values['hum_sine'], values['hum_cosine']),
-        'mains.phase': atan2(values['hum_cosine'], values['hum_sine']),
-        'mains.third': 0.0,
-    }
-
-
 BLOCK = Block(
     name='mains_hum',
-    counterpart=_counterpart,
     slot=Slot.ADDED,
     parameters=(
         Parameter('hum_frequency', 'Hz', 50.0, 1e-3, 1e6, 'Frequency of the tone.', 50.0),

@@ -3,7 +3,6 @@
 from math import pi
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import first_mode
 from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot, System
 from piezo_hysteresis.jit import jit
@@ -34,7 +33,6 @@ def system(p: FloatArray) -> System:
 
 BLOCK = Block(
     name='mode',
-    counterpart=first_mode,
     part=Part.STRUCTURE,
     slot=Slot.STRUCTURE,
     parameters=(

@@ -1,9 +1,6 @@
 """Constant offset of the sensor."""
 
-from collections.abc import Mapping
-
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -18,13 +15,8 @@ def kernel(
         y[k] = x[k] + p[0]
 
 
-def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {'effects.offset': values['offset'] != 0.0, 'sensor.offset': values['offset']}
-
-
 BLOCK = Block(
     name='offset',
-    counterpart=_counterpart,
     part=Part.ZERO,
     slot=Slot.SENSOR,
     parameters=(Parameter('offset', 'm', 0.0, -1.0, 1.0, 'Reading of the sensor at zero.', 1e-5),),

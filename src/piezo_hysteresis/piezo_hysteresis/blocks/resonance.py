@@ -6,7 +6,6 @@ from math import pi
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import SimulatorValues, first_mode, second_mode
 from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
@@ -16,8 +15,6 @@ from piezo_hysteresis.blocks.mode import system as series_system
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.spectrum import windowed
 
-# A mode with a share nearer to 1 is the mode in series with the whole displacement.
-_NEARLY_WHOLE = 0.1
 # A second mode with a share so near to 1 leaves nothing to the first one: it is the first one.
 _WHOLE = 0.05
 
@@ -118,25 +115,6 @@ def static_gain(values: Mapping[str, float]) -> dict[str, float]:
     return {name: gain * values[name] for name in ('A1', 'A', 'A0')}
 
 
-def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    if abs(values['resonance_share'] - 1.0) < _NEARLY_WHOLE:
-        return _series_counterpart(values)
-    return second_mode(values)
-
-
-def _series_counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return first_mode(
-        {
-            'natural_frequency': values['resonance_frequency'],
-            'damping_ratio': values['resonance_damping'],
-        }
-    )
-
-
-def _pair_counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {**first_mode(values), **second_mode(values)}
-
-
 _FREQUENCY = Parameter(
     'resonance_frequency', 'Hz', 100.0, 1e-2, 1e6, 'Undamped natural frequency.', 100.0
 )
@@ -162,7 +140,6 @@ _SHARE = Parameter(
 
 _RESONANCE = Block(
     name='resonance',
-    counterpart=_counterpart,
     slot=Slot.STRUCTURE,
     parameters=(_FREQUENCY, _DAMPING, _SHARE),
     kernel=kernel,
@@ -175,7 +152,6 @@ _RESONANCE = Block(
 
 _SERIES = Block(
     name='series_mode',
-    counterpart=_series_counterpart,
     slot=Slot.STRUCTURE,
     parameters=(_FREQUENCY, _DAMPING),
     kernel=mode_kernel,
@@ -189,7 +165,6 @@ _SERIES = Block(
 
 _PAIR = Block(
     name='mode_pair',
-    counterpart=_pair_counterpart,
     slot=Slot.STRUCTURE,
     parameters=(*MODE.parameters, _FREQUENCY, _DAMPING, _SHARE),
     kernel=pair_kernel,

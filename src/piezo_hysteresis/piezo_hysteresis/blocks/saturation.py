@@ -1,11 +1,8 @@
 """Saturation of the amplifier voltage."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import SimulatorValues
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
@@ -21,19 +18,10 @@ def kernel(
 
 
 # Tested limits as shares of the largest voltage; the last one has almost no effect.
-def _counterpart(values: Mapping[str, float]) -> SimulatorValues:
-    return {
-        'effects.saturation': True,
-        'amplifier.clip_high': values['saturation_high'],
-        'amplifier.clip_low': -values['saturation_low'],
-    }
-
-
 _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99, 0.997)
 
 BLOCK = Block(
     name='saturation',
-    counterpart=_counterpart,
     slot=Slot.INPUT,
     parameters=(
         Parameter('saturation_high', 'V', 1e5, 0.0, 1e5, 'Largest voltage at the actuator.', 1.0),

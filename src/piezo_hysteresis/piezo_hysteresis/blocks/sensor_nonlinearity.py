@@ -1,7 +1,6 @@
 """Nonlinear sensor: polynomial of third order."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -18,9 +17,6 @@ def kernel(
 
 BLOCK = Block(
     name='sensor_nonlinearity',
-    counterpart=switched(
-        'sensor_nonlinearity', sensor_quadratic='sensor__quadratic', sensor_cubic='sensor__cubic'
-    ),
     slot=Slot.SENSOR,
     parameters=(
         Parameter(

@@ -3,7 +3,6 @@
 from math import inf
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Approach, Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
@@ -72,7 +71,6 @@ def approach(p: FloatArray) -> Approach:
 
 BLOCK = Block(
     name='slew_limit',
-    counterpart=switched('slew_limit', slew_rate='amplifier__slew_rate'),
     slot=Slot.INPUT,
     parameters=(
         Parameter(

@@ -3,7 +3,6 @@
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._counterpart import switched
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
@@ -50,7 +49,6 @@ def ring_size(dt: float) -> int:
 
 BLOCK = Block(
     name='transport_delay',
-    counterpart=switched('transport_delay', delay='amplifier__delay'),
     slot=Slot.INPUT,
     parameters=(
         Parameter('delay', 's', 0.0, 0.0, LONGEST, 'Time before the command acts.', 1e-3),

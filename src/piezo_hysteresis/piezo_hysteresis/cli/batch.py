@@ -22,7 +22,6 @@ from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.process_setup import number_of_workers
 
-HELP = 'identify or discover in many data sets; continues after a kill'
 EXAMPLE = 'batch identify bags --model classical --out table'
 
 
@@ -33,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     for name, module in (('identify', identify), ('discover', discover)):
         # --workers means processes here: it replaces the option of the repeated verb
-        each = verbs.add_parser(name, help=module.HELP, conflict_handler='resolve')
+        each = verbs.add_parser(name, help=f'{name} each data set', conflict_handler='resolve')
         module.configure(each)
         add = each.add_argument
         add('--workers', type=int, default=0, metavar='N', help='processes, 0 for one per core')

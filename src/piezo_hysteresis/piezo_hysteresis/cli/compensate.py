@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from piezo_hysteresis.cli import compensate_links as links
-from piezo_hysteresis.cli.shared_options import add_out
+from piezo_hysteresis.cli.shared_options import add_out, add_statements, statements_of
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, track, waveform_of
@@ -26,7 +26,6 @@ from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder
 from piezo_hysteresis.waveforms import Sine
 
-HELP = 'simulate the compensation by a model, or run it on a controller'
 EXAMPLE = (
     'compensate --model out/model/model.yaml --plant preset:fdk_pzba_00030 '
     '--reference sine:frequency=23,amplitude=120e-6,duration=4 --out out/study'
@@ -86,6 +85,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         help='start of the evaluated part [s] (default: half of the reference)',
     )
+    add_statements(parser)
     links.configure(parser)
 
 
@@ -100,7 +100,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.on is not None:
         return run_on(arguments)
     model = ModelFile.load(arguments.model)
-    reference, rate = reference_of(arguments.reference, arguments.rate, model)
+    reference, rate = reference_of(
+        arguments.reference, arguments.rate, model, statements_of(arguments), arguments.salvage
+    )
     controllers = links.controllers_of(arguments, model, 1.0 / rate_of(model, rate))
     study, runs = track(
         controllers, _plant(arguments), reference, low=arguments.low,
@@ -191,7 +193,7 @@ def run_on(arguments: argparse.Namespace) -> int:
         take_over=arguments.take_over,
     ) as controller:
         controller.open_loop()
-        learning = Learning(controller, model, reference)
+        learning = Learning(controller, model.at(reference.frequency), reference)
         runs = [_reported(each) for each in learning.runs(arguments.rounds)]
         study = Study(
             Controllers(learning.dt, controller.limits, model), '', reference,

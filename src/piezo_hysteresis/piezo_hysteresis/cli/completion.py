@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = 'print the shell completion for bash, zsh or tcsh'
 EXAMPLE = 'completion bash'
 
 # Name of the command in bin/ and in pip installations of `python -m piezo_hysteresis`.
@@ -33,9 +32,9 @@ def whole_parser() -> argparse.ArgumentParser:
 
     whole = argparse.ArgumentParser(prog=COMMAND)
     verbs = whole.add_subparsers(metavar='VERB')
-    for verb in VERBS:
+    for verb, (_, line) in VERBS.items():
         module = load_verb(verb)
-        parser = verbs.add_parser(verb, help=module.HELP)
+        parser = verbs.add_parser(verb, help=line)
         module.configure(parser)
         if verb not in PLAIN:
             verbosity.add_verbosity_options(parser)

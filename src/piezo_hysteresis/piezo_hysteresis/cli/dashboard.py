@@ -10,9 +10,8 @@ import argparse
 from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.parameters.dashboard_table import configure
 
-__all__ = ['HELP', 'configure', 'run']
+__all__ = ['configure', 'run']
 
-HELP = 'serve the live page of running nodes'
 EXAMPLE = 'dashboard --port 5007'
 
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.records import Record, Survey
 from piezo_hysteresis.records.bag_content import DROPPED_KEY, BagContent
+from piezo_hysteresis.records.columns import counted_axes
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -46,6 +51,32 @@ def records_table(records: Sequence[Record]) -> str:
         for record in records
     ]
     return table(head, rows)
+
+
+def axes_table(records: Sequence[AxesRecord]) -> str:
+    """Return what records of several axes share, and one line per record."""
+    first = records[0]
+    levels = {each.level: sum(r.level == each.level for r in records) for each in records}
+    listed = ', '.join(f'{name} ({counted(n, "record")})' for name, n in levels.items())
+    head = ['record', 'samples', 'periods', 'level', 'voltage V RMS', 'stroke µm', 'noise nm']
+    rows = [
+        [
+            record.name,
+            str(len(record)),
+            str(record.periods) if record.periods else '-',
+            record.level,
+            _numbers(record.voltage.std(axis=0)),
+            _numbers(1e6 * np.ptp(record.displacement, axis=0)),
+            '-' if record.noise is None else _numbers(1e9 * record.noise),
+        ]
+        for record in records
+    ]
+    axes = counted_axes(first.axes, first.outputs)
+    return f'{axes} at {first.rate:.6g} Hz; levels: {listed}\n{table(head, rows)}'
+
+
+def _numbers(values: FloatArray) -> str:
+    return ' '.join(f'{each:.4g}' for each in values)
 
 
 def _excitation(record: Record) -> str:

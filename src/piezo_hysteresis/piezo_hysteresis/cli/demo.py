@@ -15,15 +15,16 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.models import ModelFile
 
-HELP = 'record, identify, compensate and report; or identify your own record'
+if TYPE_CHECKING:
+    from piezo_hysteresis.models import ModelFile
+
 EXAMPLE = 'demo --data my_record.csv --out out/mine'
 
 

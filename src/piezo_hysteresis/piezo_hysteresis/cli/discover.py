@@ -1,8 +1,7 @@
 """Find the effects that a model lacks in recorded data.
 
 Writes verdict.json, model.yaml (the baseline with the found effects), params.yaml (for the nodes
-feedforward and gap_monitor), simulator.yaml (with the parameter names of the simulator) and
-report.html.
+feedforward and gap_monitor) and report.html.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from piezo_hysteresis.cli.shared_options import (
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.process_setup import number_of_workers
 
-HELP = 'find the effects that a model lacks in recorded data'
 EXAMPLE = 'discover out/sweep --baseline bouc_wen_mode --out out/found'
 
 
@@ -79,7 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     options = options_of(arguments)
     check_folder(arguments.out, 'discover')
-    with progress_bar(f'discover, baseline {arguments.baseline}') as progress:
+    title = f'discover, baseline {arguments.baseline}'
+    with progress_bar(title, arguments.time_limit) as progress:
         found = discover(arguments.data, progress=progress, **options)
         write_discovery(arguments.out, found, arguments.data)
     _print_result(found.verdict, arguments.out)

@@ -26,7 +26,6 @@ from piezo_hysteresis.reporting.folder import replacing
 # File name extensions of models.
 MODELS = ('.yaml', '.yml')
 
-HELP = 'write records as files, or a model as a C library'
 EXAMPLE = 'export out/sweep --format mat --out matlab'
 
 

@@ -40,7 +40,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add('--target', default=TARGETS[0], metavar='TARGET', help=f'target: {", ".join(TARGETS)}')
     add('--name', default='piezo', help='name of the library and prefix of its symbols')
-    add('--frequency', type=float, default=23.0, help='frequency of the sine in the example [Hz]')
+    add(
+        '--frequency',
+        type=float,
+        help='frequency of the sine in the example [Hz] (default 23), and of the exported '
+        'entry of a model identified per frequency',
+    )
     add('--only', choices=('plant',), help='export only the model, without a compensator')
     chain.configure(parser)
 

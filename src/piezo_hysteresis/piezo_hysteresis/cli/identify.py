@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from piezo_hysteresis.cli import verbosity
+from piezo_hysteresis.cli.axes import MODES, identify_several
+from piezo_hysteresis.cli.axes_options import add_axes_options
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
@@ -20,15 +22,14 @@ from piezo_hysteresis.cli.shared_options import (
     add_statements,
     statements_of,
 )
+from piezo_hysteresis.common.recipes import NAMES
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.models import NAMES
 from piezo_hysteresis.process_setup import number_of_workers
 
-HELP = 'identify a model from records'
 EXAMPLE = 'identify out/sweep --model bouc_wen_mode --out out/model'
 
 _METHODS = (
-    'output_error (default), rls, rls_ud, pi_bank, pso, pso_modified, cma, de, or of a paper: '
+    'output_error (default), rls, rls_ud, pi_bank, pso, pso_modified, de, or of a paper: '
     'fujii2018, tatebatake2017, zhou2021, xiao2014, fang2019'
 )
 
@@ -41,10 +42,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--model',
         metavar='NAME[+BLOCK...]|YAML',
         help=f'{", ".join(NAMES)}, optionally with blocks after a +; or a model.yaml as start; '
-        'without it the model that predicts best is selected',
+        'without it the model that predicts best is selected; modes: several coupled axes',
     )
     add_out(parser)
     add('--method', default='output_error', metavar='NAME', help=_METHODS)
+    add(
+        '--per-frequency',
+        action='store_true',
+        help='one more set of parameters and one harmonic order for each drive of the records',
+    )
     add('--seed', type=int, default=0, help='seed of the search methods')
     add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
     add(
@@ -114,10 +120,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add('--actuator', help='actuator, if a bag holds several')
     add_statements(parser)
+    add_axes_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify and write the results."""
+    if arguments.model == MODES:
+        return identify_several(arguments)
     from piezo_hysteresis.interface.verbs import identify
     from piezo_hysteresis.reporting.folder import check_folder
     from piezo_hysteresis.reporting.identification_report import write_identification
@@ -138,6 +147,7 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
     return {
         'model': arguments.model,
         'method': arguments.method,
+        'per_frequency': arguments.per_frequency,
         'seed': arguments.seed,
         'hold': pairs(arguments.hold),
         'start': pairs(arguments.set),
@@ -213,6 +223,7 @@ def _print_result(found: Any, data: Sequence[str], out: str) -> None:
             f'  {each.record}: free run {1e6 * each.free_run_rms:.4g} µm '
             f'({each.nrmse_percent:.3g} %), one step {1e6 * each.one_step_rms:.4g} µm'
         )
+    _print_drives(found)
     if found.noise_floor > 0:
         print(f'  noise floor {1e6 * found.noise_floor:.4g} µm')
     if found.discrepancy is not None:
@@ -222,3 +233,16 @@ def _print_result(found: Any, data: Sequence[str], out: str) -> None:
         verbosity.warn(str(warning))
     if error_exceeds_noise(found):
         print(f'next: {discover_command(found.chain, data)}')
+
+
+def _print_drives(found: Any) -> None:
+    """Print one row per drive: its order, and what its model and others leave."""
+    if not found.drives:
+        return
+    print(f'  {"drive":16}{"order":>6}  {"own [µm]":>10}{"of all":>10}{"nearest other":>16}')
+    for each in found.drives:
+        left = ''.join(
+            f'{1e6 * value:>{width}.4g}'
+            for value, width in ((each.rms, 10), (each.rms_of_all, 10), (each.rms_left_out, 16))
+        )
+        print(f'  {each.point.name:16}{each.point.order:>6}  {left}')

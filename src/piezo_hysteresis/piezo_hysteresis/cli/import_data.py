@@ -19,7 +19,6 @@ from piezo_hysteresis.records import Record, Survey, survey, write_bag
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.resampling import resampled
 
-HELP = 'convert files to one bag, one record per file'
 EXAMPLE = "import lab.csv --time 'Time (s)' --voltage CH1:V --displacement CH2:um --out bag"
 
 

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from piezo_hysteresis.investigation.runner import InvestigationProgress
     from piezo_interfaces.action import Investigate
 
-HELP = 'find the effects that a model lacks by experiments on the running actuator'
 EXAMPLE = 'investigate --model out/model/model.yaml --low -1 --high 1 --slew 50 --budget 60'
 
 

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
-
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.shared_options import add_statements, statements_of
 
 _POOR = 10.0  # largest residual of a linear model, in percent of the motion
 
-HELP = 'fit a transfer function to records, for H-infinity'
 EXAMPLE = 'linear small.csv --out plant.yaml'
 
 
@@ -39,6 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit and write the file."""
+    import numpy as np
+
     from piezo_hysteresis.identification.arx import fit_transfer_function
     from piezo_hysteresis.identification.method_settings import warmed
     from piezo_hysteresis.records.load import loaded

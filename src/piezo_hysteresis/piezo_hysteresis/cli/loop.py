@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.common.registry import inside, package_of
+from piezo_hysteresis.compensation.inverses.reach import usual_reference
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -21,7 +22,6 @@ from piezo_hysteresis.models.modelfile import ModelFile
 if TYPE_CHECKING:
     from piezo_hysteresis.ros.processes import NodeProcesses
 
-HELP = 'run the loop with its live page in one terminal'
 EXAMPLE = 'loop --model out/model/model.yaml'
 
 
@@ -44,9 +44,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         '--amplitude',
         type=float,
-        default=120.0,
         metavar='UM',
-        help='amplitude of the reference [µm]',
+        help='amplitude of the reference [µm] (default: half of what the model reaches, or 120)',
     )
     add(
         '--clock',
@@ -62,7 +61,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Start every node and wait for their end."""
     model = _checked(arguments.model)
-    rate = rate_of(ModelFile.load(model) if model else None)
+    loaded = ModelFile.load(model) if model else None
+    rate, reference = rate_of(loaded), _reference(loaded, arguments.amplitude)
     with ros_needed():
         from piezo_hysteresis.ros import processes
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     domain = int(os.environ.get('ROS_DOMAIN_ID') or 0)
     try:
         with processes.NodeProcesses(domain) as group:
-            for name, settings in nodes(arguments, model, rate).items():
+            for name, settings in nodes(arguments, model, rate, reference).items():
                 group.start(package_of(name), name, settings)
             _print_addresses(group, arguments, model)
             while time.monotonic() < end:
@@ -92,8 +92,16 @@ def _checked(model: str | None) -> str:
     return str(Path(model).resolve())
 
 
-def nodes(arguments: argparse.Namespace, model: str, rate: float) -> dict[str, dict[str, object]]:
-    """Return the parameters of every node by its name; `rate` is that of the model [Hz]."""
+def _reference(model: ModelFile | None, amplitude: float | None) -> tuple[float, float]:
+    """Return mean and amplitude [m] of the reference; `amplitude` is given in µm."""
+    mean, usual = usual_reference(model) if model else (0.0, 1.2e-4)
+    return mean, usual if amplitude is None else 1e-6 * amplitude
+
+
+def nodes(
+    arguments: argparse.Namespace, model: str, rate: float, reference: tuple[float, float]
+) -> dict[str, dict[str, object]]:
+    """Return the parameters of every node; `rate` [Hz] and `reference` [m] are of the model."""
     readers = 3 if model else 2  # subscribers of the state; in lock-step tick 0 waits for them
     known: dict[str, object] = {'model_file': model} if model else {}  # ROS: no empty string
     timed: dict[str, object] = {'rate': rate}
@@ -104,11 +112,11 @@ def nodes(arguments: argparse.Namespace, model: str, rate: float) -> dict[str, d
         'control_loop': inside({
             'feedforward': {**(known or {'gain': 1.2857e-4}), **timed},
             'attenuation': {'enabled': bool(model), **known, **timed},
-            'feedback': timed,
+            'feedback': {**known, **timed},
             'excitation': {
                 'mode': 'reference', 'frequency': arguments.frequency,
                 'actuator': arguments.preset, 'folder': arguments.folder,
-                'reference.amplitude': 1e-6 * arguments.amplitude, **timed,
+                'reference.offset': reference[0], 'reference.amplitude': reference[1], **timed,
             },
         }),
         'identification': {'only_records': False, **timed},

@@ -16,28 +16,35 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.common.wording import OneLineParser, near
 from piezo_hysteresis.errors import DataNote, PiezoError
 
-# Each module provides HELP (one line), EXAMPLE (arguments), configure(parser) and
-# run(arguments) -> exit code.
+# The module of each verb and its line in the overview, which imports none of them. A module
+# provides EXAMPLE (arguments), configure(parser) and run(arguments) -> exit code.
 VERBS = {
-    'import': 'import_data',
-    'export': 'export',
-    'info': 'info',
-    'sweep': 'sweep',
-    'identify': 'identify',
-    'validate': 'validate',
-    'compensate': 'compensate',
-    'linear': 'linear',
-    'discover': 'discover',
-    'investigate': 'investigate',
-    'batch': 'batch',
-    'record': 'record',
-    'play': 'play',
-    'loop': 'loop',
-    'node': 'node',
-    'param': 'param',
-    'dashboard': 'dashboard',
-    'demo': 'demo',
-    'completion': 'completion',
+    'import': ('import_data', 'convert files to one bag, one record per file'),
+    'export': ('export', 'write records as files, or a model as a C library'),
+    'info': ('info', 'list records, topics, rates, gaps and units of bags and files'),
+    'sweep': ('sweep', 'measure a sweep on a controller (PI, GCS 2; piezosystem jena, NV200)'),
+    'identify': ('identify', 'identify a model from records'),
+    'validate': ('validate', 'compare a saved model with records that were not fitted'),
+    'compensate': (
+        'compensate',
+        'simulate a compensation, or run it on a controller',
+    ),
+    'linear': ('linear', 'fit a transfer function to records, for H-infinity'),
+    'discover': ('discover', 'find the effects that a model lacks in recorded data'),
+    'investigate': (
+        'investigate',
+        'find them by experiments on the running actuator',
+    ),
+    'batch': ('batch', 'identify or discover in many data sets; continues after a kill'),
+    'record': ('record', 'record topics of a running ROS 2 system into a bag'),
+    'play': ('play', 'publish the topics of a bag'),
+    'loop': ('loop', 'run the loop with its live page in one terminal'),
+    'node': ('node', 'run one node, as ros2 run does'),
+    'param': ('param', 'list, get, set and load parameters of running nodes'),
+    'call': ('call', 'call services and actions of running nodes, such as run_sweep'),
+    'dashboard': ('dashboard', 'serve the live page of running nodes'),
+    'demo': ('demo', 'record, identify, compensate and report; or identify your own record'),
+    'completion': ('completion', 'print the shell completion for bash, zsh or tcsh'),
 }
 # Verbs whose arguments after the name belong to a node or another verb.
 PLAIN = ('node', 'batch')
@@ -45,7 +52,7 @@ PLAIN = ('node', 'batch')
 
 def load_verb(verb: str) -> ModuleType:
     """Import the module of `verb`; the others stay unloaded for a fast start."""
-    return importlib.import_module(f'piezo_hysteresis.cli.{VERBS[verb]}')
+    return importlib.import_module(f'piezo_hysteresis.cli.{VERBS[verb][0]}')
 
 
 def parser_of(verb: str) -> OneLineParser:
@@ -53,7 +60,7 @@ def parser_of(verb: str) -> OneLineParser:
     module = load_verb(verb)
     parser = OneLineParser(
         prog=f'piezo_hysteresis {verb}',
-        description=module.__doc__ or module.HELP,
+        description=module.__doc__,
         epilog=f'example:\n  piezo {module.EXAMPLE}',
     )
     module.configure(parser)
@@ -149,11 +156,7 @@ def _overview(given: list[str]) -> int:
     )
     parser.add_argument('--version', action='version', version=__version__)
     verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
-    for verb in VERBS:
-        try:
-            verbs.add_parser(verb, help=load_verb(verb).HELP, add_help=False)
-        except ModuleNotFoundError as error:
-            if not (error.name or '').startswith('piezo_hysteresis.cli'):
-                raise
+    for verb, (_, line) in VERBS.items():
+        verbs.add_parser(verb, help=line, add_help=False)
     parser.parse_args(given)
     return 2  # pragma: no cover - argparse has exited

@@ -16,7 +16,6 @@ from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import PiezoError
 
-HELP = 'run one node, as ros2 run does'
 EXAMPLE = 'node feedforward -p model_file:=out/model/model.yaml'
 
 

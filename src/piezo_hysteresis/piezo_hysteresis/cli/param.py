@@ -12,7 +12,6 @@ from collections.abc import Callable
 from piezo_hysteresis.cli.ros_installation import ros_needed
 from piezo_hysteresis.errors import PiezoError
 
-HELP = 'list, get, set and load parameters of running nodes'
 EXAMPLE = 'param set /attenuation enabled false'
 
 

@@ -6,7 +6,6 @@ import argparse
 
 from piezo_hysteresis.cli.ros_installation import ros_needed
 
-HELP = 'publish the topics of a bag'
 EXAMPLE = 'play out/sweep --lock-step'
 
 

@@ -19,14 +19,17 @@ ENOUGH = 0.03
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Report]:
-    """Provide a callback ``(fraction, message)`` that prints progress to stderr."""
+def progress_bar(title: str, limit: float = 0.0) -> Iterator[Report]:
+    """Provide a callback ``(fraction, message)`` that prints progress to stderr.
+
+    A task with a time `limit` [s] is never forecast to take longer; 0 is none.
+    """
     if level() == Verbosity.QUIET:
         yield lambda fraction, words: None
     elif level() == Verbosity.VERBOSE or not sys.stderr.isatty():
-        yield ProgressLines(title, OFTEN if level() == Verbosity.VERBOSE else SELDOM)
+        yield ProgressLines(title, OFTEN if level() == Verbosity.VERBOSE else SELDOM, limit)
     else:
-        with _bar(title) as report:
+        with _bar(title, limit) as report:
             yield report
 
 
@@ -39,14 +42,20 @@ class ProgressLines:
         Title of the task.
     every : float
         Time between two lines [s].
+    limit : float
+        Time limit of the task [s], 0 for none.
     now : callable, optional
         Clock [s].
     """
 
     def __init__(
-        self, title: str, every: float, now: Callable[[], float] = time.monotonic
+        self,
+        title: str,
+        every: float,
+        limit: float = 0.0,
+        now: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._title, self._every, self._now = title, every, now
+        self._title, self._every, self._limit, self._now = title, every, limit, now
         self._started = self._printed = now()
 
     def __call__(self, fraction: float, words: str) -> None:
@@ -57,18 +66,21 @@ class ProgressLines:
         self._printed = now
         spent = now - self._started
         line = f'{self._title}: {100 * fraction:.0f} %, {words}, {clock(spent)}'
-        print(f'{line}{remaining_time_text(fraction, spent)}', file=sys.stderr, flush=True)
+        left = remaining_time_text(fraction, spent, self._limit)
+        print(f'{line}{left}', file=sys.stderr, flush=True)
 
 
-def remaining_time_text(fraction: float, spent: float) -> str:
-    """Return the estimated remaining time, empty if unknown."""
+def remaining_time_text(fraction: float, spent: float, limit: float = 0.0) -> str:
+    """Return the estimated remaining time within the `limit`, empty if unknown."""
     if not ENOUGH <= fraction < 1.0:
         return ''
+    if limit and spent / fraction > limit:
+        return f', at most {clock(limit - spent)} left' if spent < limit else ''
     return time_left(fraction, spent)
 
 
 @contextmanager
-def _bar(title: str) -> Iterator[Report]:
+def _bar(title: str, limit: float) -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -79,7 +91,7 @@ def _bar(title: str) -> Iterator[Report]:
         task = bar.add_task(title, total=1.0, words='')
 
         def report(fraction: float, words: str) -> None:
-            left = remaining_time_text(fraction, time.monotonic() - started)
+            left = remaining_time_text(fraction, time.monotonic() - started, limit)
             bar.update(task, completed=fraction, words=f'{words}{left}')
 
         yield report

@@ -9,7 +9,6 @@ import argparse
 
 from piezo_hysteresis.cli.ros_installation import ros_needed
 
-HELP = 'record topics of a running ROS 2 system into a bag'
 EXAMPLE = 'record /piezo/actuator/state --out bag'
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
-from piezo_hysteresis.identification.initial_conditions.revision import ZEROS
-from piezo_hysteresis.records.read_options import CLOCKS, ReadOptions
+from piezo_hysteresis.common.stated import CLOCKS, STARTS, ZEROS
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.records.read_options import ReadOptions
 
 __all__ = [
     'SALVAGE_HELP',
@@ -86,6 +86,8 @@ def add_statements(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 def statements_of(arguments: argparse.Namespace) -> ReadOptions:
     """Return what `add_statements` asked."""
+    from piezo_hysteresis.records.read_options import ReadOptions
+
     return ReadOptions(
         interval=arguments.interval,
         sign=float(arguments.sign),
@@ -97,6 +99,8 @@ def statements_of(arguments: argparse.Namespace) -> ReadOptions:
 
 def options_of(arguments: argparse.Namespace) -> ReadOptions:
     """Return what `add_reading` asked."""
+    from dataclasses import replace
+
     quantities = ('time', 'voltage', 'force', 'displacement', 'reference')
     return replace(
         statements_of(arguments),

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.drivers import open_controller, sweep, write_measured
 from piezo_hysteresis.drivers.addresses import FORMS, TAKE_OVER
 from piezo_hysteresis.errors import PiezoError, RecordError
+from piezo_hysteresis.records import Record
 
-HELP = 'measure a sweep on a controller (PI, GCS 2; piezosystem jena, NV200)'
+# Size of a sample in a bag, its entry in the index included.
+_SAMPLE_BYTES = 120
 EXAMPLE = (
     'sweep --on gcs://192.168.0.10 --frequencies 1,10 --amplitudes 5,10 --range 0 100 --out sweep'
 )
@@ -59,6 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         ) as controller,
         progress_bar('sweep') as report,
     ):
+        count = len(arguments.frequencies) * len(arguments.amplitudes)
+        _require_room(out, count * arguments.seconds * controller.identity.rate)
         controller.open_loop()
         records = sweep(
             controller, arguments.frequencies, arguments.amplitudes, arguments.seconds,
@@ -66,10 +75,38 @@ def run(arguments: argparse.Namespace) -> int:
             actuator=arguments.actuator, progress=report,
         )  # fmt: skip
         about = controller.about()
-    write_measured(out, records, about)
+    try:
+        write_measured(out, records, about)
+    except (RecordError, OSError) as error:
+        raise _rescued(out, records, about, error) from None
     samples = sum(len(record) for record in records)
     print(f'{out}: {counted(len(records), "record")}, {samples} samples at {records[0].rate:g} Hz')
     return 0
+
+
+def _require_room(out: Path, samples: float) -> None:
+    """Require a folder that can be written, with room for the samples, before any voltage."""
+    parent = next(each for each in out.absolute().parents if each.exists())
+    if not os.access(parent, os.W_OK):
+        raise RecordError(f'{parent} cannot be written; choose another --out')
+    free = shutil.disk_usage(parent).free
+    if free < _SAMPLE_BYTES * samples:
+        raise RecordError(
+            f'{parent} has {free / 1e6:.0f} MB free; the sweep needs '
+            f'{_SAMPLE_BYTES * samples / 1e6:.0f} MB: choose another --out, or measure less'
+        )
+
+
+def _rescued(
+    out: Path, records: Sequence[Record], about: Mapping[str, Any], error: Exception
+) -> RecordError:
+    """Write measured records to the temporary folder, and return the error that says so."""
+    kept = Path(tempfile.mkdtemp(prefix='piezo_sweep_')) / out.name
+    try:
+        write_measured(kept, records, about)
+    except (RecordError, OSError):
+        return RecordError(f'{error}; the measured records are lost')
+    return RecordError(f'{error}; the measured records are in {kept}')
 
 
 def _numbers(text: str) -> list[float]:

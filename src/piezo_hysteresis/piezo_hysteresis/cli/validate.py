@@ -9,15 +9,15 @@ from __future__ import annotations
 import argparse
 
 from piezo_hysteresis.cli import verbosity
+from piezo_hysteresis.cli.axes import validate_several
+from piezo_hysteresis.cli.axes_options import add_axes_options
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
     add_out,
     add_statements,
     statements_of,
 )
-from piezo_hysteresis.models import ModelFile
 
-HELP = 'compare a saved model with records that were not fitted'
 EXAMPLE = 'validate out/check --model out/model/model.yaml --out out/validation'
 
 LIMITS_HELP = 'state the smallest size of each known effect that these records would show'
@@ -35,19 +35,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_conditions(parser)
     add('--actuator', help='actuator, if a bag holds several')
     add_statements(parser)
+    add_axes_options(parser)
     add('--detection-limits', action='store_true', help=LIMITS_HELP)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate every record and write the errors."""
+    from piezo_hysteresis.axes.modal_file import is_modal
     from piezo_hysteresis.discovery import limits_of
     from piezo_hysteresis.identification.method_settings import warmed
     from piezo_hysteresis.identification.validate import validate
+    from piezo_hysteresis.models import ModelFile
     from piezo_hysteresis.records.load import loaded
     from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.folder import check_folder
     from piezo_hysteresis.reporting.validation_report import write_validation
 
+    if is_modal(arguments.model):
+        return validate_several(arguments)
     check_folder(arguments.out, 'validate')
     saved = ModelFile.load(arguments.model)
     data = loaded(arguments.data, statements_of(arguments), arguments.salvage, arguments.actuator)

@@ -12,7 +12,7 @@ NODES = {
     'feedback': 'piezo_hysteresis.nodes.links.feedback_node',
     'control_loop': 'piezo_hysteresis.nodes.links.control_loop',
     'identification': 'piezo_hysteresis.nodes.identification',
-    'gap_monitor': 'piezo_hysteresis.nodes.gap_monitor',
+    'gap_monitor': 'piezo_hysteresis.nodes.gap',
     'discovery': 'piezo_hysteresis.nodes.discovery',
     'recorder': 'piezo_hysteresis.nodes.recording.recorder_node',
     'player': 'piezo_hysteresis.nodes.recording.player_node',

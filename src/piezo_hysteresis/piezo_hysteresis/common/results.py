@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.errors import PiezoError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _PRESENTATION = 'piezo_hysteresis.interface.presentation'
 _ROWS = 30  # of a table in a notebook
 
 
-class Tabular(ABC):
+class Tabular(Guided, ABC):
     """A result that is a table: named columns of equal length."""
 
     @abstractmethod

@@ -7,8 +7,10 @@ import difflib
 import errno
 import re
 import sys
-from collections.abc import Iterable, Sequence
-from typing import Any, NoReturn
+from collections import ChainMap
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 _SHORT_LIST = 16  # longer lists hide the name that was meant
 
@@ -23,23 +25,53 @@ def near(name: str, known: Iterable[str]) -> str:
     return f' (did you mean {lower[found[0]]}?)' if found else ''
 
 
+_NONE: Mapping[str, str] = MappingProxyType({})
 # Calls of other libraries, and the one here.
 _CALLS = {
     'compensate': 'ph.compensate(model, reference)',
+    'discover': 'ph.discover(records, model)',
     'feedforward': 'model.inverse(reference, dt)',
     'fit': 'ph.identify(records)',
+    'identify': 'ph.identify(records)',
     'predict': 'ph.simulate(model, records)',
     'read_csv': 'ph.load(file)',
+    'show': 'plot(), then matplotlib.pyplot.show()',
     'simulate': 'ph.simulate(model, records)',
+    'to_csv': 'to_frame().to_csv(path)',
     'to_dataframe': 'to_frame() of records, models and results',
     'to_frame': 'to_frame() of records, models and results',
+    'to_pandas': 'to_frame() of records, models and results',
     'validate': 'ph.validate(records, model)',
 }
 
 
-def missing(name: str, known: Iterable[str]) -> str:
-    """Return ``'; use CALL'`` or `near` for a name that is no attribute."""
-    return f'; use {_CALLS[name]}' if name in _CALLS else near(name, known)
+def missing(name: str, known: Iterable[str], own: Mapping[str, str] = _NONE) -> str:
+    """Return ``'; use CALL'`` or `near` for a name that is no attribute.
+
+    `own` holds by the right call the wrong names for it, in addition to `_CALLS`.
+    """
+    calls = {wrong: call for call, names in own.items() for wrong in names.split()}
+    call = calls.get(name) or _CALLS.get(name)
+    return f'; use {call}' if call else near(name, known)
+
+
+class Guided:
+    """Its wrong attributes name the right ones: those of a table, else the nearest."""
+
+    #: Wrong names of attributes by the right one.
+    _INSTEAD: ClassVar[Mapping[str, str]] = _NONE
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            kind = type(self)
+            what = f'{kind.__name__} has no attribute {name!r}'
+            if name.startswith('_'):
+                raise AttributeError(what)
+            names = [*dir(kind), *getattr(kind, '__dataclass_fields__', ())]
+            known = [each for each in names if not each.startswith('_')]
+            own = ChainMap(*(vars(base).get('_INSTEAD', {}) for base in kind.__mro__))
+            raise AttributeError(what + missing(name, known, own))
 
 
 def choices(name: object, known: Iterable[str]) -> str:

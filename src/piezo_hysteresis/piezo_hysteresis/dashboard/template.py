@@ -66,12 +66,16 @@ _PAGE = """{% from macros import embed %}<!DOCTYPE html>
 <figure class="first">{{ embed(roots.loop) }}</figure>
 <figure class="first">{{ embed(roots.trace) }}</figure>
 <figure>{{ embed(roots.spectrum) }}</figure>
-<figure>{{ embed(roots.error) }}{{ embed(roots.tracking) }}</figure>
+<figure class="first">{{ embed(roots.error) }}{{ embed(roots.tracking) }}</figure>
+</div>
+<details open class="more"><summary>Gap, voltage, estimate</summary>
+<div class="plots">
 <figure>{{ embed(roots.gap) }}{{ embed(roots.gap_text) }}</figure>
 <figure>{{ embed(roots.voltage) }}</figure>
 <figure>{{ embed(roots.estimate) }}{{ embed(roots.estimate_choice) }}</figure>
 <figure>{{ embed(roots.estimates) }}</figure>
 </div>
+</details>
 <details open><summary>Effects of the simulator</summary>{{ embed(roots.effects) }}</details>
 <details open><summary>Nodes</summary>{{ embed(roots.status) }}</details>
 </section>
@@ -86,7 +90,11 @@ _PAGE = """{% from macros import embed %}<!DOCTYPE html>
 <noscript>This page needs JavaScript; all of it comes from this machine.</noscript>
 </main>
 {{ plot_script }}
-<script>__EXPORT__
+<script>// on a phone, what is secondary is folded
+if (matchMedia('(max-width: 900px)').matches) {
+  document.querySelectorAll('details:not(.first)').forEach((part) => { part.open = false; });
+}
+__EXPORT__
 const waiting = setInterval(() => {
   addExports();
   if (document.querySelectorAll('.export').length >= __FIGURES__) clearInterval(waiting);

@@ -27,7 +27,7 @@ class ExperimentLimits:
     Attributes
     ----------
     low, high : float
-        Range of the commanded voltage [V]; it contains 0 V, where the actuator rests.
+        Range of the commanded voltage [V].
     slew : float
         Largest slew rate of the command [V/s].
     frequency : float
@@ -37,6 +37,9 @@ class ExperimentLimits:
     heat : float
         Largest mean of frequency times amplitude squared over an experiment [V^2 Hz]; losses in
         the actuator and its amplifier increase with it.
+    rest : float
+        Voltage before, between and after the experiments [V]; the permitted one that is nearest
+        to the given one.
 
     Raises
     ------
@@ -50,15 +53,14 @@ class ExperimentLimits:
     frequency: float = 100.0
     stroke: float = inf
     heat: float = inf
+    rest: float = 0.0
 
     def __post_init__(self) -> None:
         if reason := range_refusal(self.low, self.high):
             raise InvestigationError(reason)
-        if not self.low <= 0.0 <= self.high:
-            raise InvestigationError(
-                f'the voltage limits {self.low:g} .. {self.high:g} V exclude 0 V, where the '
-                'actuator rests: include it'
-            )
+        if not isfinite(self.rest):
+            raise InvestigationError('the voltage at rest must be a finite number [V]')
+        object.__setattr__(self, 'rest', min(max(self.rest, self.low), self.high))
         for name in ('slew', 'frequency', 'stroke', 'heat'):
             if not getattr(self, name) > 0.0:
                 raise InvestigationError(f'the limit {name} must be above 0')
@@ -81,14 +83,14 @@ class ExperimentLimits:
         Parameters
         ----------
         voltage : ndarray, shape (n,)
-            Commands, one per tick; the command is 0 V before the first and after the last one.
+            Commands, one per tick; before the first and after the last one the actuator rests.
         dt : float
             Time between two ticks [s].
         """
         slack = _ROUNDING * max(1.0, self.high - self.low)
         if float(voltage.min()) < self.low - slack or float(voltage.max()) > self.high + slack:
             return 'voltage'
-        if fastest(voltage, dt) > self.slew * (1.0 + _ROUNDING):
+        if fastest(voltage, dt, self.rest) > self.slew * (1.0 + _ROUNDING):
             return 'slew'
         return 'heat' if heat_of(voltage, dt) > self.heat else ''
 
@@ -120,7 +122,8 @@ def granted_range(
     Raises
     ------
     InvestigationError
-        If the limits are not a range, exceed the range of the actuator, or are unknown.
+        If the limits are not a range, exclude 0 V, exceed the range of the actuator, or are
+        unknown.
     """
     if asked == (0.0, 0.0):
         asked = known_range(*taken, model) if taken[0] < taken[1] else taken
@@ -130,6 +133,12 @@ def granted_range(
             )
     if reason := range_refusal(*asked):
         raise InvestigationError(reason)
+    if not asked[0] <= 0.0 <= asked[1]:
+        raise InvestigationError(
+            f'the voltage limits {asked[0]:g} .. {asked[1]:g} V exclude 0 V, where nodes and '
+            'controllers begin and end every experiment: include it, or investigate with '
+            'ph.investigate, which begins and ends at the permitted voltage nearest to rest'
+        )
     if taken[0] < taken[1] and not taken[0] <= asked[0] < asked[1] <= taken[1]:
         raise InvestigationError(
             f'the voltage limits {asked[0]:g} .. {asked[1]:g} V exceed the '
@@ -151,9 +160,9 @@ def known_range(low: float, high: float, model: ModelFile) -> tuple[float, float
     return max(low, -2.0 * known), min(high, 2.0 * known)
 
 
-def fastest(voltage: FloatArray, dt: float) -> float:
-    """Return the largest slew rate of the commands [V/s], with the transitions from and to 0 V."""
-    change = np.diff(voltage, prepend=0.0, append=0.0)
+def fastest(voltage: FloatArray, dt: float, rest: float = 0.0) -> float:
+    """Return the largest slew rate of the commands [V/s], with the ways from and to `rest` [V]."""
+    change = np.diff(voltage, prepend=rest, append=rest)
     return float(np.max(np.abs(change))) / dt
 
 

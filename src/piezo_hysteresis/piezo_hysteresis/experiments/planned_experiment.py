@@ -1,4 +1,4 @@
-"""Experiments: records that start and end at rest at 0 V.
+"""Experiments: records that start and end at rest, usually at 0 V.
 
 An experiment starts with a conditioning, a decaying sine that removes the memory of the
 hysteresis. All experiments thus start with the same remanence.
@@ -21,7 +21,7 @@ Spec = Mapping[str, Any]
 
 # Periods of the decaying conditioning signal, and its frequency [Hz].
 TURNS, CONDITIONING = 6, 10.0
-# Time from rest to the center voltage, if that is not 0 V [s].
+# Time from the voltage at rest to another center voltage [s].
 APPROACH = 0.5
 # Smallest permitted amplitude, as a share of the nominal one; smaller experiments are omitted.
 SMALLEST = 0.1
@@ -122,7 +122,8 @@ def composed(
     if share < SMALLEST or before is None:
         return None
     fitted = _scaled(main, share)
-    middle = [] if limits.middle == 0.0 else [_line(limits.middle, 0.0, limits)]
+    at_rest = limits.middle == limits.rest
+    middle = [] if at_rest else [_line(limits.middle, limits.rest, limits)]
     parts = (*before, _about(fitted, limits.middle), *middle)
     prelude = sum(_length(part) for part in before)
     found = PlannedExperiment(
@@ -162,7 +163,9 @@ def _prelude(limits: ExperimentLimits) -> tuple[Spec, ...] | None:
         'duration': float(TURNS / frequency),
         'offset': limits.middle,
     }
-    return (dying,) if limits.middle == 0.0 else (_line(0.0, limits.middle, limits), dying)
+    if limits.middle == limits.rest:
+        return (dying,)
+    return _line(limits.rest, limits.middle, limits), dying
 
 
 def _line(first: float, last: float, limits: ExperimentLimits) -> Spec:

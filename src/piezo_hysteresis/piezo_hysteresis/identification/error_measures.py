@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import ClassVar
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.targets import Target, targets_of
@@ -17,7 +19,7 @@ from piezo_hysteresis.records import Record
 
 
 @dataclass(frozen=True)
-class RecordErrors:
+class RecordErrors(Guided):
     """Errors of a model over one record, after its warm-up.
 
     Attributes
@@ -39,6 +41,13 @@ class RecordErrors:
     lost : int
         Number of samples excluded from the fit: spikes and drop-outs.
     """
+
+    _INSTEAD: ClassVar = {
+        'record': 'name',
+        'free_run_rms': 'rmse rms error',
+        'nrmse_percent': 'nrmse',
+        'noise_rms': 'noise',
+    }
 
     record: str
     one_step_rms: float

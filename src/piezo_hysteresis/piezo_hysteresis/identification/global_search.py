@@ -1,4 +1,4 @@
-"""Global searches with one interface: two particle swarms, CMA-ES and differential evolution.
+"""Global searches with one interface: two particle swarms and differential evolution of SciPy.
 
 They use only values of the cost. Each takes a seed, counts its evaluations and works in a box
 scaled to the unit cube.
@@ -7,8 +7,8 @@ scaled to the unit cube.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from math import log, sqrt
+from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -105,11 +105,9 @@ def search(
     low: FloatArray,
     high: FloatArray,
     *,
-    method: str = 'cma',
+    method: str = 'de',
     seed: int = 0,
     max_evaluations: int = 4000,
-    population: int | None = None,
-    tolerance: float = 1e-8,
     swarm: Swarm | None = None,
     progress: Progress | None = None,
 ) -> SearchResult:
@@ -122,17 +120,13 @@ def search(
     low, high : ndarray, shape (p,)
         Finite box.
     method : str
-        ``pso`` (Zhou 2021, Xiao 2014), ``pso_modified`` (Fang 2019), ``cma`` or ``de``.
+        ``pso`` (Zhou 2021, Xiao 2014), ``pso_modified`` (Fang 2019) or ``de``.
     seed : int
         The result is the same for the same seed.
     max_evaluations : int
         Limit of evaluations.
-    population : int, optional
-        Points per iteration; the default depends on the method.
-    tolerance : float
-        Relative difference of the costs of an iteration at which the search stops.
     swarm : Swarm, optional
-        Constants of ``pso`` and ``pso_modified``; replaces population and tolerance.
+        Constants of ``pso`` and ``pso_modified``.
     progress : callable, optional
         Called with ``(fraction, words)``.
 
@@ -149,11 +143,8 @@ def search(
     width = high - low
     watch = _Watch(lambda z: cost(low + width * z), low.size, max_evaluations, progress)
     rng = np.random.default_rng(seed)
-    if method in SWARMS:
-        usual = replace(SWARMS[method], population=population or 0, tolerance=tolerance)
-        message = _swarm(watch, rng, swarm or usual)
-    else:
-        message = SEARCHES[method](watch, rng, population, tolerance)
+    swarm = swarm or SWARMS.get(method)
+    message = _swarm(watch, rng, swarm) if swarm else _de(watch, rng)
     if not np.isfinite(watch.best):
         raise IdentificationError('every point of the box is impossible; move the bounds')
     return SearchResult(
@@ -195,11 +186,6 @@ class _Watch:
         return values
 
 
-def _agreed(values: FloatArray, tolerance: float) -> bool:
-    finite = values[np.isfinite(values)]
-    return finite.size > 1 and float(np.ptp(finite)) <= tolerance * float(np.min(finite))
-
-
 def _swarm(watch: _Watch, rng: np.random.Generator, swarm: Swarm) -> str:
     """Search by a particle swarm; with the constants of Fang 2019: Fang 2019 (swarm)."""
     count = int(swarm.population) or max(20, 10 * watch.size)
@@ -219,47 +205,23 @@ def _swarm(watch: _Watch, rng: np.random.Generator, swarm: Swarm) -> str:
         values = watch.costs(x)
         better = values < own_cost
         own[better], own_cost[better] = x[better], values[better]
-        if _agreed(own_cost, swarm.tolerance):
+        finite = own_cost[np.isfinite(own_cost)]
+        if finite.size > 1 and np.ptp(finite) <= swarm.tolerance * np.min(finite):
             return 'the swarm agrees'
     return ''
 
 
-def _cma(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
-    """Run CMA-ES (Hansen 2016, pycma), with doubled population after a worse local optimum."""
-    import cma
-
-    count = population or 8 + int(3 * log(watch.size))
-    while not watch.spent:
-        options = {
-            'bounds': [0.0, 1.0], 'popsize': count, 'seed': int(rng.integers(1, 2**31)),
-            'tolfun': 0.0, 'tolfunhist': 0.0, 'tolflatfitness': 10**9, 'verbose': -9,
-        }  # fmt: skip
-        strategy = cma.CMAEvolutionStrategy(0.2 + 0.6 * rng.random(watch.size), 0.3, options)
-        while not (watch.spent or strategy.stop()):
-            points = strategy.ask()
-            values = watch.costs(np.array(points))
-            strategy.tell(points, values.tolist())
-            # convergence to a point worse than one already found is a local optimum
-            if _agreed(values, tolerance):
-                if float(np.min(values)) <= watch.best * (1 + 10 * tolerance):
-                    return 'the population agrees'
-                break
-        count *= 2
-    return ''
-
-
-def _de(watch: _Watch, rng: np.random.Generator, population: int | None, tolerance: float) -> str:
+def _de(watch: _Watch, rng: np.random.Generator) -> str:
     """Run the differential evolution of SciPy."""
     from scipy.optimize import differential_evolution
 
-    size = max(population or 12 * watch.size, 8)
-    rounds = max(watch.limit // size - 1, 1)
+    size = max(12 * watch.size, 8)
     result = differential_evolution(
         lambda z: float(watch.costs(z[None, :])[0]),
         [(0.0, 1.0)] * watch.size,
         popsize=max(size // watch.size, 2),
-        maxiter=rounds,
-        tol=sqrt(tolerance),
+        maxiter=max(watch.limit // size - 1, 1),
+        tol=1e-4,
         atol=0.0,
         polish=False,
         rng=rng,
@@ -268,9 +230,5 @@ def _de(watch: _Watch, rng: np.random.Generator, population: int | None, toleran
     return 'the population agrees' if result.success and not watch.spent else ''
 
 
-SEARCHES: dict[str, Callable[[_Watch, np.random.Generator, int | None, float], str]] = {
-    'cma': _cma,
-    'de': _de,
-}
 SWARMS: dict[str, Swarm] = {'pso': USUAL, 'pso_modified': FANG}
-METHODS: tuple[str, ...] = (*SWARMS, *SEARCHES)
+METHODS: tuple[str, ...] = (*SWARMS, 'de')

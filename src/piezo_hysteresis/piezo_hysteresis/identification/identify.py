@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -43,9 +43,17 @@ from piezo_hysteresis.models.modelfile import (
     parameter_lines,
 )
 from piezo_hysteresis.models.operating_range import OperatingRange
+from piezo_hysteresis.models.schedule import Schedule
 from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
+if TYPE_CHECKING:
+    from piezo_hysteresis.identification.per_frequency import DriveFit
+
+_INPUT_APART = (
+    'the standard deviations of {method} do not contain the error of the measured voltage; those '
+    'of output_error do.'
+)
 _MEAN_APART = 'rls does not see the mean: the offset is what its free runs miss on average.'
 
 
@@ -99,7 +107,19 @@ class Identification(Reportable, Modelled):
         Undetermined parts of the chain, in sentences: omitted blocks, held values.
     data : tuple of Record
         The fitted records.
+    drives : tuple of DriveFit
+        One model per drive, if asked for; errors and runs are then those of these models.
     """
+
+    _INSTEAD: ClassVar = {
+        'records[0].nrmse_percent, or to_frame()': 'rmse nrmse error errors score',
+        'noise_floor': 'noise',
+        'std': 'stderr deviations',
+        'parameters': 'params p',
+        'runs.residuals': 'residual residuals',
+        'runs.simulated': 'simulated',
+        'model.covariance()': 'covariance',
+    }
 
     chain: Model
     method: str
@@ -123,6 +143,7 @@ class Identification(Reportable, Modelled):
     seen: tuple[Fingerprint, ...] = field(default=(), repr=False)
     left_out: tuple[str, ...] = ()
     data: tuple[Record, ...] = field(default=(), repr=False)
+    drives: tuple[DriveFit, ...] = ()
 
     def __repr__(self) -> str:
         came = 'converged' if self.converged else 'did not converge'
@@ -180,8 +201,9 @@ class Identification(Reportable, Modelled):
         try:
             together = Correlation.among(self.names, self.correlation, tuple(finite))
             return ModelFile(
-                self.chain, self.values, finite, provenance, together, self.discrepancy
-            )
+                self.chain, self.values, finite, provenance, together, self.discrepancy,
+                Schedule(tuple(each.point for each in self.drives)) if self.drives else None,
+            )  # fmt: skip
         except ModelError as error:
             raise IdentificationError(
                 f'what {self.method} found is no model that can be used ({error}); use '
@@ -215,7 +237,27 @@ class Identification(Reportable, Modelled):
             'sampling_offset_s': float(self.sampling_offset),
             'warnings': list(self.warnings),
             'seconds': self.seconds,
+            **({'drives': list(map(_drive_summary, self.drives))} if self.drives else {}),
         }
+
+
+def _drive_summary(drive: DriveFit) -> dict[str, Any]:
+    """Return the row of ``summary.json`` of one drive."""
+    point = drive.point
+    return {
+        'frequency_hz': point.frequency,
+        'amplitude_v': point.amplitude,
+        'order': point.order,
+        'model': point.model.model.name,
+        'converged': drive.converged,
+        'free_run_rms_m': _finite(drive.rms),
+        'free_run_rms_of_all_m': _finite(drive.rms_of_all),
+        'free_run_rms_left_out_m': _finite(drive.rms_left_out),
+        'parameters': {
+            name: {'value': float(value), 'std': point.model.deviations.get(name)}
+            for name, value in point.model.values.items()
+        },
+    }
 
 
 def record_summary(errors: RecordErrors) -> dict[str, Any]:
@@ -363,7 +405,7 @@ def from_fit(
         condition=fit.condition,
         converged=fit.converged,
         message=fit.message,
-        warnings=(*warnings, *fit.warnings, *_misfit(runs.errors)),
+        warnings=(*warnings, *fit.warnings, *misfit_of(runs.errors)),
         records=runs.errors,
         noise_floor=floor,
         sampling_offset=fit.sampling_offset,
@@ -388,13 +430,13 @@ def evaluated_on(found: Identification, records: Sequence[Record]) -> Identifica
     """
     records, _ = as_measured(records)
     require_each_usable(records)
-    given = Unsaved(found.chain, found.values, found.sampling_offset, found.sampling_offset_std)
-    runs = free_runs(given, records)
+    own = (found.chain, found.values, found.sampling_offset, found.sampling_offset_std)
+    runs = free_runs(found.model_file() if found.drives else Unsaved(*own), records)
     left = discrepancy_of(runs.residuals, held_out=True)
     return replace(found, discrepancy=left, seen=(*found.seen, *fingerprints(records)))
 
 
-def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
+def misfit_of(rows: Sequence[RecordErrors]) -> list[str]:
     """Return warnings on excluded samples, and on residuals far above the noise."""
     remarks = [
         f'record {row.record}: {counted(row.lost, "sample")} excluded from the fit as spikes or '
@@ -416,8 +458,8 @@ def _misfit(rows: Sequence[RecordErrors]) -> list[str]:
     if ratio < 3:
         return remarks
     sentence = (
-        f'on record {worst.record}, the worst one, the model misses '
-        f'{1e6 * worst.free_run_rms:.3g} µm, {ratio:.0f} times the noise; standard deviations '
+        f'on record {worst.record} the model misses {1e6 * worst.free_run_rms:.3g} µm, '
+        f'{ratio:.0f} times the noise; standard deviations '
         'exclude this error. `discover` reports what is missing.'
     )
     return [*remarks, sentence]
@@ -443,6 +485,8 @@ def _online(
     if run.zero is not None:
         values['offset'], std['offset'] = run.zero.offset, run.zero.spread
         remarks = (*remarks, _MEAN_APART)
+    if any(each.input_uncertainty and each.input_uncertainty.rms > 0.0 for each in records):
+        remarks = (*remarks, _INPUT_APART.format(method=method))
     late = run.sampling_offset
     runs = free_runs(Unsaved(chain, values, late, inf), records)
     return Identification(
@@ -455,7 +499,7 @@ def _online(
         condition=estimate.condition_number,
         converged=run.settled,
         message='at rest' if run.settled else 'still drifting',
-        warnings=(*remarks, *run.warnings, *_misfit(runs.errors)),
+        warnings=(*remarks, *run.warnings, *misfit_of(runs.errors)),
         records=runs.errors,
         noise_floor=floor_of(records).rms,
         sampling_offset=late,

@@ -240,15 +240,7 @@ def _tuned(u: FloatArray, frequency: float, dt: float) -> float:
 def _without_noise(
     u: FloatArray, noise: float, step: float, places: IntArray, count: int
 ) -> tuple[FloatArray, InputUncertainty] | None:
-    """Return a signal without noise of a known size at all samples, and the error that remains.
-
-    Parameters
-    ----------
-    u : ndarray, shape (m,)
-        Readings at the samples `places` of `count` samples [V or N].
-    noise, step : float
-        Size of the error and step of the converter [V or N].
-    """
+    """Return readings `u` at `places`, without `noise` [V or N], at all samples, and the rest."""
     base, period, orders, term = _periodic_part(u, noise, step, places, count)
     detail, spread = _local_fit(u - base[places], noise)
     share = 1.0
@@ -257,7 +249,7 @@ def _without_noise(
         detail, share = np.where(more, detail, 0.0), float(np.mean(more))
     error = u - base[places] - detail
     missed = max(float(np.mean(error**2)) - _CHANCE * noise**2, 0.0)
-    variance = (1 + 2 * len(orders)) * term**2
+    variance = (1 + 2 * len(orders) + bool(orders)) * term**2  # the period was fitted, too
     if places.size < count:  # when a held signal jumped is not known
         change = np.abs(np.diff(u - base[places]))
         jump = change[1:-1] - np.maximum(change[:-2], change[2:])

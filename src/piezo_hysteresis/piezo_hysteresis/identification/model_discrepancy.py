@@ -15,7 +15,9 @@ from piezo_hysteresis.identification.drive_lines import (
     amplitudes,
     at_its_largest,
     drive_lines,
-    phase_at,
+    drive_phase,
+    drive_turn,
+    octaves_of,
     varies,
 )
 from piezo_hysteresis.identification.noise import density
@@ -38,8 +40,6 @@ _PARTS = 4
 _MOVES = 0.25
 # Periods for which a drive must hold its largest amplitude to have phases.
 _HELD_FOR = 2.0
-# Frequencies of an octave, relative to its lowest one, at which the noise spectrum is sampled.
-_WITHIN = np.linspace(1.0, 2.0, 9)
 
 
 @dataclass(frozen=True)
@@ -158,9 +158,16 @@ def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
             power[0] += mean**2
             return {n: sqrt(float(p)) for n, p in enumerate(power)}, broadband
     orders = orders_below(drive, dt)
-    mean, phasors, broadband = lines_and_rest(error, phase_of(drive, dt, error.size), orders)
+    mean, phasors, broadband = lines_and_rest(error, _turn(residual), orders)
     sizes = {n: sqrt(0.5) * float(abs(each)) for n, each in zip(orders, phasors, strict=True)}
     return {0: abs(mean), **sizes}, broadband
+
+
+def _turn(residual: RecordResidual) -> FloatArray:
+    """Return the phase of the drive at each sample [rad]."""
+    if residual.voltage is None:
+        return phase_of(residual.frequency, residual.dt, residual.error.size)
+    return drive_phase(residual.voltage, residual.dt, residual.frequency)
 
 
 def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]:
@@ -175,7 +182,7 @@ def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]
     where = at_its_largest(residual.voltage, dt, drive)
     if np.count_nonzero(where) * dt * drive < _HELD_FOR:
         return {}
-    turn = phase_of(drive, dt, residual.error.size) + phase_at(residual.voltage, dt, drive)
+    turn = drive_turn(residual.voltage, dt, drive)
     phasors = line_amplitudes(residual.error[where], turn[where], above)[1]
     return {n: float(np.angle(each)) for n, each in zip(above, phasors, strict=True)}
 
@@ -196,7 +203,7 @@ def _scatter(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float
         return {}
     reach = amplitudes(residual.voltage, dt, drive)
     size = reach / max(float(reach.max()), 1e-300)
-    turn = phase_of(drive, dt, size.size)
+    turn = _turn(residual)
     cuts = np.array_split(np.arange(size.size), _PARTS)
     rows = [
         line_amplitudes(residual.error[part], turn[part], above)[1] / float(size[part].mean())
@@ -211,30 +218,33 @@ def _scatter(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float
 
 def _beyond_noise(residual: RecordResidual, left: FloatArray, least: float) -> dict[float, float]:
     """Return the rms by octave between the harmonics, in excess of the noise."""
-    white = residual.noise**2 * 2.0 * residual.dt if isfinite(residual.noise) else 0.0
-
-    def noise(low: float) -> float:
-        angle = 2.0 * np.pi * residual.dt * low * _WITHIN
-        return white * low * float(np.mean(density(residual.noise_colour, np.cos(angle))))
-
-    found = _octaves(left, residual.dt, 0.0)
-    beyond = {low: rms**2 - noise(low) for low, rms in found.items() if low > 0.0}
-    return {low: sqrt(square) for low, square in beyond.items() if square > least}
+    count, dt = left.size, residual.dt
+    known = residual.noise if isfinite(residual.noise) else 0.0
+    angle = 2.0 * np.pi * np.fft.rfftfreq(count)[1:]
+    noise = 2.0 * known**2 / count * density(residual.noise_colour, np.cos(angle))
+    found = _by_octave(_powers(left) - noise, count, dt, residual.frequency)
+    return {low: sqrt(square) for low, square in found.items() if square > least}
 
 
 def _octaves(error: FloatArray, dt: float, least: float) -> dict[float, float]:
     """Return the rms by octave, from the lowest frequency that the record resolves."""
     mean = float(np.mean(error))
-    power = 2.0 * np.abs(np.fft.rfft(error - mean)) ** 2 / error.size**2
-    lowest = 1.0 / (error.size * dt)
-    found = {0.0: abs(mean)} if mean**2 > least else {}
-    first = 1
-    while first < power.size:
-        part = float(np.sum(power[first : 2 * first]))
-        if part > least:
-            found[first * lowest] = sqrt(part)
-        first *= 2
-    return found
+    squares = {0.0: mean**2, **_by_octave(_powers(error), error.size, dt, 0.0)}
+    return {low: sqrt(square) for low, square in squares.items() if square > least}
+
+
+def _powers(error: FloatArray) -> FloatArray:
+    """Return the mean square of each bin above 0 of a real spectrum."""
+    spectrum = np.fft.rfft(error - np.mean(error))[1:]
+    return np.asarray(2.0 * np.abs(spectrum) ** 2 / error.size**2, np.float64)
+
+
+def _by_octave(powers: FloatArray, count: int, dt: float, drive: float) -> dict[float, float]:
+    """Return the sum of powers by octave: `octaves_of`."""
+    octave, base = octaves_of(count, dt, drive)
+    least = int(octave.min(initial=0))
+    sums = np.bincount(octave - least, powers)
+    return {base * 2.0 ** (least + k): float(each) for k, each in enumerate(sums)}
 
 
 def _together(conditions: Sequence[Condition]) -> Condition:

@@ -21,7 +21,6 @@ from piezo_hysteresis.identification.outliers import (
     CounterStep,
     counter_steps,
     interpolated,
-    out_of_range,
     outliers,
     step_of,
     without_steps,
@@ -193,17 +192,25 @@ def bad_samples(record: Record) -> BoolArray:
     """Return which samples of a record are spikes, drop-outs or out of range, see `outliers`."""
     period = period_of(record)
     first = periodic_from(record.voltage, period) if period else 0
-    whole = without_steps(record.displacement, steps_of(record))
+    steps = steps_of(record)
+    if not steps:
+        known = _of_single_samples(record)
+        return outliers(record.voltage, record.displacement, period, first, known)
+    whole = without_steps(record.displacement, steps)
     return outliers(record.voltage, whole, period, first)
 
 
 @cached_per_record
 def steps_of(record: Record) -> list[CounterStep]:
     """Return the steps of the counter in a record, see `counter_steps`."""
-    y = record.displacement
-    out = out_of_range(record.voltage, y)
-    y = interpolated(y, out | outliers(record.voltage, y, 0))
+    y = interpolated(record.displacement, _of_single_samples(record))
     return counter_steps(record.voltage, y, period_of(record))
+
+
+@cached_per_record
+def _of_single_samples(record: Record) -> BoolArray:
+    """Return the outliers by their neighbours alone; both passes over a record begin with them."""
+    return outliers(record.voltage, record.displacement, 0)
 
 
 def measured_without_outliers(record: Record) -> FloatArray:

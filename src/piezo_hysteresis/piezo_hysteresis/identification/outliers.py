@@ -45,7 +45,11 @@ _MOST_STEPS = 20
 
 
 def outliers(
-    voltage: FloatArray, displacement: FloatArray, period: int, first: int = 0
+    voltage: FloatArray,
+    displacement: FloatArray,
+    period: int,
+    first: int = 0,
+    alone: BoolArray | None = None,
 ) -> BoolArray:
     """Return which samples are spikes, drop-outs or out of range, shape (n,).
 
@@ -62,12 +66,19 @@ def outliers(
         Samples per period of the drive; 0 where it does not repeat.
     first : int
         Sample from which it repeats.
+    alone : ndarray of bool, shape (n,), optional
+        The result without a period, if it is known: all but the comparison of periods.
     """
+    if alone is not None and not period:
+        return alone
     out = out_of_range(voltage, displacement)
     y = interpolated(displacement, out)
-    found = excursions(y)
-    found &= ~_follows(voltage, y, found)
-    found |= out | frozen(y)
+    if alone is None:
+        found = excursions(y)
+        found &= ~_follows(voltage, y, found)
+        found |= out | frozen(y)
+    else:
+        found = alone.copy()
     count = (y.size - first) // period if period else 0
     if count >= _FEWEST_PERIODS:
         begin = y.size - count * period

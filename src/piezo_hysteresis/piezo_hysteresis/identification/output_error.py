@@ -100,7 +100,7 @@ def output_error(
         Initial conditions and zeros of the records, see `revision.Choices`.
     count : int, optional
         Number of start values that are fitted coarsely; the best is refined. The default takes
-        about a second (3 to 16 start values).
+        about a second (4 to 16 start values).
     max_evaluations : int
         Limit of the final fit; each coarse fit has a sixth of it.
     stopped : callable
@@ -133,7 +133,7 @@ def output_error(
     few = representative(targets, _FOLLOWED_RECORDS)
     if count is None:
         samples = sum(t.voltage.size for t in few)
-        count = int(np.clip(_FOLLOWED_SAMPLES // samples, 3, 16))
+        count = int(np.clip(_FOLLOWED_SAMPLES // samples, 4, 16))
     known = dict(start or {})
     offsets = _offsets(known.pop(SAMPLING_OFFSET, None), sampling_offset, targets)
     if set(names) <= set(known):

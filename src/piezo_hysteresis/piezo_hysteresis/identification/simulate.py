@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import overload
+
+import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
@@ -67,6 +69,8 @@ def free_runs(
     workers : int
         Threads over the records.
     """
+    if isinstance(given, ModelFile) and given.schedule is not None:
+        return _scheduled_runs(given, records, choices, workers)
     model, values, late = given.model, given.values, given.sampling_offset
     usable = _is_usable(model, values)
     views = views_of(model, values, records, late, choices, checked=usable, workers=workers)
@@ -79,6 +83,37 @@ def free_runs(
         residuals.append(residual_of(record, each))
         simulated[record.name] = each.displacement
     return FreeRuns(views, late, tuple(errors), tuple(residuals), simulated)
+
+
+def drive_of(record: Record) -> tuple[float, float]:
+    """Return the frequency [Hz] of the drive of a record, 0 for none, and its amplitude [V]."""
+    stated = record.info.amplitude
+    amplitude = stated if stated > 0.0 else 0.5 * float(np.ptp(record.voltage))
+    return record.info.frequency, float(f'{amplitude:.3g}')
+
+
+def _scheduled_runs(
+    given: ModelFile, records: Sequence[Record], choices: Choices | None, workers: int
+) -> FreeRuns:
+    """Return the free runs of the entry of each record."""
+    groups: dict[int, tuple[ModelFile, list[Record]]] = {}
+    for record in records:
+        frequency, amplitude = drive_of(record)
+        own = given.at(frequency, amplitude)
+        groups.setdefault(id(own), (replace(own, schedule=None), []))[1].append(record)
+    found = {}
+    offsets = []
+    for own, group in groups.values():
+        runs = free_runs(own, group, choices, workers=workers)
+        offsets.append(runs.sampling_offset)
+        for k, record in enumerate(group):
+            found[record.name] = runs.views[k], runs.errors[k], runs.residuals[k], runs.simulated
+    views, errors, residuals, simulated = zip(*(found[r.name] for r in records), strict=True)
+    names = [record.name for record in records]
+    return FreeRuns(
+        views, float(np.median(offsets)), errors, residuals,
+        {name: each[name] for name, each in zip(names, simulated, strict=True)},
+    )  # fmt: skip
 
 
 def _is_usable(model: Model, values: Mapping[str, float]) -> bool:

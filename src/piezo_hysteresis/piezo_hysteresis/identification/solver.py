@@ -6,7 +6,7 @@ samples, so that the time of a problem with 200 000 samples is that of its simul
 Comparison with SciPy: with the same residuals, exact derivatives and bounds, 204 000 samples, 7
 unknowns and 12 starts within a factor of 2, a fit takes 0.24 s of processor time and 5 MB;
 ``least_squares`` takes 1.8 s and 91 MB. It converges to the noise from 11 of the starts,
-``least_squares`` from 9 (``bench/solver.py``).
+``least_squares`` from 9.
 """
 
 from __future__ import annotations

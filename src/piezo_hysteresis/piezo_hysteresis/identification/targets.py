@@ -9,7 +9,6 @@ from math import ceil, hypot, nan, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.identification.initial_conditions.record_start import (
     NEAR_ZERO,
     SETTLED,
@@ -146,9 +145,9 @@ class Target:
         """Return the valid compared samples, shape (m,)."""
         return samples if self.valid is None else samples[self.valid > 0.0]
 
-    @cached_property
+    @property
     def drive(self) -> FloatArray:
-        """Voltage with its last value held for two ticks, shape (n + 2,) [V]."""
+        """Voltage with its last value held for two ticks, shape (n + 2,) [V]; a copy each time."""
         return np.concatenate([self.voltage, np.repeat(self.voltage[-1:], LEAD_OUT)])
 
     @property
@@ -334,7 +333,7 @@ def targets_of(
     stride : int
         Step between compared samples of a whole record.
     start : str
-        Initial condition of records that do not state one, one of `record_start.STARTS`.
+        Initial condition of records that do not state one, one of `stated.STARTS`.
     zero : str
         ``record``: each record has its own zero of the displacement; ``auto`` and ``common``: one
         zero for all.

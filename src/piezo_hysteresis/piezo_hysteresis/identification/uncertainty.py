@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from piezo_hysteresis.common.wording import enumerated
 from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.numerics.spectrum import autocorrelation
+
+_Item = TypeVar('_Item')
 
 #: Scaled condition number beyond which single parameters are not determined.
 CONDITION_LIMIT = 1e6
@@ -162,10 +165,10 @@ _DEFAULT_HELP = 'add records at other frequencies and amplitudes, or fix one of 
 def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) -> tuple[str, ...]:
     """Return sentences on undetermined parameters, and the recommended records."""
     remarks: list[str] = []
-    lost: set[str] = set()
-    for direction in result.directions:
-        group = [name for name, _ in direction]
-        lost |= set(group)
+    lost = {name for direction in result.directions for name, _ in direction}
+    position = {name: k for k, name in enumerate(names)}
+    for joined in _joined([{name for name, _ in each} for each in result.directions]):
+        group = sorted(joined, key=position.__getitem__)
         if len(group) == 1:
             remarks.append(
                 f'{group[0]} has no influence on these records: fix it, or record what excites it.'
@@ -199,17 +202,25 @@ def warnings_of(result: Covariance, names: Sequence[str], values: FloatArray) ->
 
 def _confounded(result: Covariance, names: Sequence[str], values: FloatArray) -> list[list[str]]:
     """Return groups of correlated parameters with too few significant digits."""
-    groups: list[set[int]] = []
+    pairs: list[set[int]] = []
     for i in range(len(names)):
         for j in range(i):
             strong = abs(result.correlation[i, j]) > CORRELATION_LIMIT
             known = np.isfinite(result.std[i]) and np.isfinite(result.std[j])
             loose = max(_relative(values[k], result.std[k]) for k in (i, j)) > 0.02
             if strong and known and loose:
-                linked = [g for g in groups if g & {i, j}]
-                groups = [g for g in groups if not g & {i, j}]
-                groups.append({i, j}.union(*linked))
-    return [[names[k] for k in sorted(group)] for group in groups]
+                pairs.append({i, j})
+    return [[names[k] for k in sorted(group)] for group in _joined(pairs)]
+
+
+def _joined(sets: Sequence[set[_Item]]) -> list[set[_Item]]:
+    """Return the unions of all sets that share an item, directly or through others."""
+    groups: list[set[_Item]] = []
+    for each in sets:
+        linked = [g for g in groups if g & each]
+        groups = [g for g in groups if not g & each]
+        groups.append(each.union(*linked))
+    return groups
 
 
 def _relative(value: float, std: float) -> float:

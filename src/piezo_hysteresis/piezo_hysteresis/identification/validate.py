@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.common.results import Reportable
@@ -59,6 +59,13 @@ class Validation(Reportable, Modelled):
     data : tuple of Record
         The records.
     """
+
+    _INSTEAD: ClassVar = {
+        'records[0].nrmse_percent, or to_frame()': 'rmse nrmse error errors score r2',
+        'noise_floor': 'noise',
+        'simulated': 'predicted',
+        'data[0].displacement - simulated[data[0].name]': 'residual residuals',
+    }
 
     given: ModelFile
     updated: ModelFile

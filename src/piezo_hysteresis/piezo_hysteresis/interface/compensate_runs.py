@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,8 +30,8 @@ from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, tra
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
-from piezo_hysteresis.records import load
-from piezo_hysteresis.records.columns import UNITS, meaning
+from piezo_hysteresis.records.load import reference_record
+from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.waveforms import Waveform
 from piezo_hysteresis.waveforms.sampled import Sampled
 
@@ -52,6 +52,19 @@ class Compensation(Reportable):
     seconds : float
         Computing time [s].
     """
+
+    _INSTEAD: ClassVar = {
+        'voltage': 'u',
+        'best.result.displacement': 'y displacement',
+        'best.result.time': 'time t',
+        'best.result.error': 'error',
+        'best.metrics.rms': 'rms rmse',
+        'best.metrics': 'metrics',
+        'best.result': 'result',
+        "runs[1], of name 'feedforward'": 'feedforward',
+        'report(path), which writes voltage.csv': 'save',
+        'ph.export(model, path)': 'export',
+    }
 
     runs: tuple[Run, ...]
     reference: str
@@ -115,6 +128,7 @@ def compensate(
     noise: float = 0.0,
     seed: int = 0,
     from_seconds: float | None = None,
+    reading: ReadOptions | None = None,
 ) -> Compensation:
     """Track a reference on a plant with the inverse of a model, and with feedback around it.
 
@@ -150,6 +164,8 @@ def compensate(
         Seed of the noise.
     from_seconds : float, optional
         Start of the evaluated part [s]; half of the reference by default.
+    reading : ReadOptions, optional
+        What a reference file does not state itself, such as its interval or unit.
 
     Returns
     -------
@@ -166,7 +182,7 @@ def compensate(
     started = time.perf_counter()
     inverted = with_values(model)
     sampled = 1.0 / dt if rate is None and dt is not None else rate
-    reference, sampled = reference_of(reference, sampled, inverted)
+    reference, sampled = reference_of(reference, sampled, inverted, reading)
     _require_one_of('law', law, INVERSES)
     controllers = Controllers(
         1.0 / rate_of(inverted, sampled), model=inverted, law=law,
@@ -183,12 +199,19 @@ def compensate(
 
 
 def reference_of(
-    given: object, rate: float | None, model: ModelFile
+    given: object,
+    rate: float | None,
+    model: ModelFile,
+    reading: ReadOptions | None = None,
+    salvage: bool = False,
 ) -> tuple[str | Waveform, float | None]:
     """Return a reference as text or waveform, and the rate of the loop [Hz] that it asks for."""
     if isinstance(given, Path) or (isinstance(given, str) and ':' not in given and '.' in given):
-        wave = _read_reference(Path(given))
-        return wave, rate or 1.0 / wave.dt
+        given = reference_record(Path(given), reading, salvage)
+    elif reading is not None and reading != ReadOptions():
+        raise CompensationError(
+            'what is stated about a file (interval, sign, unit, ...) needs a reference that is one'
+        )
     if isinstance(given, (np.ndarray, list, tuple)):
         step = 1.0 / rate_of(model, rate)
         return Sampled(np.asarray(given, np.float64), step), 1.0 / step
@@ -197,28 +220,6 @@ def reference_of(
         values = given.displacement if column is None else column
         return Sampled(values, given.dt), rate or 1.0 / given.dt
     return cast('str | Waveform', given), rate
-
-
-def _read_reference(path: Path) -> Sampled:
-    """Return the reference of a file: of a record, or of columns of time and displacement."""
-    try:
-        with path.open(encoding='utf-8-sig') as file:
-            names = [meaning(name.strip()) for name in file.readline().split(',')]
-        places = {each.what: k for k, each in enumerate(names) if each.unit}
-        column_name = 'reference' if 'reference' in places else 'displacement'
-        used = [places['time'], places[column_name]]
-        table = np.loadtxt(path, delimiter=',', skiprows=1, usecols=used, ndmin=2)
-    except (OSError, UnicodeDecodeError, ValueError, KeyError):
-        (record,) = load(path)[:1]
-        column = record.displacement if record.reference is None else record.reference
-        return Sampled(column, record.dt)
-    time, values = (
-        table[:, k] / UNITS[names[place].what][names[place].unit] for k, place in enumerate(used)
-    )
-    steps = np.diff(time)
-    if not steps.size or np.ptp(steps) > 0.2 * abs(float(np.median(steps))):
-        raise CompensationError(f'{path}: a reference needs an even rate; resample it')
-    return Sampled(values, float((time[-1] - time[0]) / steps.size))
 
 
 def _plant(given: ModelLike | None, inverted: ModelFile) -> ModelFile | str:

@@ -72,8 +72,8 @@ def investigate(
         The model in use, with values.
     plant : callable, object, model or str
         The actuator: a function that applies a voltage, shape (n,) [V], at the rate and returns
-        the displacement [m] of every tick, and leaves the actuator at rest at 0 V; an object with
-        ``exchange(voltage)``; a model with values; or ``'preset:NAME'`` of piezo_sim.
+        the displacement [m] of every tick; the actuator then rests at the last voltage; an object
+        with ``exchange(voltage)``; a model with values; or ``'preset:NAME'`` of piezo_sim.
     out : str or Path
         Folder of journal, bags and verdict; the same call continues an interrupted investigation.
     rate : float, optional
@@ -110,7 +110,7 @@ def investigate(
     known = operating_limits(used, low=low, high=high, slew=slew)
     known.require_known()
     bounds = known.limits
-    limits = ExperimentLimits(bounds.low, bounds.high, bounds.slew, max_frequency)
+    limits = ExperimentLimits(bounds.low, bounds.high, bounds.slew, max_frequency, rest=known.rest)
     setup = Setup(used, limits, Rules(budget=budget, sure=sure, seed=seed), sampled)
 
     def conducted(measure: Callable[[FloatArray], FloatArray]) -> Result:

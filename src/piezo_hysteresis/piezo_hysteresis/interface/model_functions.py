@@ -6,6 +6,7 @@ import math
 import re
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from piezo_hysteresis.compensation.limiter import packed_limits
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.offline_loop import closed_loop
 from piezo_hysteresis.compensation.operating_limits import (
+    UNSTATED,
     above_nyquist,
     limited,
     operating_limits,
@@ -53,11 +55,19 @@ def frequency_response(
         raise CompensationError(
             f'frequencies must be below {0.5 * sampled:g} Hz, half the rate; give a higher rate='
         )
-    limits = operating_limits(given).limits
-    level = 0.5 * (limits.high - limits.low) if amplitude is None else amplitude
+    level = _half_range(given) if amplitude is None else amplitude
     gain = model_gain(given.model, given.values, 1.0 / sampled, level)
     found = [gain(float(each)) for each in np.atleast_1d(lines).ravel()]
     return np.array(found, np.complex128).reshape(lines.shape)
+
+
+def _half_range(model: ModelFile) -> float:
+    covered = model.provenance.voltage
+    if covered is None:
+        raise CompensationError(
+            f'{UNSTATED}: identify again, or give amplitude=, that of the large drive [V]'
+        )
+    return 0.5 * (covered.high - covered.low)
 
 
 def inverse(
@@ -112,7 +122,7 @@ def export(
     pid: Sequence[float] | None = None,
     name: str = 'piezo',
     target: str = TARGET,
-    frequency: float = 23.0,
+    frequency: float | None = None,
     only_plant: bool = False,
 ) -> Path:
     """Write a model and its compensator as a C library.
@@ -137,8 +147,9 @@ def export(
         Name of the library and prefix of its symbols.
     target : str
         ``x86_64-linux`` or ``aarch64-linux``.
-    frequency : float
-        Frequency of the sine in the example [Hz].
+    frequency : float, optional
+        Frequency of the sine in the example [Hz], by default 23; of a model identified per
+        frequency also that of the exported entry.
     only_plant : bool
         Whether the library holds the model alone.
 
@@ -174,13 +185,21 @@ def write_library(
     *,
     name: str,
     target: str,
-    frequency: float,
+    frequency: float | None,
     only_plant: bool,
     energy: Sequence[float] | None = None,
 ) -> int:
     """Write the complete library, no file after an error; return the size of the archive."""
     check_folder(path, 'export')
     known_target(target)
+    if model.schedule is not None and frequency is None:
+        raise CompensationError(
+            'a library holds one set of parameters, and this model has one per frequency; give '
+            'the frequency of the drive (--frequency 23)'
+        )
+    frequency = 23.0 if frequency is None else frequency
+    model = model.at(frequency)
+    controllers = replace(controllers, model=model)
     dt, limits = controllers.dt, controllers.limits
     if not 1.0 / dt <= 1e6:
         raise CompensationError(f'the rate must be above 0 and up to 1 MHz, got {1.0 / dt:g} Hz')

@@ -21,6 +21,7 @@ from piezo_hysteresis.identification.initial_conditions.record_start import prec
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.method_settings import driven_at, require_settings, warmed
 from piezo_hysteresis.identification.methods import base_of
+from piezo_hysteresis.identification.per_frequency import identify_per_frequency
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.choice import ModelLike, chosen
 from piezo_hysteresis.records import Record, listed
@@ -47,6 +48,7 @@ def identify(
     actuator: str | None = None,
     salvage: bool = False,
     reading: ReadOptions | None = None,
+    per_frequency: bool = False,
     seed: int = 0,
     workers: int = 1,
     progress: Progress = lambda fraction, words: None,
@@ -82,6 +84,9 @@ def identify(
         Use the readable part of damaged data.
     reading : ReadOptions, optional
         What files do not state: interval, sign, unit, decimal mark, clock.
+    per_frequency : bool
+        Identify one more model for each drive (frequency and amplitude) of the records; it
+        replaces the model of all records at its frequency.
     seed : int
         Seed of the searches.
     workers : int
@@ -118,7 +123,8 @@ def identify(
         options['start'] = dict(start)
     if chosen_model is None:
         chosen_model, options = _selected(records, method, options, progress)
-    found = identify_in(
+    identifying = identify_per_frequency if per_frequency else identify_in
+    found = identifying(
         records, chosen_model, method=method, hold=hold, seed=seed, workers=workers,
         progress=progress,
         **options,

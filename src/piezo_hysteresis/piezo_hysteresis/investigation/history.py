@@ -1,11 +1,11 @@
 """Voltage history of the actuator before each record of an investigation.
 
 Creep, heat and fatigue outlast an experiment and its conditioning. All commands since the first
-experiment are known, and the actuator rests at 0 V between experiments. The model is therefore
-simulated through this history before each record, on one common clock, and its slow states carry
-over from one record to the next without a waiting time. What the actuator did before the first
-experiment is unknown, so the initial state of the first record is estimated: otherwise creep
-after earlier motion appears as drift.
+experiment are known, and the actuator rests at one voltage between experiments. The model is
+therefore simulated through this history before each record, on one common clock, and its slow
+states carry over from one record to the next without a waiting time. What the actuator did
+before the first experiment is unknown, so the initial state of the first record is estimated:
+otherwise creep after earlier motion appears as drift.
 """
 
 from __future__ import annotations
@@ -23,9 +23,17 @@ LONGEST = 60.0
 
 
 class History:
-    """The records so far as one continuous voltage signal."""
+    """The records so far as one continuous voltage signal.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    rest : float
+        Voltage between the records [V]. A model starts at 0 V: at another voltage it rests for as
+        long as a history reaches.
+    """
+
+    def __init__(self, rest: float = 0.0) -> None:
+        self._rest = rest
         self._last: Record | None = None
         self._zero = 0.0
 
@@ -46,7 +54,7 @@ class History:
         Parameters
         ----------
         record : Record
-            Next record, which starts at rest at 0 V; its start time refers to the clock of the
+            Next record, which starts at rest; its start time refers to the clock of the
             actuator. If it lies before the end of the last record, the clock was restarted and the
             history is unknown.
         """
@@ -62,10 +70,12 @@ class History:
         return self._last
 
     def _voltage_before(self, rest: int, most: int) -> FloatArray:
-        """Return the voltage before a record that starts after `rest` ticks at 0 V.
+        """Return the voltage before a record that starts after `rest` ticks at rest.
 
         The voltage is limited to the last `most` ticks.
         """
         assert self._last is not None
-        known = (self._last.before, self._last.voltage, np.zeros(min(rest, most)))
-        return np.concatenate([part for part in known if part is not None])[-most:]
+        known = (self._last.before, self._last.voltage, np.full(min(rest, most), self._rest))
+        found = np.concatenate([part for part in known if part is not None])[-most:]
+        earlier = most - found.size if self._rest else 0
+        return np.concatenate([np.full(earlier, self._rest), found])

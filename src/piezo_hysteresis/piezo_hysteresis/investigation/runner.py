@@ -6,11 +6,12 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.identification.error_measures import views_of
@@ -35,7 +36,7 @@ class Actuator(Protocol):
     """Interface to an actuator that runs experiments and uses a model."""
 
     def run(self, experiment: PlannedExperiment, bag: Path) -> bool:
-        """Run an experiment and record it in a new bag; the actuator rests at 0 V afterwards.
+        """Run an experiment and record it in a new bag; the actuator rests afterwards.
 
         Returns whether the actuator rested between the previous experiment and this one.
         """
@@ -76,7 +77,7 @@ OnProgress = Callable[[InvestigationProgress], None]
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Guided):
     """Result of an investigation.
 
     Attributes
@@ -99,6 +100,12 @@ class Result:
     words : str
         Summary in a sentence.
     """
+
+    _INSTEAD: ClassVar = {
+        'words': 'summary text',
+        'effects': 'probabilities names',
+        'seconds': 'time',
+    }
 
     stop: Stop
     verdict: str

@@ -189,7 +189,7 @@ class Investigation:
         self.records: list[Record] = []
         self.answers: list[ExperimentAnswer] = []
         self.found: Discovery | None = None
-        self.history = History()
+        self.history = History(self.limits.rest)
 
     @property
     def done(self) -> list[str]:

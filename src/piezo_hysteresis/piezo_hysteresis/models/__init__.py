@@ -1,6 +1,7 @@
 """Named chains of blocks: classical, modified, extended, enhanced, second order, ..."""
 
 from piezo_hysteresis.blocks.parameter_shift import PARAMETER_SHIFT
+from piezo_hysteresis.common.recipes import NAMES, RECIPES
 from piezo_hysteresis.models.chain import Model, State
 from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Condition, Discrepancy, Missed
@@ -14,7 +15,7 @@ from piezo_hysteresis.models.effects import (
     shifted,
 )
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
-from piezo_hysteresis.models.named import NAMES, RECIPES, name_of, named
+from piezo_hysteresis.models.named import name_of, named
 from piezo_hysteresis.models.scaling import for_range
 
 __all__ = [

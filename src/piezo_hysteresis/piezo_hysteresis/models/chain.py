@@ -174,21 +174,6 @@ class Model:
             first = last
         return rate
 
-    def block_values(self, values: Mapping[str, float], block_name: str) -> dict[str, float]:
-        """Return the values of the last block called `block_name` under the block's own names.
-
-        Raises
-        ------
-        ModelError
-            If the model has no such block.
-        """
-        every = {**self.defaults(), **values}
-        for block in self.blocks:
-            for part in parts_of(block):
-                if part.name == block_name:
-                    return {own: every[name] for own, name in self.names_of(part).items()}
-        raise ModelError(f'model {self.name} has no block {block_name}')
-
     def unpack(self, packed: FloatArray) -> dict[str, float]:
         """Name the numbers of `packed`."""
         return dict(zip(self.parameter_names, packed.tolist(), strict=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.files import write_atomically
 from piezo_hysteresis.common.results import Plottable
-from piezo_hysteresis.common.wording import choices, missing
+from piezo_hysteresis.common.wording import Guided, choices
 from piezo_hysteresis.errors import ModelError
 
 # Imported at the first call: a model knows no inverse and no compiler.
@@ -43,6 +43,12 @@ class InverseResult(Plottable):
     warnings : tuple of str
         What limits the use of the voltage, in sentences.
     """
+
+    _INSTEAD: ClassVar = {
+        'voltage': 'u to_numpy',
+        'displacement': 'y',
+        'displacement - reference': 'error rms',
+    }
 
     dt: float
     reference: FloatArray
@@ -85,17 +91,14 @@ class InverseResult(Plottable):
             )  # fmt: skip
 
 
-class ModelActions:
+class ModelActions(Guided):
     """Base of `ModelFile` and of results that contain a model."""
 
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            kind = type(self)
-            raise AttributeError(
-                f'{kind.__name__} has no attribute {name!r}'
-                + ('' if name.startswith('_') else missing(name, dir(kind)))
-            )
+    _INSTEAD: ClassVar = {
+        'frequency_response(frequency)': 'freqresp bode',
+        'parameters': 'get_params coef_ theta',
+        'inverse(reference, dt)': 'invert',
+    }
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -121,7 +124,7 @@ class ModelActions:
         frequency : array_like
             Frequencies [Hz], below half the rate.
         amplitude : float, optional
-            Amplitude of the large drive [V]; half the range of the voltage of the model.
+            Amplitude of the large drive [V]; half the range over which the model was identified.
         rate : float, optional
             Sampling rate [Hz]; that of the data of the model, or 1000. The zero-order hold of the
             voltage is included.
@@ -134,7 +137,8 @@ class ModelActions:
         Raises
         ------
         PiezoError
-            If a frequency is not below half the rate.
+            If a frequency is not below half the rate, or the range of the model is unknown and no
+            amplitude is given.
         """
         found: NDArray[np.complex128] = importlib.import_module(_FUNCTIONS).frequency_response(
             self, frequency, amplitude=amplitude, rate=rate

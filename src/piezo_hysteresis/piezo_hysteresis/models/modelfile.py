@@ -31,6 +31,7 @@ from piezo_hysteresis.models.plain import (
     write_yaml,
     yaml_text,
 )
+from piezo_hysteresis.models.schedule import BY_FREQUENCY, Schedule
 from piezo_hysteresis.records.fingerprint import Fingerprint
 
 SCHEMA = 'piezo_hysteresis/model/2'
@@ -99,6 +100,8 @@ class ModelFile(ModelActions, Plottable):
         Correlation of the jointly fitted values.
     discrepancy : Discrepancy or None
         Known discrepancy of the model.
+    schedule : Schedule or None
+        Models of single drives, which replace the values at their frequency.
 
     Raises
     ------
@@ -112,6 +115,7 @@ class ModelFile(ModelActions, Plottable):
     provenance: Provenance = field(default_factory=Provenance)
     correlation: Correlation | None = None
     discrepancy: Discrepancy | None = None
+    schedule: Schedule | None = None
 
     def __post_init__(self) -> None:
         missing = sorted(set(self.model.parameter_names) - set(self.values))
@@ -157,7 +161,23 @@ class ModelFile(ModelActions, Plottable):
     def __repr__(self) -> str:
         lines = [f'Model {self.model.name}']
         lines += parameter_lines(self.model, self.values, self.deviations)
+        if self.schedule is not None:
+            lines.append(f'  and of its own at {", ".join(p.name for p in self.schedule.points)}')
         return '\n'.join(lines)
+
+    def at(self, frequency: float, amplitude: float | None = None) -> ModelFile:
+        """Return the model for a drive: of the nearest entry of the schedule, if it has one.
+
+        Parameters
+        ----------
+        frequency : float
+            Of the drive [Hz]; 0 for none returns the model itself.
+        amplitude : float, optional
+            Of its voltage [V]; the largest of the schedule by default.
+        """
+        if self.schedule is None or not frequency > 0.0:
+            return self
+        return self.schedule.at(frequency, amplitude).model
 
     def columns(self) -> dict[str, list[Any]]:
         """Return the parameters by column: parameter, value, std, unit, held."""
@@ -173,7 +193,8 @@ class ModelFile(ModelActions, Plottable):
         dt : float
             Sampling interval [s].
         frequency : float
-            Fundamental frequency of the voltage [Hz], for blocks that depend on it.
+            Fundamental frequency of the voltage [Hz], for blocks that depend on it, and for the
+            entry of a schedule.
 
         Returns
         -------
@@ -188,6 +209,9 @@ class ModelFile(ModelActions, Plottable):
         u = _series(voltage)
         if not (isinstance(dt, (int, float)) and np.isfinite(dt) and dt > 0):
             raise ModelError(f'the sampling interval must be a positive number [s], got {dt!r}')
+        if self.schedule is not None and frequency > 0.0:
+            own = self.at(frequency, 0.5 * float(np.ptp(u)))
+            return own.simulate(u, dt, frequency=frequency)
         chain, state = self.model, None
         if chain.answers_at_once:  # at the end of a tick, which is the next sample
             u = np.concatenate([[0.0], u[:-1]])
@@ -238,6 +262,9 @@ class ModelFile(ModelActions, Plottable):
             more['correlation'] = self.correlation.to_dict()
         if self.discrepancy is not None:
             more['discrepancy'] = self.discrepancy.to_dict()
+        if self.schedule is not None:
+            more['schedule'] = BY_FREQUENCY
+            more['entries'] = self.schedule.to_dict()
         return {
             'schema': SCHEMA,
             'name': self.model.name,
@@ -401,11 +428,16 @@ def _series(voltage: ArrayLike) -> FloatArray:
     return found
 
 
-_KEYS = {'schema', 'name', 'chain', 'parameters', 'correlation', 'discrepancy', 'provenance'}
+_KEYS = {
+    'schema', 'name', 'chain', 'parameters', 'correlation', 'discrepancy', 'provenance',
+    'schedule', 'entries',
+}  # fmt: skip
 
 
 def _from_dict(content: object) -> ModelFile:
     whole = mapping(content, 'a model file')
+    if str(whole.get('schema')).startswith('piezo_hysteresis/modes/'):
+        raise ModelError('it is a model of several axes, which only `validate` and Python take')
     refuse_unknown(whole, _KEYS, 'the model file')
     if whole.get('schema') != SCHEMA:
         raise ModelError(f'schema is {whole.get("schema")!r}, expected {SCHEMA}; save it again')
@@ -437,7 +469,24 @@ def _from_dict(content: object) -> ModelFile:
         _provenance(whole.get('provenance', {})),
         Correlation.parse(whole['correlation']) if 'correlation' in whole else None,
         Discrepancy.parse(whole['discrepancy']) if 'discrepancy' in whole else None,
+        _schedule(whole),
     )
+
+
+def _schedule(whole: Mapping[str, Any]) -> Schedule | None:
+    if 'schedule' not in whole and 'entries' not in whole:
+        return None
+    if whole.get('schedule') != BY_FREQUENCY:
+        raise ModelError(
+            f'schedule is {whole.get("schedule")!r}, expected {BY_FREQUENCY}; identify again'
+        )
+
+    def read(row: Mapping[str, Any]) -> ModelFile:
+        if 'schedule' in row or 'entries' in row:
+            raise ModelError('an entry of a schedule has no schedule of its own; remove it')
+        return _from_dict({'schema': SCHEMA, **row})
+
+    return Schedule.parse(whole.get('entries'), read)
 
 
 def _provenance(content: object) -> Provenance:

@@ -14,6 +14,9 @@ from piezo_hysteresis.numerics.qr import BLOCK, extend
 
 HIGHEST_ORDER = 12
 _BELOW_NYQUIST = 0.45  # largest frequency relative to the sampling rate
+# A third or fifth harmonic above this share of the fundamental is an odd harmonic oscillation; the
+# hysteresis of a bimorph alone makes 2 to 3 % of third harmonic.
+_OSCILLATION = 0.05
 
 
 def phase_of(frequency: float, dt: float, count: int, first: int = 0) -> FloatArray:
@@ -183,3 +186,28 @@ def _less_tone(signal: FloatArray, step: float, real: float, imag: float) -> flo
         squares += left * left
         c, s = c * by_cos - s * by_sin, s * by_cos + c * by_sin
     return squares - total * total / signal.size
+
+
+def odd_oscillation(signal: FloatArray, frequency: float, dt: float) -> int:
+    """Return the odd harmonic of a signal that exceeds that of a hysteresis: 3, 5, or 0 for none.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (n,)
+        Displacement at intervals `dt` [s]; values that are not finite are left out.
+    frequency : float
+        Its fundamental [Hz].
+    dt : float
+        Sampling interval [s].
+    """
+    seen = np.isfinite(signal)
+    highest = int(0.5 / (frequency * dt))
+    orders = [order for order in (1, 2, 3, 5, 7) if order < highest]
+    count = np.count_nonzero(seen)
+    if 3 not in orders or count * frequency * dt < 1.0 or count < 4 * len(orders):
+        return 0
+    phase = np.asarray(2.0 * pi * frequency * dt * np.flatnonzero(seen), np.float64)
+    _, phasors = line_amplitudes(signal[seen], phase, orders)
+    size = dict(zip(orders, np.abs(phasors), strict=True))
+    strongest = max((n for n in (3, 5) if n in size), key=lambda n: size[n])
+    return strongest if size[strongest] > _OSCILLATION * size[1] else 0

@@ -26,8 +26,8 @@ class ModulatedLines:
     ----------
     laws : ndarray, shape (a, n)
         Amplitudes of the lines, the first one constant; overwritten.
-    step : float
-        Angle of the fundamental per sample, 0 at sample 0 [rad].
+    phase : ndarray, shape (n,)
+        Angle of the fundamental at each sample [rad].
     highest : int
         Highest order.
     dependent : float
@@ -39,9 +39,11 @@ class ModulatedLines:
         Order of each line, the mean excluded; 0 for a law alone.
     """
 
-    def __init__(self, laws: FloatArray, step: float, highest: int, dependent: float) -> None:
+    def __init__(
+        self, laws: FloatArray, phase: FloatArray, highest: int, dependent: float
+    ) -> None:
         orthonormalise(laws, dependent)
-        self._laws, self._step, self._highest = laws, step, highest
+        self._laws, self._phase, self._highest = laws, phase, highest
         count = len(laws)
         order = [0] * count + [n for n in range(1, highest + 1) for _ in range(2 * count)]
         self.orders: IntArray = np.array(order[1:], dtype=np.int64)
@@ -60,7 +62,7 @@ class ModulatedLines:
     def _gram(self) -> FloatArray:
         """Return the inner products of all lines, from sums of at most twice the highest order."""
         law, order, kind = self._places()
-        even, odd = _product_sums(self._laws, self._step, 2 * self._highest)
+        even, odd = _product_sums(self._laws, self._phase, 2 * self._highest)
         less, more = order[:, None] - order, order[:, None] + order
         pair = law[:, None], law
         c_less, c_more = even[(*pair, np.abs(less))], even[(*pair, more)]
@@ -79,7 +81,7 @@ class ModulatedLines:
             Signal without its mean.
         """
         law, order, kind = self._places()
-        even, odd = _signal_sums(self._laws, signal, self._step, self._highest)
+        even, odd = _signal_sums(self._laws, signal, self._phase, self._highest)
         right = np.where(kind, odd[law, order], even[law, order])
         shares, kept = np.zeros(right.size), self._kept
         lower = self._factor[np.ix_(kept, kept)]
@@ -89,7 +91,7 @@ class ModulatedLines:
         by_cos, by_sin = np.zeros_like(even), np.zeros_like(odd)
         np.add.at(by_cos, (law[kind == 0], order[kind == 0]), weights[kind == 0])
         np.add.at(by_sin, (law[kind == 1], order[kind == 1]), weights[kind == 1])
-        return shares[1:], _less_lines(signal, self._laws, self._step, by_cos, by_sin)
+        return shares[1:], _less_lines(signal, self._laws, self._phase, by_cos, by_sin)
 
 
 def _cholesky(gram: FloatArray, least: float) -> tuple[FloatArray, BoolArray]:
@@ -109,11 +111,10 @@ def _cholesky(gram: FloatArray, least: float) -> tuple[FloatArray, BoolArray]:
 
 
 @leaf
-def _turn(step: float, first: int, by: FloatArray, turn: FloatArray) -> None:
+def _turn(phase: FloatArray, first: int, by: FloatArray, turn: FloatArray) -> None:
     """Set the first turn of a block of samples, and the zeroth, as rows of cosine and sine."""
     for k in range(by.shape[1]):
-        angle = step * (first + k)
-        by[0, k], by[1, k] = cos(angle), sin(angle)
+        by[0, k], by[1, k] = cos(phase[first + k]), sin(phase[first + k])
         turn[0, k], turn[1, k] = 1.0, 0.0
 
 
@@ -127,7 +128,9 @@ def _next(turn: FloatArray, by: FloatArray) -> None:
 
 
 @jit
-def _product_sums(laws: FloatArray, step: float, highest: int) -> tuple[FloatArray, FloatArray]:
+def _product_sums(
+    laws: FloatArray, phase: FloatArray, highest: int
+) -> tuple[FloatArray, FloatArray]:
     """Return the sums of two laws with cosines and with sines, shapes (a, a, highest + 1)."""
     count, n = laws.shape
     even = np.zeros((count, count, highest + 1))
@@ -139,7 +142,7 @@ def _product_sums(laws: FloatArray, step: float, highest: int) -> tuple[FloatArr
         for i in range(count):
             for j in range(i + 1):
                 products[i, j] = laws[i, begin : begin + size] * laws[j, begin : begin + size]
-        _turn(step, begin, by, turn)
+        _turn(phase, begin, by, turn)
         for m in range(highest + 1):
             for i in range(count):
                 for j in range(i + 1):
@@ -155,7 +158,7 @@ def _product_sums(laws: FloatArray, step: float, highest: int) -> tuple[FloatArr
 
 @jit
 def _signal_sums(
-    laws: FloatArray, signal: FloatArray, step: float, highest: int
+    laws: FloatArray, signal: FloatArray, phase: FloatArray, highest: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the sums of a signal with each law and turn, shapes (a, highest + 1)."""
     count, n = laws.shape
@@ -164,7 +167,7 @@ def _signal_sums(
         size = min(_PIECE, n - begin)
         by, turn = np.empty((2, size)), np.empty((2, size))
         weighed = laws[:, begin : begin + size] * signal[begin : begin + size]
-        _turn(step, begin, by, turn)
+        _turn(phase, begin, by, turn)
         for m in range(highest + 1):
             for i in range(count):
                 even[i, m] += inner(weighed[i], turn[0])
@@ -175,7 +178,7 @@ def _signal_sums(
 
 @jit
 def _less_lines(
-    signal: FloatArray, laws: FloatArray, step: float, by_cos: FloatArray, by_sin: FloatArray
+    signal: FloatArray, laws: FloatArray, phase: FloatArray, by_cos: FloatArray, by_sin: FloatArray
 ) -> FloatArray:
     """Return a signal without lines, for the weights of their cosines and sines."""
     count, n = laws.shape
@@ -183,7 +186,7 @@ def _less_lines(
     for begin in range(0, n, _PIECE):
         size = min(_PIECE, n - begin)
         by, turn = np.empty((2, size)), np.empty((2, size))
-        _turn(step, begin, by, turn)
+        _turn(phase, begin, by, turn)
         lines = np.zeros((count, size))
         for m in range(by_cos.shape[1]):
             for i in range(count):

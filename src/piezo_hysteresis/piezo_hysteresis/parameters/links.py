@@ -191,7 +191,11 @@ FEEDFORWARD = ParameterTable(
             'inverse of one Bouc-Wen block, the numeric inverse of any chain, or a gain.',
             choices=INVERSES,
         ),
-        ParameterSpec('follow_estimate', False, 'Use every model/estimate on reception.'),
+        ParameterSpec(
+            'follow_estimate',
+            False,
+            'Use each converged model/estimate on reception; one of a drive for its frequency.',
+        ),
     ),
     rules=(_range_rule, _window_rule),
 )

@@ -105,6 +105,12 @@ IDENTIFICATION = ParameterTable(
             'publish_every', 500, 'Samples between two estimates.', '1', low=1, high=1000000
         ),
         ParameterSpec('only_records', True, 'Ignore samples between the records of a sweep.'),
+        ParameterSpec(
+            'per_frequency',
+            False,
+            'Keep one estimate for each drive, frequency and amplitude, that the markers of a '
+            'sweep state; ~/save writes all of them.',
+        ),
         MODEL_FOLDER,
         ParameterSpec(
             'variant',

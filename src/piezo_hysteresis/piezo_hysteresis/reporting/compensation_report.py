@@ -117,7 +117,12 @@ def _dominant(run: Run) -> float:
 
 def _voltages(runs: Sequence[Run]) -> PageSection:
     counted = [
-        (run.name, name.partition('_')[2] or name, what.replace('_', ' '), count)
+        (
+            run.name,
+            (name.partition('_')[2] or name).replace('_', ' '),
+            what.replace('_', ' '),
+            count,
+        )
         for run in runs
         for name, counts in run.result.counters.items()
         for what, count in counts.items()

@@ -14,7 +14,6 @@ import yaml
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES
 from piezo_hysteresis.discovery import Discovery, Verdict
 from piezo_hysteresis.discovery.data.check import Check
-from piezo_hysteresis.discovery.live.apply import simulator_parameters
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.verdict.prove import over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
@@ -356,7 +355,7 @@ def _unique(names: Sequence[str]) -> list[str]:
 
 
 def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ()) -> None:
-    """Write verdict.json, model.yaml, params.yaml, simulator.yaml and report.html.
+    """Write verdict.json, model.yaml, params.yaml and report.html.
 
     Raises
     ------
@@ -365,10 +364,6 @@ def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ())
     """
     saved = found.model_file(data)
     ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
-    simulator = simulator_parameters(saved)
-    note = ''
-    if simulator.missing:
-        note = f'# Without counterpart in the simulator: {", ".join(simulator.missing)}\n'
     verdict = json.dumps(found.verdict.to_dict(), indent=2, allow_nan=False)
     write_folder(
         out,
@@ -376,7 +371,6 @@ def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ())
             'verdict.json': verdict + '\n',
             'model.yaml': saved.text(),
             'params.yaml': yaml.safe_dump(ros, sort_keys=False),
-            'simulator.yaml': note + yaml.safe_dump(simulator.to_ros(), sort_keys=False),
             'report.html': discovery_page(found),
         },
         'discover',

@@ -79,11 +79,10 @@ def _line(group: Sequence[Value]) -> tuple[str, str, str]:
         value = group[0]
         std = None if value.std is None else abs(factor) * value.std
         number, deviation = with_deviation(factor * value.value, std)
-        return (
-            value.name,
-            f'{number} ± {deviation}' if _is_number(deviation) else _without(number, deviation),
-            shown_unit,
-        )
+        if deviation == 'not determined':
+            return value.name, deviation, ''
+        text = f'{number} ± {deviation}' if _is_number(deviation) else number
+        return value.name, text, shown_unit
     sizes = np.array([factor * value.value for value in group])
     largest = int(np.argmax(np.abs(sizes)))
     text = (
@@ -133,10 +132,6 @@ def _stem(value: Value) -> str:
 def _number(value: Value) -> int:
     match = _NUMBERED.match(value.name)
     return int(match.group(2)) if match else 0
-
-
-def _without(number: str, deviation: str) -> str:
-    return deviation if deviation == 'not determined' else number
 
 
 def _is_number(text: str) -> bool:

@@ -14,10 +14,11 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
-from piezo_hysteresis.reporting.signals import thinned
+from piezo_hysteresis.reporting.signals import amplitude_spectrum, thinned
 
 _PANELS = 6
 _LAST = 20_000  # drawn samples of a record without a period
+_LEAST = 1e-15  # drawn amplitude [m], which a logarithmic axis needs
 _MODEL, _ERROR, _FLOOR = ROLES['model'], ROLES['error'], '#000000'
 
 
@@ -108,9 +109,9 @@ def _spectra(
                 _ERROR,
             ),
         ):
-            frequency, amplitude = _amplitudes(signal, record.dt)
-            x, y = thinned(frequency[1:], 1e6 * amplitude[1:], decades=True)
-            axis.loglog(x, y, color=colour, label=label, lw=0.8)
+            frequency, amplitude = amplitude_spectrum(signal, record.dt)
+            x, y = thinned(frequency, amplitude, decades=True)
+            axis.loglog(x, 1e6 * np.maximum(y, _LEAST), color=colour, label=label, lw=0.8)
         if floor > 0:
             # amplitude of one spectral line of white noise with this rms
             line = 2e6 * floor / np.sqrt(len(record) - record.warm_up_samples)
@@ -120,13 +121,6 @@ def _spectra(
         axis.set_ylabel('amplitude [µm]')
     axes[0].legend()
     return figure
-
-
-def _amplitudes(signal: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
-    window = np.hanning(signal.size)
-    window *= (signal - signal.mean()) / window.sum()
-    amplitude = 2 * np.abs(np.fft.rfft(window)) + 1e-15
-    return np.asarray(np.fft.rfftfreq(signal.size, dt), dtype=np.float64), amplitude
 
 
 def _over_frequency(

@@ -34,7 +34,7 @@ def where_section(
     """
     errors = {each.name: each.displacement - simulated[each.name] for each in records}
     by_name = {row.record: row for row in found.records}
-    worst = max(records, key=lambda r: largest_if_unknown(by_name[r.name].free_run_rms))
+    worst = max(records, key=lambda r: largest_if_unknown(by_name[r.name].nrmse_percent))
     figures = []
     if len({r.info.frequency for r in records if r.info.frequency > 0}) > 2:
         figures.append(over_frequency(records, found))
@@ -107,7 +107,7 @@ def _in_worst(
     cut = slice(record.warm_up_samples, None)
     signals = [('measured', record.displacement[cut]), ('measured minus model', error[cut])]
     frequency = record.info.frequency
-    caption = f'Amplitudes in {record.name}, the record with the largest error'
+    caption = f'Amplitudes in {record.name}, the record with the largest relative error'
     marked = {} if resonance is None else {'mode': resonance}
     spectra = spectrum_figure(
         signals, record.dt, 'Spectrum of the error',

@@ -26,7 +26,7 @@ from piezo_hysteresis.reporting.plot_parts import (
     new_axes,
     readable_decades,
 )
-from piezo_hysteresis.reporting.signals import amplitude_spectrum
+from piezo_hysteresis.reporting.signals import amplitude_spectrum, thinned
 
 __all__ = [
     'GREY',
@@ -243,7 +243,9 @@ def spectrum_figure(
     for (label, signal), role in zip(signals, named, strict=False):
         frequency, amplitude = amplitude_spectrum(signal, dt)
         inside = frequency <= end
-        curves.append(Curve(label, frequency[inside], np.maximum(amplitude[inside], 1e-13), role))
+        # thinned here, so that only one whole spectrum exists at a time
+        x, y = thinned(frequency[inside], amplitude[inside])
+        curves.append(Curve(label, x, np.maximum(y, 1e-13), role))
     draw_lines(plot, curves, 1.0, MICRO, ground=True)
     for order in orders:
         if 0 < order * fundamental < end:

@@ -6,6 +6,7 @@ from heapq import heappop, heappush
 from itertools import pairwise
 
 import numpy as np
+from scipy.fft import rfft
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
 
@@ -66,7 +67,8 @@ def _corners(x: FloatArray, y: FloatArray, points: int) -> IntArray:
     if place.size <= points:
         return place
     plane = np.column_stack([x[place], y[place]])
-    plane /= np.maximum(np.ptp(plane, axis=0), np.finfo(float).tiny)
+    span = np.ptp(plane, axis=0)
+    plane = (plane - plane[0]) / np.where(span > 0.0, span, 1.0)
     keep = [0, place.size - 1]
     open_ = [_farthest(plane, 0, place.size - 1)]
     while open_ and len(keep) < points and -open_[0][0] > _UNSEEN:
@@ -119,12 +121,16 @@ def amplitude_spectrum(signal: FloatArray, dt: float) -> tuple[FloatArray, Float
     dt : float
         Sampling interval [s].
     """
-    # periodic form: whole periods coincide with spectral lines
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(signal.size) / signal.size)
+    # periodic form: whole periods coincide with spectral lines; in place, for long records
+    window = np.arange(signal.size, dtype=np.float64)
+    window *= 2 * np.pi / signal.size
+    np.cos(window, out=window)
+    np.subtract(1.0, window, out=window)
     window /= window.sum()
     # subtracted with the window weights, so that the mean does not leak into the first lines
     window *= signal - float(window @ signal)
-    amplitude = 2 * np.abs(np.fft.rfft(window))
+    amplitude = np.abs(rfft(window, overwrite_x=True))
+    amplitude *= 2.0
     frequencies = np.asarray(np.fft.rfftfreq(signal.size, dt), np.float64)
     return frequencies[1:], np.asarray(amplitude[1:], np.float64)
 

@@ -6,8 +6,8 @@ a free response of a linear system, for any step of the integration before it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -18,8 +18,12 @@ from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.chain import State
 from piezo_hysteresis.models.simulation.plan import LinearStage, PathStage, TickStage, as_linear
 from piezo_hysteresis.models.simulation.state_layout import PlacedBlock
+
+# Largest number of values of free responses that a stage keeps (32 MB).
+_MOST_KEPT = 4_000_000
 
 
 class _Tail(NamedTuple):
@@ -51,7 +55,6 @@ class FreeResponse:
         self._stages, self._packed = model.stages, packed
         self._led, self._target = led, target
         self._tails = [self._tail_of(k) for k in range(len(self._stages))]
-        self._rows: dict[int, list[FloatArray]] = {}
 
     def affine(self, stage: int, first: int) -> bool:
         """Return whether the blocks of a stage from `first` on respond linearly to a change."""
@@ -69,21 +72,20 @@ class FreeResponse:
         size is evaluated after 1, 2, 4, ... ticks.
         """
         found: dict[tuple[int, int], float] = {}
-        dt = self._target.dt
+        dt, count = self._target.dt, self._target.drive.size - self._target.origin
         for k, tail in enumerate(self._tails):
             if tail is None:
                 continue
             # the input of the tail of a path is not stored: its output has the same size
             inside = isinstance(self._stages[k], PathStage)
             size = float(np.max(np.abs(self._led[k + 1 if inside else k])))
-            count = self._target.drive.size - self._target.origin
-            state = tail.stage.initial_state(dt, 0.0)
-            most, step = np.zeros(state.size), np.full(count, size)
-            ends = np.unique(np.minimum(2 ** np.arange(count.bit_length() + 1), count))
-            for low, high in pairwise((0, *(int(end) for end in ends))):
-                tail.stage.respond(step[low:high], tail.values, dt, state=state, frequency=0.0)
-                most = np.maximum(most, np.abs(state))
-            found |= {(k, tail.first + i): float(value) for i, value in enumerate(most)}
+            most = _remembered(
+                tail.stage,
+                'reach',
+                (tail.values.tobytes(), dt, count),
+                partial(_reach, tail, dt, count),
+            )
+            found |= {(k, tail.first + i): size * float(value) for i, value in enumerate(most)}
         return found
 
     def response(self, moved: Sequence[StateOffset]) -> FloatArray:
@@ -102,20 +104,62 @@ class FreeResponse:
                 change[self._target.origin :] += each.amount * row
         return change
 
-    def _released(self, k: int, tail: _Tail) -> list[FloatArray]:
-        """Return the displacement by a unit offset of each state in the tail of a stage."""
-        if k not in self._rows:
-            dt, count = self._target.dt, self._target.drive.size - self._target.origin
-            free = tail.stage.released(tail.values, dt, count)
-            stage = self._stages[k]
-            on_a_path = isinstance(stage, PathStage) and stage.run.steps(
-                self._packed[stage.columns], dt
-            )
-            if on_a_path and not tail.stage.ahead:
-                free = free.copy()
-                free[:, 0] = 0.0  # the last reading is a separate state in this case
-            self._rows[k] = [self._passed_on(k + 1, row) for row in free]
-        return self._rows[k]
+    def last_linear(self) -> int:
+        """Return the first of the stages at the end of the chain that keep no nonlinear state."""
+        first = len(self._stages)
+        while first and self._is_linear(first - 1):
+            first -= 1
+        return first
+
+    def _is_linear(self, k: int) -> bool:
+        """Return whether a stage is affine, and all of its states are in its linear tail."""
+        stage, tail = self._stages[k], self._tails[k]
+        if isinstance(stage, PathStage) or not self.affine(k, 0):
+            return False
+        states = stage.initial_state(self._target.dt, 0.0).size
+        return states == (0 if tail is None else len(self._released(k, tail)))
+
+    def difference(self, first: int, states: State, others: State) -> FloatArray:
+        """Return the free response to the difference of the states of stages from `first` on."""
+        change = np.zeros(self._target.drive.size - self._target.origin)
+        for k in range(first, len(self._stages)):
+            tail = self._tails[k]
+            if tail is not None:
+                change += (states[k] - others[k]) @ self._released(k, tail)
+        return change
+
+    def step(self, first: int) -> FloatArray:
+        """Return the response of the stages from `first` on to a unit step, shape (n,)."""
+        key, count = self._key(first)
+        return _remembered(
+            self._stages[first], 'step', key, lambda: self._passed_on(first, np.ones(count))
+        )
+
+    def _key(self, k: int) -> tuple[object, int]:
+        """Return what the responses of the stages from `k` on depend on, and their length."""
+        own = np.concatenate([self._packed[stage.columns] for stage in self._stages[k:]])
+        count = self._target.drive.size - self._target.origin
+        return (k, own.tobytes(), self._target.dt, count, self._target.frequency), count
+
+    def _released(self, k: int, tail: _Tail) -> FloatArray:
+        """Return the displacement by a unit offset of each state in a tail, shape (q, n)."""
+        key, _ = self._key(k)
+        return _remembered(self._stages[k], 'passed_on', key, lambda: self._release(k, tail))
+
+    def _release(self, k: int, tail: _Tail) -> FloatArray:
+        """Return the displacement by a unit offset of each state in a tail, shape (q, n)."""
+        dt, count = self._target.dt, self._target.drive.size - self._target.origin
+        free = tail.stage.released(tail.values, dt, count)
+        stage = self._stages[k]
+        on_a_path = isinstance(stage, PathStage) and stage.run.steps(
+            self._packed[stage.columns], dt
+        )
+        if on_a_path and not tail.stage.ahead:
+            free = free.copy()
+            free[:, 0] = 0.0  # the last reading is a separate state in this case
+        if k + 1 == len(self._stages):
+            return free
+        return np.array([self._passed_on(k + 1, row) for row in free])
 
     def _passed_on(self, first: int, change: FloatArray) -> FloatArray:
         """Return the response of the stages from `first` on to a change of their input."""
@@ -124,12 +168,12 @@ class FreeResponse:
         for stage in self._stages[first:]:
             p, pair = self._packed[stage.columns], []
             for signal in (usual, moved):
-                state = stage.initial_state(target.dt, target.start)
+                state = stage.initial_state(target.dt, 0.0)
                 pair.append(
                     stage.respond(signal, p, target.dt, state=state, frequency=target.frequency)
                 )
             usual, moved = pair
-        return moved - usual if first < len(self._stages) else change
+        return moved - usual
 
     def _tail_of(self, k: int) -> _Tail | None:
         """Return the linear tail of a stage, None if it has none."""
@@ -158,6 +202,31 @@ class FreeResponse:
         ]
         tail = LinearStage(tuple(kept), np.arange(begin, p.size), 0, stage.run.ahead)
         return _Tail(tail, p[begin:], memories[first].start)
+
+
+def _reach(tail: _Tail, dt: float, count: int) -> FloatArray:
+    """Return the largest value of each state of a tail under a unit step."""
+    state = tail.stage.initial_state(dt, 0.0)
+    most, step = np.zeros(state.size), np.ones(count)
+    ends = np.unique(np.minimum(2 ** np.arange(count.bit_length() + 1), count))
+    for low, high in pairwise((0, *(int(end) for end in ends))):
+        tail.stage.respond(step[low:high], tail.values, dt, state=state, frequency=0.0)
+        most = np.maximum(most, np.abs(state))
+    return most
+
+
+def _remembered(
+    owner: object, name: str, key: object, made: Callable[[], FloatArray]
+) -> FloatArray:
+    """Return what was made for a key; hundreds of starts are tested with the same parameters."""
+    known: dict[object, FloatArray] = owner.__dict__.get(f'_{name}', {})
+    if key in known:
+        return known[key]
+    new = made()
+    size = new.size + sum(each.size for each in known.values())
+    # shared by threads, therefore replaced and never changed
+    owner.__dict__[f'_{name}'] = {**known, key: new} if size <= _MOST_KEPT else {key: new}
+    return new
 
 
 def _passes(block: Block) -> bool:

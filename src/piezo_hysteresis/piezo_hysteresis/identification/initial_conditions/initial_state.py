@@ -12,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.identification.initial_conditions.free_response import FreeResponse
 from piezo_hysteresis.identification.initial_conditions.record_start import path_to
 from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
+from piezo_hysteresis.models.chain import State
 from piezo_hysteresis.models.simulation.plan import PathStage, free_states
 from piezo_hysteresis.numerics.linalg import solve_square
 from piezo_hysteresis.numerics.qr import gram, products
@@ -30,6 +31,8 @@ _LEVEL = 3e-3
 # share of its maximum at which it has decayed.
 _PIECE = 512
 _FADED = 1e-7
+# Share of the input of linear stages by which a constant difference may vary.
+_EQUAL = 1e-13
 # Rows with an effect below this share of the stroke are ignored.
 _NOTHING = 1e-11
 
@@ -119,11 +122,35 @@ class InitialStateRun:
 
     def driven(self, drive: FloatArray) -> FloatArray:
         """Return the displacement for another drive as long as that of the target, shape (n,)."""
-        signal, target = drive, self.target
-        for k, stage in enumerate(self.model.stages):
-            state = stage.initial_state(target.dt, target.start)
-            signal = self._through(k, signal, self._packed, state)
+        first, begin = self._free_response.last_linear(), self.target.origin
+        states, signal = self.model.initial_state(self.target.dt, self.target.start), drive
+        for k in range(first):
+            signal = self._through(k, signal, self._packed, states[k])
+        change = signal[begin:] - self._led[first][begin:]
+        limit = _EQUAL * float(np.max(np.abs(signal)))
+        unlike = np.flatnonzero(~(np.abs(change - change[-1]) <= limit))
+        end = begin + (int(unlike[-1]) + 1 if unlike.size else 0)
+        if first == len(states) or 2 * end > signal.size:
+            return self._onward(first, signal, states)
+        return self._rejoined(first, signal[:end], states, float(change[-1]))
+
+    def _onward(self, first: int, signal: FloatArray, states: State) -> FloatArray:
+        """Return the displacement for an input of stage `first`; `states` in place."""
+        for k in range(first, len(states)):
+            signal = self._through(k, signal, self._packed, states[k])
         return signal
+
+    def _rejoined(self, first: int, signal: FloatArray, states: State, later: float) -> FloatArray:
+        """Return the displacement for an input that differs by a constant after its first samples.
+
+        Of the earlier differences only those of the states of the linear stages last.
+        """
+        begin, end = self.target.origin, signal.size
+        y, usual = self._onward(first, signal, states), [state.copy() for state in self._states]
+        self._onward(first, self._led[first][begin:end], usual)
+        late, free = self._led[-1][end:], self._free_response
+        change = free.difference(first, states, usual) + later * free.step(first)
+        return np.concatenate([y, late + change[: late.size]])
 
     def _run_from(self, moved: tuple[StateOffset, ...]) -> FloatArray:
         """Return the displacement from offset states, simulated until they have no effect.
@@ -215,7 +242,9 @@ class BestFit:
         self._gram = gram(self._rows)
         self._gram[np.diag_indices(len(prior))] += prior**2
 
-    def __call__(self, error: FloatArray, pull: FloatArray) -> FloatArray:
+    def __call__(
+        self, error: FloatArray, pull: FloatArray, among: BoolArray | None = None
+    ) -> FloatArray:
         """Return the coefficients of the best fit, shape (q,).
 
         Parameters
@@ -224,8 +253,18 @@ class BestFit:
             Error to fit [m].
         pull : ndarray, shape (q,)
             Coefficients that the run already contains.
+        among : ndarray of bool, shape (q,), optional
+            Rows to fit with; the coefficients of the others are 0.
         """
         target = products(self._rows, np.ascontiguousarray(error)) - self._prior**2 * pull
-        if target.size == 1 and self._gram[0, 0] > 0.0:
-            return np.asarray(target / self._gram[0, 0])
-        return solve_square(self._gram, target).values
+        if among is None or np.all(among):
+            return _solved(self._gram, target)
+        found = np.zeros(target.size)
+        found[among] = _solved(self._gram[np.ix_(among, among)], target[among])
+        return found
+
+
+def _solved(square: FloatArray, target: FloatArray) -> FloatArray:
+    if target.size == 1 and square[0, 0] > 0.0:
+        return np.asarray(target / square[0, 0])
+    return solve_square(square, target).values

@@ -133,32 +133,31 @@ def _settled(
     """
     assert nuisances.motion is not None
     motion, weight = nuisances.motion, 1.0 if factors is None else factors
-    rows, prior = nuisances.rows * weight, nuisances.prior
-    known, states = motion.target.begins.levels, len(most)
+    rows = nuisances.rows if factors is None else nuisances.rows * factors
+    prior, known, states = nuisances.prior, motion.target.begins.levels, len(most)
     straight = np.array([motion.in_proportion(each) for each in most], bool)
     moves = np.ones(len(rows), bool)
     moves[states : states + len(known)] = False
     exact = moves.copy()
     exact[:states] = straight
-    best, exactly = BestFit(rows[moves], prior[moves]), BestFit(rows[exact], prior[exact])
+    explained = BestFit(rows, prior)
 
     def evaluated(shares: FloatArray) -> tuple[float, FloatArray]:
         """Return the cost of the run from these offsets, and its error."""
         error = left() * weight
         if not np.all(np.isfinite(error)):
             return float('inf'), error
-        more = np.zeros(len(rows))
-        more[exact] = exactly(error, shares[exact])
+        more = explained(error, shares, exact)
         rest, held = error - more @ rows, prior * (shares + more)
         return inner(rest, rest) + float(held @ held), error
 
     shares = np.zeros(len(rows))
     cost, error = evaluated(shares)
-    for _ in range(_TURNS if states and isfinite(cost) else 0):
-        step, before, found = np.zeros(len(rows)), motion.moved, None
-        step[moves] = best(error, shares[moves])
+    bent = not np.all(straight)  # else the cost of the best states is known without their run
+    for _ in range(_TURNS if bent and isfinite(cost) else 0):
+        step, before, found = explained(error, shares, moves), motion.moved, None
         step[states:] = 0.0
-        for part in _PARTS if not np.all(straight) else (1.0,):
+        for part in _PARTS:
             moved = shares + step * np.where(exact, 1.0, part)
             motion.go(_amounts(most, moved))
             new, further = evaluated(moved)
@@ -172,11 +171,10 @@ def _settled(
         if gain <= _SMALL * cost:
             break
     if states and isfinite(cost):
-        shares[exact] += exactly(error, shares[exact])
+        shares += explained(error, shares, exact)
         shares[states:] = 0.0
         motion.go(_amounts(most, shares))
         error = left() * weight
-    explained = BestFit(rows, prior)
     levels: tuple[float, ...] = ()
     if known and np.all(np.isfinite(error)):
         largest = float(np.max(np.abs(motion.target.voltage)))

@@ -15,14 +15,12 @@ from math import ceil
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.stated import STARTS
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import measured_without_outliers
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.records import Record
-
-#: Initial conditions that a user may state; ``auto`` selects one from the data.
-STARTS = ('auto', 'rest', 'step', 'settled', 'estimate')
 
 #: Length of the lead-in of a settled record, for the transient of the model to decay [s].
 SETTLING = 3.0

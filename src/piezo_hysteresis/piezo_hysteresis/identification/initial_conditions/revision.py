@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.stated import STARTS, ZEROS
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.initial_conditions.record_start import STARTS
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import (
     StartSearch,
     square_of,
@@ -24,8 +24,6 @@ from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
-
-ZEROS = ('auto', 'record', 'common')
 
 # A zero per record must reduce the cost by more than half: a shifted sensor does, a small model
 # error does not.
@@ -45,7 +43,7 @@ class Choices:
     Attributes
     ----------
     start : str
-        One of `record_start.STARTS`.
+        One of `stated.STARTS`.
     zero : str
         ``record``, ``common`` or ``auto``.
 
@@ -146,15 +144,8 @@ def _zeroed(
 ) -> list[Target]:
     """Return the targets, with a zero per record where they need one.
 
-    Parameters
-    ----------
-    targets, choices
-        As in `revised`.
-    search : StartSearch
-        Residuals of the model.
-    fewest : int
-        Smallest number of records that can have their own zeros. If it is more than one, the
-        records are fitted together, and their common zero is estimated again.
+    With `fewest` above one the records are fitted together, and their common zero is estimated
+    again.
     """
     if choices.zero != 'auto' or len({t.name.removesuffix(WAY_IN) for t in targets}) < fewest:
         return [replace(each, own_zero=choices.zero == 'record') for each in targets]

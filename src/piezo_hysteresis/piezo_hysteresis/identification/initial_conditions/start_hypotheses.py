@@ -6,7 +6,7 @@ must reduce the cost by more than its penalty.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, log, sqrt
 
@@ -97,7 +97,7 @@ class StartSearch:
     records : sequence of Record
         Measured records.
     wanted : str
-        Start stated by the user, one of `record_start.STARTS`.
+        Start stated by the user, one of `stated.STARTS`.
     lasting : bool
         Whether the estimate must be valid for other models, too: levels before a record are
         physical, a state belongs to one model.
@@ -199,22 +199,28 @@ class StartSearch:
         if not (1.0 - _ALIKE) ** 2 * least > (1.0 - _SHOWN) * self._square(found):
             return False
         limit = _ALIKE * sqrt(least / left.size)
+        del left
         return all(
-            float(np.sum(np.max(np.abs(self._changes(found, record, start)[:, -count:]), axis=1)))
+            sum(
+                float(np.max(np.abs(change[-count:])))
+                for change in self._changes(found, record, start)
+            )
             <= limit
             for start in starts
         )
 
-    def _changes(self, found: Prediction, record: Record, start: RecordStart) -> FloatArray:
-        """Return the changes of the driven samples by a start and by its states, shape (k, n)."""
+    def _changes(
+        self, found: Prediction, record: Record, start: RecordStart
+    ) -> Iterator[FloatArray]:
+        """Yield the changes of the driven samples by a start and by its states, shape (n,)."""
         target, count = led_in(found.target, record, start), self._driven(found.target)
         late = samples_late(self._model, target.dt, self._late)
         run = InitialStateRun(self._model, self._packed, target)
-        rows = [read(run.response, target, late)[-count:] - found.response[-count:]]
+        change = read(run.response, target, late)[-count:] - found.response[-count:]
+        yield _or_infinite(change)
         if start == RecordStart('estimate'):
-            rows += [read(row, target, late)[-count:] for row in start_rows(run)[0]]
-        changes = np.array(rows)
-        return np.where(np.isfinite(changes), changes, np.inf)
+            for row in start_rows(run)[0]:
+                yield _or_infinite(read(row, target, late)[-count:])
 
     def _beginning(
         self, found: Prediction, record: Record, starts: Sequence[RecordStart]
@@ -234,13 +240,13 @@ class StartSearch:
         probes = [RecordStart('estimate', (way * farthest,)) for way in (-1.0, 1.0)]
         lasts = 0
         for start in [*probes, *(start for start in starts if not start.levels)]:
-            changes = self._changes(found, record, start)
-            if not np.all(np.isfinite(changes)):
-                return _Beginning(target)
-            moves = np.flatnonzero(np.any(np.abs(changes - changes[:, -1:]) > limit, axis=0))
-            lasts = max(lasts, int(moves[-1]) + 1 if moves.size else 0)
-            if lasts > target.voltage.size // _SMALL_PART:
-                return _Beginning(target)
+            for change in self._changes(found, record, start):
+                if not np.all(np.isfinite(change)):
+                    return _Beginning(target)
+                moves = np.flatnonzero(np.abs(change - change[-1]) > limit)
+                lasts = max(lasts, int(moves[-1]) + 1 if moves.size else 0)
+                if lasts > target.voltage.size // _SMALL_PART:
+                    return _Beginning(target)
         size = max(lasts - (target.first - target.origin), 0) // target.stride + _MARGIN
         if size > target.measured.size // _SMALL_PART:
             return _Beginning(target)
@@ -439,6 +445,12 @@ def _first_samples(found: Prediction, size: int) -> _Beginning:
         influence=factors,
     )
     return _Beginning(part, inner(squares, (error - mean) ** 2))
+
+
+def _or_infinite(change: FloatArray) -> FloatArray:
+    """Return a change of the displacement in place, infinite where it is not finite."""
+    change[~np.isfinite(change)] = np.inf
+    return change
 
 
 def _cost(evaluated: Hypothesis) -> float:
