@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.investigation.history import LONGEST, History
-from piezo_hysteresis.models import candidates, named
+from piezo_hysteresis.models import Model, candidates, named
 from piezo_hysteresis.records import Record
 
 DT = 1e-3
@@ -29,9 +30,18 @@ def test_a_record_that_follows_at_rest_has_all_that_went_before() -> None:
     second = history.following(record([0.0, 2.0], 100.005))
     np.testing.assert_array_equal(second.before, [0.0, 1.0, 0.5, 0.0, 0.0])
     assert second.start == pytest.approx(0.005)
-    assert second.info.start == 'step'
     third = history.following(record([3.0], 100.007))
     np.testing.assert_array_equal(third.before, [0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 2.0])
+
+
+@pytest.mark.parametrize('rest', [0.0, 5.0])
+def test_a_state_is_estimated_until_the_history_is_known_long_enough(rest: float) -> None:
+    history = History(rest)
+    starts = [
+        history.following(record([rest, 1.0], start)).info.start
+        for start in (100.0, 100.5, 100.0 + 0.99 * LONGEST, 100.0 + LONGEST)
+    ]
+    assert starts == ['estimate', 'estimate', 'estimate', 'step']
 
 
 def test_nothing_is_known_where_the_clock_or_the_actuator_was_started_anew() -> None:
@@ -72,21 +82,28 @@ def test_a_section_knows_what_went_before_it() -> None:
     np.testing.assert_array_equal(part.before, [1.0, 2.0])
 
 
-def test_creep_continues_from_one_record_to_the_next() -> None:
+def creeping() -> tuple[Model, dict[str, float]]:
     base = named('classical')
     creep = next(c for c in candidates(base, 1.0, 1e-4) if c.effect.variant == 'creep')
-    values = creep.values(base.defaults(), creep.starts[0])
-    swing = np.sin(2 * np.pi * 5.0 * DT * np.arange(2000))
-    course = np.concatenate([[0.0], np.ones(1999), np.zeros(300), swing])
+    return creep.model, creep.values(base.defaults(), creep.starts[0])
 
-    def run(seen: Record) -> FloatArray:
-        (found,) = predictions(creep.model, values, [whole(seen)])
-        return found.displacement
 
-    everything = run(record(course, 0.0))
+def residual_of(seen: Record) -> float:
+    (found,) = predictions(*creeping(), [whole(seen, begins=first_guess(seen))])
+    return float(np.max(np.abs(found.residual)))
+
+
+def test_creep_of_earlier_motion_continues_in_every_record() -> None:
+    """Also that before the first experiment, of which nothing is known."""
+    swing = np.sin(2 * np.pi * 5.0 * DT * np.arange(1000))
+    rest = np.zeros(300)
+    course = np.concatenate([np.ones(1000), rest, swing, rest, swing])
+    (found,) = predictions(*creeping(), [whole(record(course, 0.0))])
+    y, stroke = found.displacement, float(np.ptp(found.displacement))
+    first, second = (Record('r', DT, swing, y[k : k + 1000], start=k * DT) for k in (1300, 2600))
     history = History()
-    history.following(record(course[:2000], 0.0))
-    second = history.following(record(swing, 2.3))
-    np.testing.assert_allclose(run(second), everything[2300:], atol=1e-12)
-    alone = run(record(swing, 2.3))
-    assert np.max(np.abs(alone - everything[2300:])) > 1e-3 * np.ptp(everything)
+    assert residual_of(history.following(first)) < 1e-4 * stroke
+    follows = history.following(second)
+    assert residual_of(follows) < 1e-4 * stroke
+    at_rest = replace(follows, info=replace(follows.info, start='step'))
+    assert residual_of(at_rest) > 1e-3 * stroke

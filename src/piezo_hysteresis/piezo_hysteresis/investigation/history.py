@@ -4,8 +4,8 @@ Creep, heat and fatigue outlast an experiment and its conditioning. All commands
 experiment are known, and the actuator rests at one voltage between experiments. The model is
 therefore simulated through this history before each record, on one common clock, and its slow
 states carry over from one record to the next without a waiting time. What the actuator did
-before the first experiment is unknown, so the initial state of the first record is estimated:
-otherwise creep after earlier motion appears as drift.
+before the first experiment is unknown, so the initial state of each record is estimated until the
+known history is as long as it counts: otherwise creep after earlier motion appears as drift.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class History:
     def following(self, record: Record) -> Record:
         """Return a record with its voltage history, and append it to the history.
 
-        The initial state of a record with an unknown history is estimated.
+        The initial state of a record is estimated unless its history is known for `LONGEST`.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class History:
             before = self._voltage_before(rest, round(LONGEST / record.dt)) if rest >= 0 else None
         if before is None:
             self._zero, start = record.start, 0.0
-        begins = 'estimate' if before is None else 'step'
+        begins = 'step' if before is not None and start >= LONGEST else 'estimate'
         info = replace(record.info, start=begins)
         self._last = replace(record, start=start, before=before, info=info)
         return self._last

@@ -190,7 +190,7 @@ def deepened(start: RecordStart, record: Record) -> Iterator[RecordStart]:
 
 def lead_in(record: Record, start: RecordStart) -> FloatArray:
     """Return the lead-in: voltage from the virgin state to the first sample of the record [V]."""
-    if start.kind == 'step' and record.before is not None:
+    if start.kind in ('step', 'estimate') and not start.levels and record.before is not None:
         return np.concatenate([np.zeros(_EDGE), record.before])
     if start.kind == 'settled':
         return _cycles(record.voltage[: cycle_of(record)], record.dt)
