@@ -38,6 +38,8 @@ class Task:
         known of the training record.
     quick : bool
         Whether iterations are few.
+    periods : int
+        Steady periods that the training record consists of; 0 if unknown.
     """
 
     dt: float
@@ -47,6 +49,7 @@ class Task:
     half_ranges: tuple[float, float]
     middles: tuple[float, float]
     quick: bool
+    periods: int
 
     @property
     def known(self) -> tuple[Array, Array]:
@@ -71,6 +74,7 @@ def read(path: Path) -> Task:
         volts = [file[f'voltage_{i}'] for i in range(count)]
         metres = [file[f'displacement_{i}'] for i in range(count)]
         dt, period, quick = float(file['dt']), int(file['period']), bool(file['quick'])
+        periods = int(file['periods'])
     ranges, middles = [], []
     for signal in (volts[0][np.isfinite(metres[0])], metres[0][np.isfinite(metres[0])]):
         ranges.append(float(np.ptp(signal)) / 2)
@@ -83,6 +87,7 @@ def read(path: Path) -> Task:
         (ranges[0], ranges[1]),
         (middles[0], middles[1]),
         quick,
+        periods,
     )
 
 
@@ -369,6 +374,83 @@ def jax_states(task: Task, network: bool) -> Answer:
     return Answer(narx_runs(task, by, predict), count, words)
 
 
+def start_of(system: Sequence[Array], u: Array, y: Array) -> Array:
+    """Return the initial state with which a linear system follows the known samples best."""
+    a, _, c, _ = system
+    known = np.flatnonzero(np.isfinite(y))
+    state, rows = np.eye(a.shape[0]), []
+    for _ in range(known.size):
+        rows.append((c @ state).ravel())
+        state = a @ state
+    left = (y - linear_run(system, np.zeros(a.shape[0]), u))[known]
+    return np.linalg.lstsq(np.reshape(rows, (-1, a.shape[0])), left, rcond=None)[0]
+
+
+def linear_run(system: Sequence[Array], state: Array, u: Array) -> Array:
+    """Return the output of a linear system."""
+    a, b, c, d = system
+    run = np.empty(u.size)
+    for k, value in enumerate(u):
+        run[k] = (c @ state + d[:, 0] * value)[0]
+        state = a @ state + b[:, 0] * value
+    return run
+
+
+def subspace_linear(task: Task) -> Answer:
+    """Apply N4SID (nfoursid); the order and the rows by the free run over what is known."""
+    import pandas
+    from nfoursid.nfoursid import NFourSID
+
+    by = 50 if task.period >= 1000 else 1
+    # its singular value decomposition keeps a square of the number of samples in memory
+    u, y = (each[-4000:] for each in slower(task, *task.known, by))
+    frame = pandas.DataFrame({'u': u, 'y': y})
+    found = []
+    for rows in (10,) if task.quick else (10, 20, 40):
+        method = NFourSID(frame, ['y'], ['u'], num_block_rows=rows)
+        method.subspace_identification()
+        for order in (1, 2, 3, 4, 6):
+            model, _ = method.system_identification(rank=order)
+            matrices = (model.a, model.b, model.c, model.d)
+            system = [np.asarray(part, dtype=float) for part in matrices]
+            if np.max(abs(np.linalg.eigvals(system[0]))) > 1.0:
+                continue
+            error = rms(linear_run(system, start_of(system, u, y), u) - y)
+            found.append((error, f'order {order}, {rows} block rows', system))
+    _, words, best = min(found, key=lambda each: each[0])
+
+    def predict(u: Array, y: Array) -> Array:
+        return linear_run(best, start_of(best, u, y), u)
+
+    count = sum(part.size for part in best)
+    return Answer(narx_runs(task, by, predict), count, f'{words}, one in {by} samples')
+
+
+def frequency_lfr(task: Task) -> Answer:
+    """freq-statespace: the steps and sizes of its quick example, the solver of its mirror."""
+    import freq_statespace as fss
+    import jax
+    import optimistix
+
+    jax.config.update('jax_enable_x64', True)
+    few = 5 if task.quick else 300
+    u, y = (each.reshape(task.periods, -1).T[:, None, None] for each in task.known)
+    spectrum = abs(np.fft.rfft(u[:, 0, 0, 0]))
+    lines = np.flatnonzero(spectrum > 1e-3 * np.max(spectrum))
+    data = fss.create_data_object(u, y, lines[lines > 0], 1.0 / task.dt)
+    linear = fss.lin.subspace_id(data, 3)
+    linear = fss.lin.optimize(linear, data, print_every=0)
+    # Levenberg-Marquardt, its default, does not end its first ten iterations in minutes
+    solver = optimistix.BFGS(rtol=1e-3, atol=1e-6)
+    model = fss.nonlin.inference_and_learning(
+        linear, data, fss.static.basis.Polynomial(1, degree=3), 1,
+        solver=solver, max_iter=few, print_every=0,
+    )  # fmt: skip
+    model = fss.nonlin.optimize(model, data, solver=solver, max_iter=few // 5, print_every=0)
+    runs = [np.asarray(model.simulate(u[:, None])[0]).ravel() for u in task.voltage[1:]]
+    return Answer(runs, model.num_parameters(), 'three states, polynomial of degree 3')
+
+
 def jax_linear(task: Task) -> Answer:
     """jax-sysid, linear, third order."""
     return jax_states(task, network=False)
@@ -385,6 +467,8 @@ TOOLS: dict[str, tuple[Callable[[Task], Answer], str]] = {
     'pysindy_library': (pysindy_library, 'pysindy'),
     'pysindy_polynomials': (pysindy_polynomials, 'pysindy'),
     'sysidentpy_sign': (sysidentpy_sign, 'sysidentpy'),
+    'subspace_linear': (subspace_linear, 'nfoursid'),
+    'frequency_lfr': (frequency_lfr, 'freq-statespace'),
     'jax_linear': (jax_linear, 'jax-sysid'),
     'jax_network': (jax_network, 'jax-sysid'),
 }

@@ -1,17 +1,19 @@
 """Measured records and one benchmark: this suite in three ways, and its peers at their best.
 
-    python studies/study.py leaderboard --data ../shared/data --peers PYTHON
+    python studies/study.py leaderboard --data ../shared/data --peers PYTHON [PYTHON ...]
 
-PYTHON is an interpreter with `studies/peers/requirements.txt`; without it the peers are left out.
-Each model is run freely over what it was not fitted to, and no peer is given those samples. Rows
-are kept in `--results`, so that a run continues where an earlier one ended. The unknown zero
-of a test record (P-885) is subtracted from the error of every model.
+PYTHON are interpreters with `studies/peers/requirements.txt` and `requirements_jax.txt`, which do
+not fit together; a peer runs in the first that has it, and is left out where none has. Each model
+is run freely over what it was not fitted to, and no peer is given those samples. Rows are kept in
+`--results`, so that a run continues where an earlier one ended. The unknown zero of a test record
+(P-885) is subtracted from the error of every model.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -33,10 +35,12 @@ from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record, load
+from studies.worlds import mirror
 from studies.worlds.stand_ins import records_in
 
 #: A model, its values, and the delay of its samples [s].
 Fit: TypeAlias = tuple[Model, Mapping[str, float], float]
+MIRROR = 'Mirror of three piezos: suite, `identify` with three axes'
 PEERS = Path(__file__).resolve().parents[1] / 'peers' / 'run.py'
 
 
@@ -65,7 +69,10 @@ class Test:
 
 @dataclass(frozen=True)
 class Case:
-    """A training record, of which the first part `known` is fitted, and its tests."""
+    """A training record, of which the first part `known` is fitted, and its tests.
+
+    `frequency` [Hz] is that of a sine; `periods` are those of a multisine in its steady state.
+    """
 
     title: str
     file: str
@@ -75,6 +82,7 @@ class Case:
     frequency: float = 0.0
     known: float = 1.0
     own_zero: bool = False
+    periods: int = 0
 
 
 CASES = (
@@ -94,7 +102,7 @@ CASES = (
             Test('test_multisine.csv', start='settled', zero='common', periodic=True),
             Test('test_sinesweep.csv', start='rest', zero='common'),
         ),
-        'bouc_wen_oscillator', 'linear_mode',
+        'bouc_wen_oscillator', 'linear_mode', periods=5,
     ),
 )  # fmt: skip
 
@@ -104,6 +112,8 @@ RIVALS = {
     'PySINDy, published library': 'pysindy_library',
     'PySINDy, polynomials': 'pysindy_polynomials',
     'SysIdentPy': 'sysidentpy_sign',
+    'nfoursid, linear': 'subspace_linear',
+    'freq-statespace, NL-LFR': 'frequency_lfr',
     'jax-sysid, linear': 'jax_linear',
     'jax-sysid, network': 'jax_network',
 }
@@ -172,7 +182,7 @@ def free_run(test: Test, record: Record, fit: Fit) -> FloatArray:
 
 
 def ours(records: Records, limit: float, seed: int) -> Iterator[tuple[str, Callable[[], Row]]]:
-    """Identify in three ways."""
+    """Identify in four ways."""
     case, train = records.case, records.train
 
     def scored(fit: Fit, parameters: int, started: float) -> Row:
@@ -198,16 +208,19 @@ def ours(records: Records, limit: float, seed: int) -> Iterator[tuple[str, Calla
 
     yield 'suite, automatic model', partial(identified, None)
     yield f'suite, `{case.by_name}`', partial(identified, case.by_name)
+    yield f'suite, `{case.baseline}` alone', partial(identified, case.baseline)
     yield f'suite, discovery from `{case.baseline}`', discovered
 
 
 # Peers
 
 
-def rival(records: Records, tool: str, interpreter: str, quick: bool) -> Row:
+def rival(records: Records, tool: str, asked: argparse.Namespace) -> Row:
     """Run a peer in its own environment; what is kept from it is NaN there."""
     case = records.case
-    signals: dict[str, Any] = {'count': len(records.tests) + 1, 'quick': quick}
+    signals: dict[str, Any] = {
+        'count': len(records.tests) + 1, 'quick': asked.quick, 'periods': case.periods,
+    }  # fmt: skip
     for i, (record, test) in enumerate(
         zip((records.whole, *records.tests), (None, *case.tests), strict=True)
     ):
@@ -221,10 +234,21 @@ def rival(records: Records, tool: str, interpreter: str, quick: bool) -> Row:
     with tempfile.TemporaryDirectory() as folder:
         task, answer = Path(folder) / 'task.npz', Path(folder) / 'answer.npz'
         np.savez(task, dt=dt, period=period, **signals)
-        words = [interpreter, '-W', 'ignore', str(PEERS), tool, str(task), str(answer)]
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        # a peer has no deadline of its own: the start of Python and its last round come on top
+        allowed = None if asked.time_limit == math.inf else 2.0 * asked.time_limit + 60.0
+        for interpreter in asked.peers:
+            words = [interpreter, '-W', 'ignore', str(PEERS), tool, str(task), str(answer)]
+            try:
+                done = subprocess.run(
+                    words, capture_output=True, text=True, check=False, timeout=allowed
+                )
+            except subprocess.TimeoutExpired as error:
+                raise RivalError(f'not done within {error.timeout:g} s') from error
+            if 'ModuleNotFoundError' not in done.stderr:
+                break
         if done.returncode:
-            raise RivalError(done.stderr.strip().splitlines()[-1])
+            reason = done.stderr.strip() or f'exit code {done.returncode}'
+            raise RivalError(reason.splitlines()[-1])
         with np.load(answer) as found:
             runs = [found[f'run_{i}'][-len(record) :] for i, record in enumerate(records.tests)]
             return Row(
@@ -238,11 +262,16 @@ class RivalError(Exception):
 
 
 def rivals(case: Case) -> list[str]:
-    """Return the tools for a case; the published equation and library are of a slow sine."""
+    """Return the tools for a case.
+
+    The published equation and library are of a slow sine; freq-statespace needs steady periods.
+    """
     if not case.frequency:
         return [tool for tool in RIVALS if not tool.startswith('PySINDy, pub')]
-    first = [] if case is CASES[0] else ['PySINDy, published equation']
-    return [tool for tool in RIVALS if tool not in (*first, 'PySINDy, polynomials')]
+    without = ['PySINDy, polynomials', 'freq-statespace, NL-LFR']
+    if case is not CASES[0]:
+        without.append('PySINDy, published equation')
+    return [tool for tool in RIVALS if tool not in without]
 
 
 # Tables
@@ -269,7 +298,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of this world."""
     add = parser.add_argument
     add('--data', type=Path, default=Path('../shared/data'))
-    add('--peers', default=sys.executable, metavar='PYTHON', help='interpreter with the peers')
+    add('--peers', nargs='+', default=[sys.executable], metavar='PYTHON', help='with the peers')
+    add('--rows', default='', metavar='TEXT', help='only rows whose record or tool contains this')
     add('--results', type=Path, help='file of the rows; rows that it has are not run again')
 
 
@@ -289,8 +319,18 @@ def run(asked: argparse.Namespace) -> str:
                 print(f'{case.file} is not in {data}: left out')
                 continue
             rows = compared(read(case, data), asked, kept)
-            lines += table(case, rows)
+            lines += table(case, rows) if rows else []
+    if asked.data and (asked.data / 'fsm').exists() and asked.rows in MIRROR:
+        lines += [f'### {MIRROR}', '', mirror.run(mirror_of(asked))]
     return '\n'.join(lines) + '\n'
+
+
+def mirror_of(asked: argparse.Namespace) -> argparse.Namespace:
+    """Return the options of the study `mirror`, which has a model of its own for three axes."""
+    parser = argparse.ArgumentParser()
+    mirror.configure(parser)
+    words = ['--train', str(asked.data / 'fsm')]
+    return parser.parse_args(words, argparse.Namespace(workers=asked.workers))
 
 
 def compared(
@@ -300,12 +340,12 @@ def compared(
     case = records.case
     rows = kept.setdefault(case.title, {})
     tools: dict[str, Callable[[], Row]] = {
-        tool: partial(rival, records, RIVALS[tool], asked.peers, asked.quick)
-        for tool in rivals(case)
+        tool: partial(rival, records, RIVALS[tool], asked) for tool in rivals(case)
     }
     own = list(ours(records, asked.time_limit, asked.seed))
     # of this suite a quick run has the model by name: a fit of seconds
     tools |= dict(own[1:2] if asked.quick else own)
+    tools = {tool: work for tool, work in tools.items() if asked.rows in f'{case.title}: {tool}'}
     for tool, work in tools.items():
         if tool not in rows:
             try:
