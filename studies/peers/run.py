@@ -383,7 +383,8 @@ def start_of(system: Sequence[Array], u: Array, y: Array) -> Array:
         rows.append((c @ state).ravel())
         state = a @ state
     left = (y - linear_run(system, np.zeros(a.shape[0]), u))[known]
-    return np.linalg.lstsq(np.reshape(rows, (-1, a.shape[0])), left, rcond=None)[0]
+    columns = np.reshape(rows, (-1, a.shape[0]))
+    return np.asarray(np.linalg.lstsq(columns, left, rcond=None)[0], dtype=np.float64)
 
 
 def linear_run(system: Sequence[Array], state: Array, u: Array) -> Array:

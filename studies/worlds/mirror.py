@@ -15,6 +15,7 @@ import argparse
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ PUBLISHED = {
     'NL-LFR with a neural network': (0.0866, 0.1309, 0.1686),
     'noise floor': (0.0127, 0.0222, 0.0311),
 }
-QUICK = {'effects': ['voltage_powers'], 'modes': 6, 'levels': ['100mV']}
+QUICK: dict[str, Any] = {'effects': ['voltage_powers'], 'modes': 6, 'levels': ['100mV']}
 LEVELS = ['100mV', '200mV', '300mV']
 MICRO = 1e6
 
