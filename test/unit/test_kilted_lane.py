@@ -40,5 +40,6 @@ def test_without_the_wheels_the_lane_is_skipped(tmp_path: Path) -> None:
     assert done.stdout.count('\n') == 1
 
 
-def test_the_lane_is_part_of_the_whole_run() -> None:
-    assert '.ci/kilted' in (ROOT / '.ci' / 'run').read_text(encoding='utf-8')
+def test_the_lane_is_a_job_of_the_workflow() -> None:
+    workflow = ROOT / '.github' / 'workflows' / 'ci.yml'
+    assert 'run: .ci/kilted' in workflow.read_text(encoding='utf-8')
