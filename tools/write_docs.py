@@ -77,12 +77,13 @@ OK, WARN or ERROR with a message, and counters. An event counts for five seconds
 kernel. A client that waits for a node reports its name, and its timeout pauses while the node
 compiles.
 
-**Sample index.** The `sample` of a message defines its tick. A sample index more than 1000 ahead
-of or 64 behind the current one is discarded and counted in `strays`. The second sample in
-sequence is accepted; sample 0 starts a run. Time stamps only assign records and markers. A stamp
-that deviates from the sample index by half a second or more, or decreases, is counted in
-`stamp_jumps` and replaced. A clock that was set is accepted from the second sample on. The
-excitation stamps its markers with the clock of the states.
+**Sample index.** The `sample` of a message defines its tick. A sample index that does not
+follow the current one is held back until the next message confirms it; otherwise it is counted in
+`strays` and not used. A lost message therefore costs one more. Sample 0 starts a
+run. Time stamps only assign records and markers. A stamp that deviates from the sample index by
+half a second or more, or decreases, is counted in `stamp_jumps` and replaced. A clock that was
+set is accepted from the second sample on. The excitation stamps its markers with the clock of the
+states.
 """
 
 MODEL = """

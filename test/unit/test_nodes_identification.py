@@ -160,7 +160,7 @@ def test_a_number_of_another_actuator_cuts_nothing() -> None:
         course.take(k, k * MS, float(k), 0.0)
         assert not course.take(k + 10**6, k * MS, -1.0, 0.0)
     assert did == [0.0, 1.0, 'rest', 2.0, 3.0, 'rest']
-    assert course.intake.counters()['strays'] == 6
+    assert course.intake.counters()['strays'] == 5  # the last one may still be confirmed
 
 
 def test_a_record_may_begin_at_any_number() -> None:

@@ -3,9 +3,6 @@
 # Messages of one writer arrive in order; a larger backward step means a restart.
 REORDERED = 64
 
-# One message that is further ahead than this is a stray; the next one confirms a jump.
-AHEAD = 1000
-
 COUNTS = ('missed', 'doubled', 'reordered', 'strays')
 
 # No number follows this one.
@@ -15,8 +12,9 @@ _NONE = -REORDERED - 1
 class SequenceFilter:
     """Checks the indices of a stream of messages and counts errors.
 
-    A distant index is accepted once the next message confirms it. An index of 0 means a restart
-    and is accepted immediately.
+    An index that does not follow the newest one is accepted once the next message confirms it,
+    whatever its distance: a real gap costs one more message, a stray is never used. An index of 0
+    means a restart and is accepted immediately.
 
     Parameters
     ----------
@@ -44,18 +42,20 @@ class SequenceFilter:
             self._counts['doubled' if sample == newest else 'reordered'] += 1
             return False
         begins = sample == 0 and self._restarts
-        far = sample < newest or sample > newest + AHEAD
-        if far and not begins and not 0 <= sample - self._outlier <= REORDERED:
+        if not begins and not 0 <= sample - self._outlier <= REORDERED:
+            self._counts['strays'] += self._outlier != _NONE
             self._outlier = sample
-            self._counts['strays'] += 1
             return False
         if sample > newest:
             self._counts['missed'] += sample - newest - 1
         return self._taken(sample)
 
     def _taken(self, sample: int) -> bool:
+        # A jump is confirmed only by the very next message; without it, it was a stray.
+        refuted = self._outlier != _NONE and not 0 <= sample - self._outlier <= REORDERED
+        self._counts['strays'] += refuted
         self.newest = sample
-        self._outlier = _NONE  # a jump is confirmed only by the very next message
+        self._outlier = _NONE
         return True
 
     def counters(self) -> dict[str, int]:

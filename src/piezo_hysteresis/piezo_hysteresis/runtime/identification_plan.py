@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezo_hysteresis.common.order import AHEAD, SequenceFilter
+from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.stamps import StampValidator
 from piezo_hysteresis.errors import IdentificationError, PiezoError
 from piezo_hysteresis.identification.estimate import Estimate
@@ -215,7 +215,7 @@ class RecordSegmenter:
     def take(self, sample: int, nanoseconds: int, voltage: float, displacement: float) -> bool:
         """Process a sample; return False if it is omitted."""
         known = self.intake.newest
-        if not known < sample <= known + AHEAD and self._edge_due(nanoseconds):
+        if sample != known + 1 and self._edge_due(nanoseconds):
             self.intake.newest = known = -1  # a record may begin at any number
             self.stamps.begin()
         if not self.intake.take(sample):
