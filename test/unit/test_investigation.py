@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -133,6 +134,16 @@ def test_limits_that_are_given_are_kept_or_refused(low: Any, high: Any, model: M
     assert range_refusal(low, high)
     with pytest.raises(InvestigationError, match='voltage limits'):
         granted_range((low, high), (-1.0, 1.0), model)
+
+
+@pytest.mark.parametrize('number', [NAN, -INF, -1.0, INF])
+def test_fields_of_a_goal_without_sense_are_named(number: float) -> None:
+    for name in ('slew', 'frequency', 'stroke', 'heat', 'budget', 'sure'):
+        if number == INF and name in ('slew', 'stroke', 'heat'):
+            continue  # no limit
+        kind: Any = Rules if name in ('budget', 'sure') else partial(ExperimentLimits, -1.0, 1.0)
+        with pytest.raises(InvestigationError, match=name):
+            kind(**{name: number})
 
 
 def test_one_limit_alone_is_refused_and_none_is_what_is_known(model: ModelFile) -> None:

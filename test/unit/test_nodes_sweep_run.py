@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+import re
+
 import numpy as np
 import pytest
 
-from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.runtime.consumer_progress import Progress
 from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord, narrowed, parse_options
 from piezo_hysteresis.runtime.sweep_run import MOST_REPEATS, SweepRun, kept_message
@@ -168,13 +171,27 @@ def test_a_record_beyond_what_was_written_does_not_count() -> None:
 @pytest.mark.parametrize(
     ('changes', 'word'),
     [
-        ({'pause': 1e300}, 'samples'),
         ({'frequencies': [1.0] * 2000}, 'records'),
         ({'warm_up': 5.0}, 'warm-up'),
-        ({'seconds': float('nan')}, 'finite'),
     ],
 )
 def test_a_goal_that_cannot_be_planned_is_refused(changes: dict[str, object], word: str) -> None:
     goal = {'frequencies': [1.0], 'amplitudes': [1.0], 'seconds': 2.0, 'rate': 1000.0, **changes}
     with pytest.raises(RecordError, match=word):
         Sweep(**goal)  # type: ignore[arg-type]
+
+
+FIELDS = ('frequencies', 'amplitudes', 'seconds', 'rate', 'warm_up', 'pause')
+
+
+@pytest.mark.parametrize('name', FIELDS)
+@pytest.mark.parametrize('number', [math.nan, math.inf, -math.inf, -1.0, 1e300, 1.7e308])
+def test_a_field_of_a_goal_without_sense_is_named(name: str, number: float) -> None:
+    lists = name in ('frequencies', 'amplitudes')
+    goal = {'frequencies': [1.0], 'amplitudes': [1.0], 'seconds': 2.0, 'rate': 1000.0}
+    with pytest.raises(PiezoError) as refused:
+        Sweep(**{**goal, name: [1.0, number] if lists else number})  # type: ignore[arg-type]
+    refusal = str(refused.value)
+    named = {'warm_up': 'warm.up', 'frequencies': 'frequenc', 'rate': 'rate|samples'}
+    assert re.search(named.get(name, name), refusal), refusal
+    assert '\n' not in refusal

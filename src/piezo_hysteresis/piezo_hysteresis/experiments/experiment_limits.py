@@ -64,6 +64,8 @@ class ExperimentLimits:
         for name in ('slew', 'frequency', 'stroke', 'heat'):
             if not getattr(self, name) > 0.0:
                 raise InvestigationError(f'the limit {name} must be above 0')
+        if not isfinite(self.frequency):
+            raise InvestigationError('the limit frequency must be a finite number [Hz]')
 
     @property
     def middle(self) -> float:

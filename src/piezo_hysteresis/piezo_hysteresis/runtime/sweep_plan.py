@@ -21,6 +21,8 @@ RETURN = 0.1
 # Every voltage of a sweep is kept, so it must not be endless.
 LARGEST = 20_000_000
 MOST_RECORDS = 1000
+# Above the voltage of every piezo amplifier [V].
+HIGHEST = 1e5
 
 
 @dataclass(frozen=True)
@@ -295,11 +297,19 @@ def _check(
 ) -> None:
     if not frequencies or not amplitudes:
         raise RecordError('a sweep needs at least one frequency and one amplitude')
-    numbers = [*frequencies, *amplitudes, seconds, rate, warm_up, pause]
-    if not all(math.isfinite(number) and number >= 0 for number in numbers):
-        raise RecordError(
-            'frequencies, amplitudes and times of a sweep must be finite, not below 0'
-        )
+    fields = {
+        'frequencies': frequencies, 'amplitudes': amplitudes, 'seconds': [seconds],
+        'rate': [rate], 'warm_up': [warm_up], 'pause': [pause],
+    }  # fmt: skip
+    for name, numbers in fields.items():
+        for number in numbers:
+            if not (math.isfinite(number) and number >= 0):
+                raise RecordError(f'{name} of a sweep must be finite and not below 0: {number:g}')
+    if max(amplitudes) > HIGHEST:
+        raise RecordError(f'amplitudes of a sweep must not exceed {HIGHEST:g} V')
+    if max(seconds, pause) * rate > LARGEST:
+        longest = 'seconds' if seconds > pause else 'pause'
+        raise RecordError(f'{longest} of a sweep: more than {LARGEST} samples, give less')
     if round(seconds * rate) < 2:
         raise RecordError(f'records of {seconds:g} s at {rate:g} Hz are empty: give more seconds')
     if warm_up >= seconds:
