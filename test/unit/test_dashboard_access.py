@@ -220,3 +220,13 @@ def test_the_address_that_it_listens_at_is_a_name_of_it() -> None:
 def test_a_port_in_use_is_reported_in_one_line(server: Any) -> None:
     with pytest.raises(PiezoError, match='give another port'):
         DashboardServer(Backend(), address='127.0.0.1', port=server.port, folder='.')
+
+
+@pytest.mark.parametrize('path', ['/%00', '/reports/%00', '/reports/a%00b.html', '/static/%00.js'])
+def test_a_path_with_a_null_byte_is_refused_without_a_traceback(
+    server: Any, path: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    status, _, text = ask(server, path)
+    assert status == 400
+    assert text == 'the path has a null byte: open / instead\n'
+    assert [record for record in caplog.records if record.exc_info] == []
