@@ -106,6 +106,23 @@ def test_commands_that_come_late_move_nothing_faster_than_the_slew_of_the_links(
     loop.safe()
 
 
+def test_voltages_of_the_excitation_keep_the_slew_of_the_links(loop: Loop) -> None:
+    """The excitation has no limit of its own here; its sine is five times as fast as theirs."""
+    count = len(loop.states)
+
+    def limited() -> bool:
+        steps = np.abs(np.diff([state.voltage for state in loop.states[count:]]))
+        return np.count_nonzero(steps > 0.999 * SLEW / RATE) > 100
+
+    for name, value in {'voltage.amplitude': 0.8, 'frequency': 20.0, 'mode': 'voltage'}.items():
+        assert loop.listener.set_one('excitation', name, value) == ''
+    loop.listener.until(limited)
+    for name, value in {'mode': 'reference', 'frequency': 1.0}.items():
+        assert loop.listener.set_one('excitation', name, value) == ''
+    loop.moves()
+    loop.safe()
+
+
 def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
     names = ('actuator/state', 'record/marker')
     remap = {f'/piezo/{name}': name for name in names}
