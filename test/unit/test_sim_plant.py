@@ -205,7 +205,8 @@ def test_a_tripped_amplifier_discharges_and_ignores_commands_until_it_is_back() 
 
 
 @pytest.mark.parametrize(
-    ('fault', 'duration'), [('fire', 1.0), ('none', -1.0), ('none', math.nan)]
+    ('fault', 'duration'),
+    [('fire', 1.0), ('none', -1.0), ('none', math.nan), ('none', math.inf), ('none', 1e300)],
 )
 def test_unknown_faults_are_refused(fault: str, duration: float) -> None:
     with pytest.raises(PlantError):

@@ -32,6 +32,7 @@ FAULTS = {
 
 _ROWS = {row.name: row for row in PARAMETERS}
 _SWITCHES = {f'effects.{effect.name}': effect for effect in EFFECTS}
+_LONGEST_FAULT = 2**62  # its ticks are an integer of 64 bits
 _LONGEST_DELAY = 1.0  # history kept for the transport delay [s]
 
 
@@ -153,8 +154,8 @@ class Plant:
         """
         if fault not in FAULTS:
             raise PlantError(f'there is no fault {fault!r}; there are {", ".join(FAULTS)}')
-        if not (math.isfinite(duration) and duration >= 0.0):
-            raise PlantError(f'a fault cannot last {duration} s')
+        if not 0.0 <= duration * self.rate <= _LONGEST_FAULT:
+            raise PlantError(f'the duration of a fault cannot be {duration:g} s: 0 until changed')
         self._state['fault'] = FAULTS[fault]
         self._state['fault_ticks'] = round(duration * self.rate) if duration > 0.0 else -1
 

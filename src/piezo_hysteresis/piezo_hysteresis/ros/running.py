@@ -28,9 +28,10 @@ from piezo_hysteresis.ros.timers import wall_timer
 # How long a signal may wait to be seen [s].
 LOOK = 0.1
 
-# EventsExecutor never wakes from an endless wait on some builds; a finite one always does. Every
-# wait costs 32 bytes that it never gives back, so they are long [s].
-LONGEST_WAIT = 60.0
+# EventsExecutor never wakes from an endless wait on some builds; a finite one always does. A
+# process whose wake-up is lost ends that late. Every wait costs 32 bytes that it never gives back:
+# half a megabyte a day [s].
+LONGEST_WAIT = 5.0
 
 # Fast DDS 2.14 can block indefinitely if another node ends during its own shutdown: about one in a
 # thousand if many nodes end together. By then all data are written and published [s].
@@ -131,14 +132,17 @@ def spin(
         executor.add_node(node)
     ended = Future()
 
+    def due() -> bool:
+        done = stop is not None and stop.done()
+        return done or (interrupt is not None and interrupt.requested)
+
     def look() -> None:
-        due = stop is not None and stop.done()
-        if (due or (interrupt is not None and interrupt.requested)) and not ended.done():
+        if due() and not ended.done():
             ended.set_result(True)
 
     timer = wall_timer(nodes[0], LOOK, look)
     try:
-        while nodes[0].context.ok() and not ended.done():
+        while nodes[0].context.ok() and not due():
             executor.spin_until_future_complete(ended, timeout_sec=LONGEST_WAIT)
     finally:
         timer.cancel()
