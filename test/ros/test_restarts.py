@@ -112,7 +112,7 @@ def test_voltages_of_the_excitation_keep_the_slew_of_the_links(loop: Loop) -> No
 
     def limited() -> bool:
         steps = np.abs(np.diff([state.voltage for state in loop.states[count:]]))
-        return np.count_nonzero(steps > 0.999 * SLEW / RATE) > 100
+        return bool(np.count_nonzero(steps > 0.999 * SLEW / RATE) > 100)
 
     for name, value in {'voltage.amplitude': 0.8, 'frequency': 20.0, 'mode': 'voltage'}.items():
         assert loop.listener.set_one('excitation', name, value) == ''
