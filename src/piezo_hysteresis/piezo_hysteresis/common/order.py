@@ -36,26 +36,20 @@ class SequenceFilter:
     def take(self, sample: int) -> bool:
         """Return whether the message `sample` is accepted; it then is the newest."""
         newest = self.newest
-        if sample == newest + 1 or newest < 0:
-            return self._taken(sample)
-        if newest - REORDERED <= sample <= newest and (sample or not newest or not self._restarts):
+        follows = newest < 0 or sample == newest + 1
+        begins = sample == 0 and self._restarts
+        if not follows and newest - REORDERED <= sample <= newest and (not newest or not begins):
             self._counts['doubled' if sample == newest else 'reordered'] += 1
             return False
-        begins = sample == 0 and self._restarts
-        if not begins and not 0 <= sample - self._outlier <= REORDERED:
-            self._counts['strays'] += self._outlier != _NONE
+        # A jump is confirmed only by the very next message; without it, it was a stray.
+        confirms = 0 <= sample - self._outlier <= REORDERED
+        self._counts['strays'] += self._outlier != _NONE and not confirms
+        if not (follows or begins or confirms):
             self._outlier = sample
             return False
-        if sample > newest:
+        if 0 <= newest < sample:
             self._counts['missed'] += sample - newest - 1
-        return self._taken(sample)
-
-    def _taken(self, sample: int) -> bool:
-        # A jump is confirmed only by the very next message; without it, it was a stray.
-        refuted = self._outlier != _NONE and not 0 <= sample - self._outlier <= REORDERED
-        self._counts['strays'] += refuted
-        self.newest = sample
-        self._outlier = _NONE
+        self.newest, self._outlier = sample, _NONE
         return True
 
     def counters(self) -> dict[str, int]:

@@ -307,15 +307,15 @@ def _check(
                 raise RecordError(f'{name} of a sweep must be finite and not below 0: {number:g}')
     if max(amplitudes) > HIGHEST:
         raise RecordError(f'amplitudes of a sweep must not exceed {HIGHEST:g} V')
-    if max(seconds, pause) * rate > LARGEST:
-        longest = 'seconds' if seconds > pause else 'pause'
-        raise RecordError(f'{longest} of a sweep: more than {LARGEST} samples, give less')
-    if round(seconds * rate) < 2:
-        raise RecordError(f'records of {seconds:g} s at {rate:g} Hz are empty: give more seconds')
-    if warm_up >= seconds:
-        raise RecordError(f'a warm-up of {warm_up:g} s leaves nothing of records of {seconds:g} s')
     records = len(frequencies) * len(amplitudes)
     if records > MOST_RECORDS:
         raise RecordError(f'a sweep of more than {MOST_RECORDS} records: give fewer')
     if (seconds + pause + RETURN) * rate * records > LARGEST:
-        raise RecordError(f'a sweep of more than {LARGEST} samples: give fewer or shorter records')
+        longest = 'seconds' if seconds > pause else 'pause'
+        raise RecordError(
+            f'a sweep of more than {LARGEST} samples: give fewer records or less {longest}'
+        )
+    if round(seconds * rate) < 2:
+        raise RecordError(f'records of {seconds:g} s at {rate:g} Hz are empty: give more seconds')
+    if warm_up >= seconds:
+        raise RecordError(f'a warm-up of {warm_up:g} s leaves nothing of records of {seconds:g} s')
