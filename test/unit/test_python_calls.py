@@ -99,6 +99,10 @@ WORKS: dict[str, tuple[Call, Callable[[Any], bool]]] = {
     'validate a file': (
         lambda p, f: ph.validate(p / 'train' / 'a.csv', f), lambda v: len(v.records) == 1
     ),
+    'validate lists of load': (
+        lambda p, f: ph.validate([ph.load(p / 'train' / f'{n}.csv') for n in 'ab'], f),
+        lambda v: len(v.records) == 2,
+    ),
     'simulate a file': (
         lambda p, f: ph.simulate(f, p / 'train' / 'a.csv'), lambda s: len(s) == 1
     ),
