@@ -194,3 +194,10 @@ def test_models_scale_with_the_actuator(name: Any) -> None:
     y = small.respond(x, small.pack({}), DT, frequency=0.0)
     scaled = large.respond(150.0 * x, large.pack({}), DT, frequency=0.0)
     np.testing.assert_allclose(scaled / 20e-6, y / 130e-6, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize('name', [*models.NAMES, 'classical+electrostriction+mode'])
+def test_every_parameter_of_a_chain_belongs_to_a_block(name: str) -> None:
+    chain = models.named(name)
+    owned = [each for block in chain.blocks for each in chain.names_of(block).values()]
+    assert sorted(owned) == sorted(chain.parameter_names)

@@ -188,7 +188,7 @@ class Model:
         """
         for each, row in zip(reversed(self.blocks), reversed(self._names), strict=True):
             names = {q.name: name for q, name in zip(each.parameters, row, strict=True)}
-            if block.name in (part.name for part in parts_of(each)):
+            if block.name in (each.name, *(part.name for part in parts_of(each))):
                 return {q.name: names[q.name] for q in block.parameters}
         raise ModelError(f'model {self.name} has no block {block.name}')
 
