@@ -16,7 +16,7 @@ from piezo_hysteresis.identification.objective import Prior
 from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.periods import period_of
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks, sensitivities
-from piezo_hysteresis.identification.starts import representative, starts
+from piezo_hysteresis.identification.starts import representative, resonant_lines, starts
 from piezo_hysteresis.identification.targets import fold, targets_of, whole
 from piezo_hysteresis.identification.uncertainty import Covariance, digits, warnings_of
 from piezo_hysteresis.models import Model, named
@@ -433,3 +433,29 @@ def test_start_values_keep_an_offset_that_zeros_of_the_records_determine() -> No
     targets = [replace(target, own_zero=True) for target in targets_of(records)]
     for start in starts(model, targets, model.free_names, count=4):
         assert abs(start.values['offset']) < 1e-9
+
+
+@pytest.mark.component
+def test_the_scan_sees_the_record_that_shows_the_mode() -> None:
+    """The sines fold, the multisine does not: one of its lines lies on a narrow resonance."""
+    model, rng = named('bouc_wen_mode'), np.random.default_rng(1)
+    truth = {**model.defaults(), **TRUTH, 'natural_frequency': 71.3, 'damping_ratio': 0.01}
+    time = DT * np.arange(4000)
+    lines = 71.2 * 1.232 ** np.arange(-14.0, 5.0)
+    drives = {
+        'many': 0.05 * np.sin(2 * np.pi * lines * time[:, None] + lines**2).sum(axis=1),
+        'slow': 0.8 * np.sin(2 * np.pi * 2.0 * time),
+        'small': 0.4 * np.sin(2 * np.pi * 4.0 * time),
+    }
+    records = [
+        Record(name, DT, u, model.respond(u, model.pack(truth), DT) + noise)
+        for name, u in drives.items()
+        for noise in [1e-8 * rng.standard_normal(u.size)]
+    ]
+    targets = targets_of(records)
+    assert {t.name for t in targets if t.repeats > 1} == {'slow', 'small'}
+    few = representative(targets)
+    assert [t.name for t in few if '(' not in t.name] == ['slow', 'small', 'many']
+    assert np.min(np.abs(resonant_lines(few) - 71.3)) < 0.3
+    best = starts(model, few, model.free_names, count=1)[0]
+    assert best.values['natural_frequency'] == pytest.approx(71.3, rel=0.01)

@@ -79,6 +79,19 @@ def test_a_drive_that_repeats_is_no_noise_although_the_displacement_lags() -> No
     assert found.rms == pytest.approx(0.05, rel=0.15)
 
 
+@pytest.mark.parametrize('line', [50.0, 101.0, 150.0])
+@pytest.mark.parametrize('mode', [20.0, 48.0, 240.0])
+def test_a_line_of_the_drive_near_the_mains_is_no_hum(line: float, mode: float) -> None:
+    """The displacement follows it, in whatever phase, or it is off the mains."""
+    lines = [1.0, 2.3, 5.1, 23.0, line]
+    u = np.sum([np.sin(2 * np.pi * f * TIME + f**2) for f in lines], 0)
+    turn = 2 * np.pi * mode / RATE
+    damped = [1.0, -2.0 * np.exp(-0.01 * turn) * np.cos(turn), np.exp(-0.02 * turn)]
+    moved = 1e-7 * np.asarray(lfilter([float(np.sum(damped))], damped, u))
+    moved += 1e-10 * np.random.default_rng(1).standard_normal(COUNT)
+    assert input_error(u, moved, 1.0 / RATE) is None
+
+
 @pytest.mark.parametrize('kind', ['white', 'steps', 'held'])
 @pytest.mark.parametrize('drive', ['sine', 'chirp'])
 def test_what_the_actuator_felt_is_no_error(drive: str, kind: str) -> None:

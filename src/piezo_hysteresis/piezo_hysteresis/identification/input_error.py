@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
-from piezo_hysteresis.identification.noise import differences_noise
+from piezo_hysteresis.identification.noise import RUNNING_MEDIAN, differences_noise
 from piezo_hysteresis.identification.outliers import step_of
 from piezo_hysteresis.identification.periods import mean_changes
 from piezo_hysteresis.numerics.linalg import solve_least_squares
@@ -56,6 +56,11 @@ _BLOCK = 16_384  # samples of a partial sum
 _HARMONICS = 60  # largest number of fitted harmonics of a drive
 # Mains frequencies [Hz], their highest multiple, and how much they stand out of their neighbours.
 _MAINS, _MULTIPLES, _STANDS_OUT = (50.0, 60.0), 5, 6.0
+# Relative deviation of the mains frequency, and of the clock that recorded it.
+_ON_TIME = 0.005
+# Share of the gain of the drive from which the displacement follows a line, which a mode passes
+# up to three times its frequency, and size of the lines of a drive over the largest.
+_PASSED, _STRONG = 0.1, 0.1
 
 
 @dataclass(frozen=True)
@@ -157,12 +162,19 @@ def _ramps(u: FloatArray) -> bool:
 
 
 def _noise(u: FloatArray, least: float) -> float:
-    """Return the rms of noise by its differences, if above `least` at most that by its periods."""
+    """Return the rms of noise by its differences, if above `least` at most that by the others."""
     rms = differences_noise(u).rms
     if not rms > least:
         return rms if isfinite(rms) else 0.0
-    # a multisine up to half the sampling rate changes as fast as noise, but repeats
-    return min(rms, _period(u)[1]) if isfinite(rms) else 0.0
+    # a multisine up to half the sampling rate changes as fast as noise, but repeats, or is lines
+    return min(rms, _period(u)[1], _between_lines(u)) if isfinite(rms) else 0.0
+
+
+def _between_lines(u: FloatArray) -> float:
+    """Return the rms of white noise with the median of the spectrum of a signal."""
+    window = np.blackman(u.size)
+    power = np.abs(np.fft.rfft(window * (u - u.mean()))) ** 2
+    return sqrt(float(np.median(power)) / (RUNNING_MEDIAN * float(window @ window)))
 
 
 def _hold(u: FloatArray) -> tuple[int, int]:
@@ -190,8 +202,10 @@ def _hum(
     def spectrum(x: FloatArray) -> FloatArray:
         return np.asarray(2.0 * np.fft.rfft(window * (x - x.mean())))
 
-    seen, answer = spectrum(u), spectrum(y)
+    seen, answer = spectrum(u), np.abs(spectrum(y))
     size = np.abs(seen)
+    strong = np.flatnonzero(size > _STRONG * float(size.max()))
+    gain = float(np.median(answer[strong] / size[strong]))
     found, total = [], np.zeros(n)
     period, _ = _period(u)
     base = n / period if period else 0.0  # bins between harmonics of the drive
@@ -210,11 +224,13 @@ def _hum(
                 floor = max([floor, *(float(size[j]) for j in others if j < size.size)])
             if size[k] < _STANDS_OUT * floor or size[k] < 2.0 * _EXACT * reach:
                 continue
-            share = float(np.real(answer[k] / seen[k])) * reach / float(np.ptp(y))
-            usual = float(np.median(np.abs(answer[k - 40 : k + 40])))
-            if abs(share) > 0.5 and abs(answer[k]) > _STANDS_OUT * usual:
+            usual = float(np.median(answer[k - 40 : k + 40]))
+            if answer[k] > max(_PASSED * gain * size[k], _STANDS_OUT * usual):
                 continue
             frequency = _tuned(u, k / (n * dt), dt)
+            off, width = abs(frequency - mains * multiple), 0.5 / (n * dt)
+            if off > max(_ON_TIME * mains * multiple, width):
+                continue
             turn = 2.0 * np.pi * frequency * dt * np.arange(n)
             wave = np.exp(-1j * turn) * window
             phasor = 2.0 * complex(np.sum(wave * (u - u.mean())))

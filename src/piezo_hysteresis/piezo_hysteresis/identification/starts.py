@@ -18,6 +18,9 @@ from piezo_hysteresis.models import Model
 _SCAN_RECORDS = 4
 _SCAN_SAMPLES = 20_000  # compared samples of a whole record; more samples do not find other basins
 _SCAN_LENGTH = 100_000  # simulated samples of a whole record
+# Lines of a record that are candidates of a resonance, how far they stand out of the median, and
+# the least input of a line over the largest, which keeps harmonics behind a resonance.
+_LINES, _STANDS_OUT, _LEAST_INPUT = 3, 8.0, 0.03
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,8 @@ def starts(
         return move if otherwise is None else otherwise(values, move)
 
     pool = [evaluated(base)]
-    for kept, moves in _rounds(model, scanned, amplitude, seen):
+    grid = np.union1d(_frequencies(seen), resonant_lines(targets))
+    for kept, moves in _rounds(model, scanned, amplitude, grid):
         for start in _distinct(pool, scanned, kept):
             pool += [
                 evaluated({**start.values, **stated(start.values, move)})
@@ -102,9 +106,9 @@ def starts(
 
 
 def representative(targets: Sequence[Target], count: int = _SCAN_RECORDS) -> list[Target]:
-    """Return at most `count` targets over all frequencies, with long ones shortened."""
-    steady = [t for t in targets if t.repeats > 1] or targets
-    order = sorted(steady, key=lambda t: (t.frequency, t.name))
+    """Return at most `count` targets over all speeds of the drive, with long ones shortened."""
+    records = [t for t in targets if not t.name.endswith(WAY_IN)] or targets
+    order = sorted(records, key=lambda t: (_speed(t), t.name))
     if len(order) > count:
         places = np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))
         order = [order[place] for place in places]
@@ -112,6 +116,14 @@ def representative(targets: Sequence[Target], count: int = _SCAN_RECORDS) -> lis
     # the transient excites a resonance that a slow sine does not show
     ways_in = [t for t in targets if t.repeats == 1 and t.name.removesuffix(WAY_IN) in chosen]
     return [_cut(t) for t in [*order, *(t for t in ways_in if t.name not in chosen)]]
+
+
+def _speed(target: Target) -> float:
+    """Return the mean frequency of the compared part of a drive [Hz], whatever its form."""
+    u = target.voltage[target.first :]
+    size = float(np.std(u))
+    # rounded: records that differ by noise keep the order of their names
+    return float(f'{np.std(np.diff(u)) / (2.0 * np.pi * target.dt * size):.2g}') if size else 0.0
 
 
 def _cut(target: Target) -> Target:
@@ -136,7 +148,7 @@ def _cut(target: Target) -> Target:
 
 
 def _rounds(
-    model: Model, scanned: Sequence[str], amplitude: float, targets: Sequence[Target]
+    model: Model, scanned: Sequence[str], amplitude: float, grid: FloatArray
 ) -> Iterator[tuple[int, list[dict[str, float]]]]:
     """Yield the rounds of the scan: number of points that are kept, and the moves of each."""
     limits = {q.name: (q.low, q.high) for q in model.parameters}
@@ -154,7 +166,6 @@ def _rounds(
     damping = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0) if damped else ()
     memory = np.array([0.1, 0.3, 1.0, 3.0, 10.0]) / amplitude if 'beta' in scanned else ()
     if light:
-        grid = _frequencies(targets)
         yield (
             1,
             allowed(_grid(natural_frequency=grid, damping_ratio=damping[2:3], beta=memory[1:4])),
@@ -198,6 +209,30 @@ def _frequencies(targets: Sequence[Target]) -> FloatArray:
     low = max(2 * slowest, 4 / longest)
     high = 0.45 / min(t.dt for t in targets)
     return np.geomspace(low, high, 2 + round(6 * np.log2(high / low)))
+
+
+def resonant_lines(targets: Sequence[Target]) -> FloatArray:
+    """Return frequencies at which records move much for their input, shape (k,) [Hz].
+
+    A lightly damped resonance is narrower than the steps of a scan.
+
+    Parameters
+    ----------
+    targets : sequence of Target
+        Prepared records.
+    """
+    found = list[float]()
+    for target in targets:
+        count = target.measured.size
+        window = np.hanning(count) if target.repeats == 1 else np.ones(count)
+        moved = target.measured if target.valid is None else target.measured * target.valid
+        driven = target.voltage[target.first :: target.stride][:count]
+        y, u = (np.abs(np.fft.rfft(window * (x - np.mean(x)))) for x in (moved, driven))
+        peak = (y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:]) & (y[1:-1] > _STANDS_OUT * np.median(y))
+        score = np.where(peak, y[1:-1] ** 2 / (u[1:-1] + _LEAST_INPUT * u.max() + 1e-300), 0.0)
+        best = [k for k in np.argsort(-score)[:_LINES].tolist() if score[k] > 0.0]
+        found += [(k + 1) / (count * target.stride * target.dt) for k in best]
+    return np.unique(np.array(found, np.float64))
 
 
 def _distinct(pool: Sequence[Start], scanned: Sequence[str], count: int) -> list[Start]:
