@@ -84,6 +84,7 @@ def identify_own(data: Sequence[str], out: Path) -> None:
     """Select a model for the records of the user, identify it and write the results."""
     from piezo_hysteresis.discovery.choice.choose import choose_model
     from piezo_hysteresis.identification.identify import identify
+    from piezo_hysteresis.process_setup import number_of_workers
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.demo_report import write_data_report
     from piezo_hysteresis.reporting.folder import check_folder, replacing
@@ -95,7 +96,11 @@ def identify_own(data: Sequence[str], out: Path) -> None:
         raise IdentificationError('the records have different rates; give those of one rate')
     with replacing(out, 'demo') as folder:
         with progress_bar('identifying') as progress:
-            choice = choose_model(records, lambda f, words: progress(0.7 * f, f'trying {words}'))
+            choice = choose_model(
+                records,
+                lambda f, words: progress(0.7 * f, f'trying {words}'),
+                workers=number_of_workers(0),
+            )
             progress(0.7, f'fitting {choice.model.name}')
             found = identify(records, choice.model, start=choice.start, count=1)
             progress(0.95, 'drawing the report')

@@ -310,7 +310,10 @@ def refined(
     for _ in range(_REVISIONS):
         if not np.isfinite(result.cost) or stopped():
             return result
-        seen = revised(model, result.values, result.sampling_offset, targets, records, choices)
+        seen = revised(
+            model, result.values, result.sampling_offset, targets, records, choices,
+            workers=workers,
+        )  # fmt: skip
         if all(map(_alike, targets, seen, result.residuals.values())):
             break
         targets = seen

@@ -122,7 +122,7 @@ def identify(
     if start:
         options['start'] = dict(start)
     if chosen_model is None:
-        chosen_model, options = _selected(records, method, options, progress)
+        chosen_model, options = _selected(records, method, options, progress, workers)
     identifying = identify_per_frequency if per_frequency else identify_in
     found = identifying(
         records, chosen_model, method=method, hold=hold, seed=seed, workers=workers,
@@ -212,7 +212,11 @@ def discover(
 
 
 def _selected(
-    records: Sequence[Record], method: str, options: Mapping[str, Any], progress: Progress
+    records: Sequence[Record],
+    method: str,
+    options: Mapping[str, Any],
+    progress: Progress,
+    workers: int,
 ) -> tuple[Model, dict[str, Any]]:
     """Return the model that predicts best, and the options of its fit."""
     if method != 'output_error':
@@ -220,7 +224,9 @@ def _selected(
     if len({record.rate for record in records}) > 1:
         raise IdentificationError('the records have different rates; give those of one rate')
     choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
-    choice = choose_model(records, lambda share, words: progress(0.7 * share, words), choices)
+    choice = choose_model(
+        records, lambda share, words: progress(0.7 * share, words), choices, workers
+    )
     start = {**choice.start, **options.get('start', {})}
     return choice.model, {'count': 1, **options, 'start': start}
 

@@ -77,6 +77,7 @@ def choose_model(
     records: Sequence[Record],
     progress: Progress = lambda fraction, words: None,
     choices: Choices | None = None,
+    workers: int = 1,
 ) -> Choice:
     """Select a model for records of an unknown actuator.
 
@@ -100,6 +101,8 @@ def choose_model(
         Called with ``(fraction, words)``.
     choices : Choices, optional
         Known initial conditions and zero offsets.
+    workers : int
+        Threads over records and trials; the result does not depend on it.
 
     Raises
     ------
@@ -107,7 +110,7 @@ def choose_model(
         If the records are unsuitable for identification.
     """
     require_usable(records)
-    ladder = Ladder(records, choices or Choices())
+    ladder = Ladder(records, choices or Choices(), workers)
     steps: list[TriedModel] = []
     ends: list[Rung] = []
     for k, memory in enumerate(MEMORIES):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -23,14 +22,13 @@ from piezo_hysteresis.discovery.choice.choice_rules import (
 )
 from piezo_hysteresis.discovery.choice.score import HeldOutScore
 from piezo_hysteresis.discovery.data.dataset import thinned
-from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.output_error import output_error, refined, suited
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.result import FitResult
-from piezo_hysteresis.identification.targets import Target, targets_of
+from piezo_hysteresis.identification.targets import Target, led_in, targets_of
 from piezo_hysteresis.models import (
     EFFECT_NAMES,
     Candidate,
@@ -149,13 +147,14 @@ def _left(fit: FitResult) -> float:
 class Ladder:
     """The records, cut in two parts, and fits of models to the first part."""
 
-    def __init__(self, records: Sequence[Record], choices: Choices) -> None:
+    def __init__(self, records: Sequence[Record], choices: Choices, workers: int = 1) -> None:
         self._records = records
-        self._choices = choices
+        self._choices, self._workers = choices, workers
         self._cuts = [max(round(CHOICE.trained * len(record)), 2) for record in records]
         self._training = [r.section(0, c) for r, c in zip(records, self._cuts, strict=True)]
-        self._plain = targets_of(
-            self._training, folded=False, start=choices.start, zero=choices.zero
+        self._plain, self._whole = (
+            targets_of(each, folded=False, start=choices.start, zero=choices.zero)
+            for each in (self._training, records)
         )
         self._voltage = max(float(np.max(np.abs(r.voltage))) for r in records)
         self._span = max(float(np.ptp(r.displacement)) for r in records)
@@ -175,6 +174,7 @@ class Ladder:
                 begins=self._choices.start,
                 zero=self._choices.zero,
                 count=2,
+                workers=self._workers,
             )
         )
 
@@ -213,6 +213,7 @@ class Ladder:
             begins=self._choices.start,
             zero=self._choices.zero,
             count=3,
+            workers=self._workers,
         )
         rung = self._evaluated(found, neutral)
         if rung.trained <= before.trained:
@@ -240,7 +241,7 @@ class Ladder:
 
         tried: list[_Trial] = []
         for alone in (True, False):
-            with ThreadPoolExecutor(os.cpu_count()) as pool:
+            with ThreadPoolExecutor(self._workers) as pool:
                 tried = _one_of_each(list(pool.map(partial(tested, alone=alone), starts)))
             starts = [(each, {**found.values, **_late(found)}) for each, found in tried]
         best: Rung | None = None
@@ -276,7 +277,7 @@ class Ladder:
         # initial conditions may have absorbed a missing effect: also try the original ones
         views = [seen] if _alike(seen, self._plain) else [seen, self._plain]
         tried = [partial(_attempted, each, FITS.final_evaluations) for each in views]
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with ThreadPoolExecutor(self._workers) as pool:
             ends = list(pool.map(lambda attempt: attempt(found.model, values), tried))
         best = min(ends, key=_left)
         end = refined(
@@ -286,16 +287,25 @@ class Ladder:
             {**best.values, **_late(best)},
             choices=self._choices,
             max_evaluations=FITS.final_evaluations,
+            workers=self._workers,
         )
         return self._evaluated(end, neutral)
 
     def _evaluated(self, found: FitResult, neutral: Mapping[str, float] | None = None) -> Rung:
         """Return a fit with its errors on the whole records, before and after the cuts.
 
-        `neutral` are the parameter values for which the last effect is inactive.
+        The records begin as in the fit: a start belongs to the parameters fitted with it, and one
+        that another search finds for them may predict far worse. `neutral` are the parameter
+        values for which the last effect is inactive.
         """
-        late = found.sampling_offset
-        views = views_of(found.model, found.values, self._records, late, self._choices)
+        begun = {target.name: target for target in found.targets}
+        views = [
+            replace(
+                led_in(view, record, begun[view.name].begins),
+                own_zero=begun[view.name].own_zero,
+            )
+            for view, record in zip(self._whole, self._records, strict=True)
+        ]
         return self._scored(found, views, neutral)
 
     def _scored(
