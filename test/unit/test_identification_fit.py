@@ -9,6 +9,7 @@ import pytest
 
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.linear_fit import linear_parameters
@@ -459,3 +460,18 @@ def test_the_scan_sees_the_record_that_shows_the_mode() -> None:
     assert np.min(np.abs(resonant_lines(few) - 71.3)) < 0.3
     best = starts(model, few, model.free_names, count=1)[0]
     assert best.values['natural_frequency'] == pytest.approx(71.3, rel=0.01)
+
+
+@pytest.mark.parametrize('zero', ['record', 'common'])
+def test_the_zero_of_a_model_is_that_of_its_records(zero: str) -> None:
+    """One zero per record determines none of the model, but a compensator uses it."""
+    model = named('prandtl_ishlinskii')
+    truth = {**model.defaults(), 'w0': 2e-7, 'w3': 5e-8, 'offset': 40e-6}
+    time = DT * np.arange(2000)
+    records = [
+        Record(f'{f:g} Hz', DT, u, model.respond(u, model.pack(truth), DT) + shift)
+        for f, shift in ((2.0, 1e-7), (3.0, -1e-7))
+        for u in [np.sin(2 * np.pi * f * time)]
+    ]
+    found = identify(records, 'prandtl_ishlinskii', zero=zero)
+    assert found.values['offset'] == pytest.approx(40e-6, abs=2e-7)

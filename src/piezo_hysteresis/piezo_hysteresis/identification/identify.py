@@ -28,6 +28,7 @@ from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.options import require_options
+from piezo_hysteresis.identification.prediction import with_mean_zero
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.simulate import FreeRuns, free_runs
 from piezo_hysteresis.identification.solver import Progress
@@ -391,6 +392,8 @@ def from_fit(
     """
     started = time.perf_counter() if started is None else started
     fit = with_input_error(fit)
+    zeroed = with_mean_zero(fit.model, fit.values, fit.targets, fit.sampling_offset)
+    fit = replace(fit, values=zeroed)
     std = fit.std.get(SAMPLING_OFFSET, 0.0)
     given = Unsaved(fit.model, fit.values, fit.sampling_offset, std)
     runs = free_runs(given, records, choices, workers=workers)

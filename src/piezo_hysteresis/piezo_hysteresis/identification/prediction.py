@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import Part
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.identification.free_run import (
     Derivatives,
@@ -173,3 +174,37 @@ def predictions(
     packed = model.pack(values, checked=checked)
     for view in views:
         yield Prediction(model, packed, view, sampling_offset)
+
+
+def with_mean_zero(
+    model: Model,
+    values: Mapping[str, float],
+    views: Sequence[Target],
+    sampling_offset: float = 0.0,
+) -> dict[str, float]:
+    """Return the values of a model, with the mean zero of records that have a zero of their own.
+
+    A fit with one zero per record leaves the zero of the model where it was, which may be
+    anywhere; a compensator needs that of the records.
+
+    Parameters
+    ----------
+    model, values : Model, mapping of str to float
+        The chain and its parameters.
+    views : sequence of Target
+        The fitted records, each with its own zero; for others the values are unchanged.
+    sampling_offset : float
+        Delay of the displacement samples relative to the convention [s].
+    """
+    zeros = model.zero_names - set(model.held)
+    last = model.blocks[-1].part is Part.ZERO
+    if not views or len(zeros) != 1 or not last or not all(view.own_zero for view in views):
+        return dict(values)
+    runs = predictions(model, values, views, sampling_offset, checked=False)
+    missed = [
+        float(np.mean(run.target.kept(run.target.measured - run.target.pick(run.response))))
+        for run in runs
+    ]
+    (name,) = zeros
+    moved = values[name] + float(np.mean(missed))
+    return {**values, name: moved} if np.isfinite(moved) else dict(values)

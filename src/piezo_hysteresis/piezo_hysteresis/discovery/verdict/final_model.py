@@ -12,7 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
-from piezo_hysteresis.identification.prediction import predictions
+from piezo_hysteresis.identification.prediction import predictions, with_mean_zero
 from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
@@ -26,7 +26,12 @@ if TYPE_CHECKING:
 def final_model(found: Discovery, data: Sequence[str] = ()) -> ModelFile:
     """Return the final model with values, standard deviations and provenance."""
     final = found.final
-    own = {name: final.values[name] for name in final.model.parameter_names}
+    own = with_mean_zero(
+        final.model,
+        {name: final.values[name] for name in final.model.parameter_names},
+        found.data.training,
+        final.sampling_offset,
+    )
     deviations, together = _uncertainty(found, own)
     effects = ', '.join(e.name for e in found.verdict.effects) or 'none'
     file = ModelFile(

@@ -164,7 +164,8 @@ class StartSearch:
             early = self._beginning(found, record, starts)
             others = [self._tried(early, record, each) for each in starts]
             if early.target is not free:
-                kept = self._tried(early, record, target.begins)
+                # as it is: a part of a record may lack the cycle that its start repeats
+                kept = self.square(early.target) + early.later, target.begins
             best = min([kept, *others], key=_cost)
         noise = target.noise if isfinite(target.noise) else 0.0
         enough = _LEFT * noise**2 * target.measured.size
