@@ -70,7 +70,7 @@ def test_no_time_at_all_is_refused(seconds: float) -> None:
         Deadline(seconds)
 
 
-@pytest.mark.parametrize(('words', 'seconds'), [([], 60.0), (['--time-limit', '0'], 0.0)])
+@pytest.mark.parametrize(('words', 'seconds'), [([], 180.0), (['--time-limit', '0'], 0.0)])
 def test_the_verb_has_a_limit_unless_it_gets_another(words: list[str], seconds: float) -> None:
     parser = argparse.ArgumentParser()
     configure(parser)

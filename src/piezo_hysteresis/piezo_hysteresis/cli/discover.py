@@ -60,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         '--time-limit',
         type=float,
-        default=60.0,
+        default=180.0,
         metavar='S',
         help='time after which the search stops with the best model so far and lists the skipped '
         'steps [s]; 0 for no limit',
