@@ -8,10 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+import piezo_hysteresis as ph
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.periods import main_frequency, period_of
 from piezo_hysteresis.identification.targets import fold
+from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
 
 COUNT = 6000
@@ -101,3 +103,26 @@ def test_a_resonance_that_correlates_at_no_delay_belongs_to_its_drive() -> None:
     assert require_usable([Record('ring', 1e-3, u, 1e-6 * y / np.ptp(y))]) == []
     with pytest.raises(IdentificationError, match='nothing in common'):
         require_usable([Record('other', 1e-3, u, 1e-6 * np.roll(y[::-1], 77) / np.ptp(y))])
+
+
+@pytest.mark.component
+@pytest.mark.parametrize('kind', FAMILY)
+def test_an_unknown_start_costs_little_or_is_stated(kind: str) -> None:
+    """Free run against a fit that knows the last extreme before the record."""
+    rng = np.random.default_rng((54, list(FAMILY).index(kind)))
+    rate, span = 10.0 ** rng.integers(2, 6), 10.0 ** rng.uniform(0.0, 3.0)
+    stroke, middle = 10.0 ** rng.uniform(-8.0, -3.0), span * rng.uniform(-0.5, 0.5)
+    u = np.round(middle + 0.5 * span * drive(kind), 6)
+    model = named('prandtl_ishlinskii').hold(pi_range=float(np.max(np.abs(u))))
+    weights = {f'w{k}': stroke / span * (0.04 if k else 0.6) for k in range(10)}
+    packed = model.pack({**model.defaults(), **weights})
+    last = u[0] + 0.3 * span * rng.uniform(-1.0, 1.0)
+    history = np.concatenate([np.linspace(0.0, last, 200), np.linspace(last, u[0], 100)])
+    moved = model.respond(np.concatenate([history, u]), packed, 1.0 / rate)[history.size :]
+    moved += 3e-4 * stroke * rng.standard_normal(moved.size)
+    record = Record(kind.replace(' ', '_'), 1.0 / rate, u, moved)
+    alone = ph.identify(record, 'prandtl_ishlinskii')
+    known = ph.identify(record, 'prandtl_ishlinskii', before=np.array([last]))
+    assert np.isfinite(alone.records[0].free_run_rms)
+    ratio = alone.records[0].free_run_rms / known.records[0].free_run_rms
+    assert ratio < 1.5 or len(alone.warnings) > len(known.warnings)

@@ -113,7 +113,7 @@ def identify(
     files = _stated(reading, dt, fs)
     records = _read(data, files, actuator, salvage)
     records = driven_at(warmed(records, warm_up), frequency)
-    if before:
+    if len(before):
         records = [preceded(record, before) for record in records]
     unseen = []
     if _given(held_out):
