@@ -298,11 +298,11 @@ class Ladder:
         that another search finds for them may predict far worse. `neutral` are the parameter
         values for which the last effect is inactive.
         """
-        begun = {target.name: target for target in found.targets}
+        fitted = {target.name: target for target in found.targets}
         views = [
             replace(
-                led_in(view, record, begun[view.name].begins),
-                own_zero=begun[view.name].own_zero,
+                led_in(view, record, fitted[view.name].begins),
+                own_zero=fitted[view.name].own_zero,
             )
             for view, record in zip(self._whole, self._records, strict=True)
         ]
