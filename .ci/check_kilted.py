@@ -6,9 +6,11 @@ import importlib
 import sys
 import time
 from importlib.metadata import version
+from pathlib import Path
 
 from piezo_hysteresis.common.registry import NODES
 from piezo_hysteresis.ros.client import Client
+from piezo_hysteresis.ros.middleware import profiles
 from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_interfaces.msg import ActuatorState, Reference
@@ -22,6 +24,7 @@ def main() -> int:
     """Import every node, start two, and print what came back."""
     for name in sorted(NODES.keys() - OPTIONAL):
         importlib.import_module(NODES[name])
+    assert Path(profiles()).name == 'fastdds3.xml', 'Kilted has Fast DDS 3'
     states: list[ActuatorState] = []
     with NodeProcesses() as processes:
         processes.start('piezo_sim', 'simulator', {'clock': 'lock_step', 'wait_for': 2})

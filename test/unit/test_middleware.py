@@ -34,6 +34,18 @@ def test_a_file_of_the_user_stays_in_force(monkeypatch: pytest.MonkeyPatch) -> N
     assert os.environ[PROFILES] == 'mine.xml'
 
 
+def test_fast_dds_3_gets_its_own_profiles(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    usual = Path(profiles('fastdds.xml')).read_text(encoding='utf-8')
+    assert Path(profiles()).name == 'fastdds.xml'
+    (tmp_path / 'lib').mkdir()
+    (tmp_path / 'lib' / 'libfastdds.so.3.2').touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+    own = Path(profiles()).read_text(encoding='utf-8')
+    assert own[own.index('<dds>') :] == usual[usual.index('<dds>') :].replace(
+        'heartbeatPeriod>', 'heartbeat_period>'
+    )
+
+
 def _says(file: str) -> str:
     environment = {
         **os.environ,

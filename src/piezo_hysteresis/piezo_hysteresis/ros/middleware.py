@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from importlib.resources import files
+from pathlib import Path
 
 import rclpy
 from rclpy.context import Context
@@ -12,9 +13,17 @@ from rclpy.context import Context
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
-def profiles(name: str = 'fastdds.xml') -> str:
-    """Return the path of profiles that come with this package."""
-    return str(files('piezo_hysteresis.ros') / name)
+def profiles(name: str = '') -> str:
+    """Return the path of profiles that come with this package, for the Fast DDS at hand."""
+    chosen = name or ('fastdds3.xml' if _has_fast_dds_3() else 'fastdds.xml')
+    return str(files('piezo_hysteresis.ros') / chosen)
+
+
+def _has_fast_dds_3() -> bool:
+    """Return whether the sourced ROS 2 has Fast DDS 3, from Kilted on: its library was renamed."""
+    places = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    libraries = ('lib/libfastdds.so*', 'lib/*-linux-gnu/libfastdds.so*')
+    return any(any(Path(each).glob(name)) for each in places if each for name in libraries)
 
 
 def prepare() -> None:
