@@ -92,6 +92,26 @@ def test_a_line_of_the_drive_near_the_mains_is_no_hum(line: float, mode: float) 
     assert input_error(u, moved, 1.0 / RATE) is None
 
 
+FAST = {
+    'white': lambda n, rng: rng.standard_normal(n),
+    'filtered': lambda n, rng: np.convolve(rng.standard_normal(n), np.ones(30) / 6.0, 'same'),
+    'held': lambda n, rng: np.repeat(rng.standard_normal(n // 8), 8),
+    'binary': lambda n, rng: np.repeat(rng.choice([-1.0, 1.0], n // 4), 4),
+    'chirp': lambda n, rng: np.sin(2 * np.pi * 0.2 * np.arange(n) ** 2 / n),
+}
+
+
+@pytest.mark.parametrize('kind', FAST)
+@pytest.mark.parametrize('mode', [45.0, 75.0, 120.0])
+def test_a_fast_command_is_no_error_although_a_mode_passes_little(kind: str, mode: float) -> None:
+    u = 50.0 + 10.0 * FAST[kind](5 * COUNT, np.random.default_rng((3, int(mode))))
+    turn = 2 * np.pi * mode / RATE
+    damped = [1.0, -2.0 * np.exp(-0.01 * turn) * np.cos(turn), np.exp(-0.02 * turn)]
+    moved = np.asarray(lfilter([float(np.sum(damped))], damped, 1e-7 * u))
+    moved += 1e-9 * np.random.default_rng(1).standard_normal(u.size)
+    assert input_error(u, moved, 1.0 / RATE) is None
+
+
 @pytest.mark.parametrize('kind', ['white', 'steps', 'held'])
 @pytest.mark.parametrize('drive', ['sine', 'chirp'])
 def test_what_the_actuator_felt_is_no_error(drive: str, kind: str) -> None:

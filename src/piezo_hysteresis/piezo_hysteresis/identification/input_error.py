@@ -12,10 +12,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, gcd, hypot, inf, isfinite, pi, sqrt
+from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
+from scipy.signal.windows import blackmanharris
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.identification.noise import RUNNING_MEDIAN, differences_noise
@@ -47,6 +50,12 @@ _EVERYWHERE = 0.2  # least ratio of the median size of an error to its rms
 ON_GRID = 0.02  # share of a step by which readings may differ from whole steps
 _CHANCE = 1.1  # uncertainty of an estimated mean square
 _FAR = 9.0  # median sizes beyond which a difference belongs to a jump
+# Samples of a segment of a spectrum, of the shortest one, fewest segments, their power over the
+# median without a jump, quantile of the lines, and share of the noise that its spectrum has there.
+_SEGMENT, _SHORTEST, _FEWEST_SEGMENTS, _CALM, _LOWEST, _WHITE = 256, 64, 16, 4.0, 0.05, 0.5
+# Density over that of noise where an input is mainly noise, probability of a coherence by chance,
+# and share of such lines with a coherence from which an input is drive.
+_MAINLY, _SELDOM, _BANDS = 2.0, 1e-3, 0.2
 _LAGS = 12  # samples by which the displacement may follow the input in that test
 # Half widths of the windows of a local fit, and deviations within which its estimates agree.
 _WINDOWS = (2, 4, 8, 16, 32, 64)
@@ -128,6 +137,8 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     noise = max(_noise(plain, least), step / sqrt(12.0), least)
     if not (noise > _EXACT * reach or hum or hold > 1) or _followed(y, u, stroke / reach):
         return None
+    if not hum and _coherent(moved, held, noise):
+        return None
     if noise > _EXACT * reach or hold > 1:
         found = _without_noise(plain, noise, step, places, u.size)
     else:
@@ -167,7 +178,9 @@ def _noise(u: FloatArray, least: float) -> float:
     if not rms > least:
         return rms if isfinite(rms) else 0.0
     # a multisine up to half the sampling rate changes as fast as noise, but repeats, or is lines
-    return min(rms, _period(u)[1], _between_lines(u)) if isfinite(rms) else 0.0
+    least_density = _everywhere_in(u)
+    white = rms if least_density > _WHITE * rms else least_density
+    return min(rms, _period(u)[1], _between_lines(u), white) if isfinite(rms) else 0.0
 
 
 def _between_lines(u: FloatArray) -> float:
@@ -175,6 +188,57 @@ def _between_lines(u: FloatArray) -> float:
     window = np.blackman(u.size)
     power = np.abs(np.fft.rfft(window * (u - u.mean()))) ** 2
     return sqrt(float(np.median(power)) / (RUNNING_MEDIAN * float(window @ window)))
+
+
+def _everywhere_in(u: FloatArray) -> float:
+    """Return the rms of white noise that is nowhere in the spectrum above that of a signal.
+
+    The fast part of a chirp or of filtered noise is strong in some bands and weak in others.
+    """
+    found = _segments(u)
+    if found is None:
+        return inf
+    power = np.mean(np.abs(found[0]) ** 2, axis=0) / found[1]
+    return sqrt(float(np.quantile(power, _LOWEST)))
+
+
+def _segments(*signals: FloatArray) -> tuple[Any, ...] | None:
+    """Return spectra of overlapping segments, shape (k, bins), for each signal, and a divisor.
+
+    The divisor, shape (bins,), makes the squares those of white noise per sample: signals are
+    differenced twice, against slow motion. Segments in which the first signal jumps are left out.
+    None for fewer than `_FEWEST_SEGMENTS`.
+    """
+    twice = [np.diff(each, 2) for each in signals]
+    length = _SEGMENT
+    while length > _SHORTEST and 2 * twice[0].size < _FEWEST_SEGMENTS * length:
+        length //= 2
+    window = blackmanharris(length)  # hardly leaks from the lines of a drive
+    parts = [sliding_window_view(each, length)[:: length // 2] for each in twice]
+    power = np.mean(parts[0] ** 2, axis=1)
+    calm = power <= _CALM * float(np.median(power))
+    if int(calm.sum()) < _FEWEST_SEGMENTS:
+        return None
+    spectra = [np.fft.rfft(window * part[calm], axis=1)[:, 4:-1] for part in parts]
+    turn = 2.0 * np.pi * np.arange(length // 2 + 1)[4:-1] / length
+    return *spectra, float(window @ window) * (2.0 - 2.0 * np.cos(turn)) ** 2
+
+
+def _coherent(y: FloatArray, u: FloatArray, noise: float) -> bool:
+    """Return whether the displacement follows what would be `noise` of the input, so: drive.
+
+    A mode passes little above its frequency, so that a coherence there counts, however small.
+    """
+    found = _segments(u, y)
+    if found is None:
+        return False
+    seen, moved, divisor = found
+    power, answer = (np.mean(np.abs(each) ** 2, axis=0) for each in (seen, moved))
+    both = np.abs(np.mean(np.conj(seen) * moved, axis=0)) ** 2
+    of_noise = power < _MAINLY * noise**2 * divisor
+    chance = 1.0 - _SELDOM ** (2.0 / len(seen))  # neighbouring segments share samples
+    follows = both > chance * power * answer
+    return bool(np.mean(of_noise) > 0.0 and np.mean(follows[of_noise]) > _BANDS)
 
 
 def _hold(u: FloatArray) -> tuple[int, int]:
