@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import http.client
+import json
+import logging
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -230,3 +233,40 @@ def test_a_path_with_a_null_byte_is_refused_without_a_traceback(
     assert status == 400
     assert text == 'the path has a null byte: open / instead\n'
     assert [record for record in caplog.records if record.exc_info] == []
+
+
+HEAD = {'msgid': '1', 'msgtype': 'PATCH-DOC'}
+
+
+@pytest.mark.parametrize(
+    'parts',
+    [
+        ['rubbish'] * 3,
+        [b'\xff\x00'],
+        ['[]'] * 3,
+        ['{"msgid": "1"}', '{}', '{}'],
+        [json.dumps({**HEAD, 'msgtype': 'NOTHING'}), '{}', '{}'],
+        [json.dumps(HEAD), '{}', '{}'],
+        [json.dumps(HEAD), '{}', '{"events": [{"kind": "Rubbish"}]}'],
+    ],
+)
+def test_rubbish_in_a_websocket_is_one_line_of_the_log(
+    server: Any, parts: list[str | bytes], caplog: pytest.LogCaptureFixture
+) -> None:
+    found = re.search(r'"token":"([^"]+)"', ask(server, '/')[2])
+    assert found is not None
+
+    async def run() -> None:
+        request = HTTPRequest(f'ws://127.0.0.1:{server.port}/ws')
+        socket = await websocket_connect(request, subprotocols=['bokeh', found[1]])
+        assert await asyncio.wait_for(socket.read_message(), 60) is not None
+        for part in parts:
+            await socket.write_message(part, binary=isinstance(part, bytes))
+        while await asyncio.wait_for(socket.read_message(), 60) is not None:
+            if caplog.records:  # an answer that names the error: the page stays connected
+                break
+
+    asyncio.run(run())
+    (record,) = [each for each in caplog.records if each.name.startswith('bokeh')]
+    assert '\n' not in logging.Formatter().format(record)
+    assert ask(server, '/')[0] == 200

@@ -62,6 +62,9 @@ class StalledClients:
 
 def in_one_line(record: logging.LogRecord) -> bool:
     """Log what a client sent by mistake in one line, without a traceback."""
+    # Bokeh logs these right after their cause.
+    if record.args and str(record.args[0]).startswith('server failed to '):  # type: ignore[index]
+        return False
     record.msg, record.args = record.getMessage().splitlines()[0][:200], ()
     record.exc_info = record.exc_text = None
     return True
@@ -165,6 +168,8 @@ class DashboardServer:
         logging.getLogger('bokeh').setLevel(logging.ERROR)
         for name in ('bokeh.server.views.ws', 'bokeh.server.protocol_handler'):
             logging.getLogger(name).addFilter(in_one_line)
+        # What it finds in a header is logged again when the connection is closed.
+        logging.getLogger('bokeh.protocol').disabled = True
         asyncio.set_event_loop(asyncio.new_event_loop())
         loop = IOLoop.current()
         application = Application(FunctionHandler(self._new_page))
