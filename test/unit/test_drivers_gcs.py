@@ -567,6 +567,31 @@ def test_a_model_of_the_actuator_learns_in_a_few_runs(monkeypatch: Any) -> None:
 
 
 @pytest.mark.parametrize(
+    ('gain', 'sentence'), [(-1.0, 'moves against the voltage'), (0.0, 'does not follow')]
+)
+def test_nothing_is_learnt_from_a_sensor_that_does_not_follow(
+    monkeypatch: pytest.MonkeyPatch, gain: float, sentence: str
+) -> None:
+    model = named('linear_mode')
+    loaded = ModelFile(model, {**model.defaults(), 'A1': 1e-4})
+    with serving() as server, connected(server) as made:
+        made.open_loop()
+        learning = Learning(made, loaded, Sine(3e-5, 20.0, 0.5))
+        played = made.play
+
+        def reversed_(wave: np.ndarray, divider: int = 1) -> Measurement:
+            measured = played(wave, divider)
+            rest = measured.displacement[0]
+            return measured._replace(displacement=rest + gain * (measured.displacement - rest))
+
+        monkeypatch.setattr(made, 'play', reversed_)
+        runs = learning.runs(6)
+        assert next(runs).name == 'no compensation'
+        with pytest.raises(DriverError, match=sentence):
+            next(runs)
+
+
+@pytest.mark.parametrize(
     ('reference', 'sentence'),
     [(Sine(3e-5, 20.0, float('inf')), 'needs an end'), (Sine(3e-5, 3000.0, 1.0), 'too fast')],
 )

@@ -38,6 +38,8 @@ _RAMP = 0.3  # share of the reference in which the amplitude rises by default
 _STEP = 1e-3  # of the voltage, by which the model is differentiated
 _WEAKEST = 1e-3  # of the strongest: sensitivities below it are not used
 _ENOUGH = 1.05  # times the noise: learning stops
+# Correlation with the model below which a sensor is reversed, share of its motion that is none.
+_REVERSED, _STILL = -0.5, 0.05
 _LEAST_GAIN = 0.98  # a round that leaves more than this share of the error is the last
 
 
@@ -131,11 +133,14 @@ class Learning:
         Raises
         ------
         PiezoError
-            If a wave leaves the limits, or the controller fails.
+            If a wave leaves the limits, the controller fails, or the first run shows that the
+            sensor moves against the model or not at all.
         """
         inverse = self._inverse()
         share = float(np.ptp(inverse)) / float(np.ptp(self.samples.value))
-        yield self._measured('no compensation', share * self.samples.value)
+        plain = self._measured('no compensation', share * self.samples.value)
+        yield plain
+        self._check_sensor(plain.result)
         best = self._measured('feedforward', inverse)
         yield best
         step = 1.0
@@ -152,6 +157,23 @@ class Learning:
                     return
             else:
                 step *= 0.5
+
+    def _check_sensor(self, result: LoopResult) -> None:
+        """Raise DriverError if the displacement does not follow the voltage: nothing is learnt."""
+        expected = self._simulated(result.voltage)[self.window]
+        found = result.displacement[self.window]
+        predicted, measured = expected - expected.mean(), found - found.mean()
+        sizes = float(np.std(predicted)), float(np.std(measured))
+        if sizes[1] <= _STILL * sizes[0]:
+            raise DriverError(
+                'the displacement does not follow the voltage: nothing is learnt; check the '
+                'sensor and its unit'
+            )
+        if float(np.mean(predicted * measured)) < _REVERSED * sizes[0] * sizes[1]:
+            raise DriverError(
+                'the displacement moves against the voltage, other than the model: nothing is '
+                'learnt; correct the sign at the sensor or amplifier'
+            )
 
     def _inverse(self) -> FloatArray:
         """Return the voltage with which the model follows the reference."""

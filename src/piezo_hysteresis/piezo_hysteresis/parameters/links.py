@@ -161,6 +161,12 @@ PLANT = (
         1e5,
     ),
     ParameterSpec('plant.damping_ratio', 0.02, 'Damping ratio.', '1', above=0.0, high=10.0),
+    ParameterSpec(
+        'sensor_check',
+        True,
+        'Correct the voltage only once the displacement is seen to follow it with the sign of '
+        'the plant, or once the voltage has not moved for 2 s.',
+    ),
 )
 
 FEEDFORWARD = ParameterTable(

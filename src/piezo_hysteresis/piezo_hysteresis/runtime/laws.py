@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import fields
 from typing import Any, Protocol
@@ -112,6 +113,11 @@ class LawMaker(Protocol):
             If they describe none that is possible.
         """
 
+    def plant(
+        self, values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+    ) -> ModeGain | None:
+        """Return the plant that the law expects, None for any; see `SensorSign.expect`."""
+
     def shapes(self, values: Mapping[str, Any], name: str) -> bool:
         """Return whether the parameter `name` shapes the law of `values` at all."""
 
@@ -134,6 +140,12 @@ class HarmonicLaws:
         """Return the law with the settings of `values`; None where it is not enabled."""
         law = harmonic_settings(values, dt, model).attenuate()
         return law if values['enabled'] else None
+
+    def plant(
+        self, values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+    ) -> ModeGain | None:
+        """Return the plant; without one its gain is estimated, whatever its sign."""
+        return harmonic_settings(values, dt, model).mode()
 
     def shapes(self, values: Mapping[str, Any], name: str) -> bool:
         """Return whether `name` is a setting of the law."""
@@ -164,6 +176,22 @@ class FeedbackLaws:
         """Return the law of `values`; None for ``none``."""
         settings = feedback_settings(values, dt, model)
         return None if settings.feedback is None else settings.feed_back()
+
+    def plant(
+        self, values: Mapping[str, Any], dt: float, model: ModelFile | None = None
+    ) -> ModeGain | None:
+        """Return the plant; the gains of a PID are those for a plant that rises."""
+        settings = feedback_settings(values, dt, model)
+        given = None if settings.feedback is None else settings.feedback.plant
+        if given is not None:
+            last, divisor = given[0][-1], given[1][-1]
+            return ModeGain(last / divisor, dt=dt) if divisor else None
+        plant = settings.mode(of_inverted=True)
+        if values['method'] == 'h_infinity':
+            return plant
+        if plant is None:
+            return ModeGain(math.inf, dt=dt)
+        return plant._replace(gain=abs(plant.gain))
 
     def shapes(self, values: Mapping[str, Any], name: str) -> bool:
         """Return whether `name` matters for the method in force."""

@@ -13,6 +13,10 @@ from piezo_hysteresis.runtime.watchdog import Watchdog
 # Counters that are not 0 while a law has switched itself off.
 ALARMS = {
     'inverted_plant': 'the actuator answers with the opposite sign: check the sensor or amplifier',
+    'reversed_sensor': 'the displacement moves against the voltage, other than the law expects: '
+    'the loop is not closed; correct the sign at the sensor or amplifier',
+    'still_sensor': 'the displacement does not follow the voltage: the loop is not closed; check '
+    'the sensor and its unit',
     'diverged': 'the loop swings between its limits: lower the gains',
     'faded_out': 'the correction made the error larger than it is without it: it has faded out '
     'and tries again, see backed_off; check model_file or plant.gain and plant.natural_frequency',
@@ -46,7 +50,9 @@ _LIMITED = {
 }  # fmt: skip
 
 INACTIVE = 'inactive: passes the voltage on'
+CORRECTS = 'corrects the voltage'
 SWITCHED_OFF = 'switched off: passes the voltage on'
+CHECKING = 'passes the voltage on until it has moved and the sign of the sensor is known'
 
 # Time without input after which it is reported [s].
 SILENCE = 2.0
@@ -84,13 +90,12 @@ class LinkHealth:
         watchdog: Watchdog,
         paused: bool = False,
         known: Sequence[Finding] = (),
-        shares: bool = True,
+        work: str = CORRECTS,
     ) -> Health:
         """Return the health that `numbers` (with ``sample`` and ``active``) and `counts` make.
 
         Input that stays away is an error, or, where its sender is `paused`, to be looked at.
-        `known` are findings that hold while the node runs; a node that does not share in the
-        voltage, such as one without a law, passes it on.
+        `known` are findings that hold while the node runs; `work` is what an active one does.
         """
         findings = [*known, *self._watch.findings(counts)]
         findings += [
@@ -111,6 +116,5 @@ class LinkHealth:
             findings.append((Level.WARN, f'no tick for {silent:.0f} s: the loop has stopped'))
             fine = ''
         else:
-            fine = 'corrects the voltage' if shares else SWITCHED_OFF
-            fine = fine if numbers['active'] else INACTIVE
+            fine = work if numbers['active'] else INACTIVE
         return judge(findings, fine, {**numbers, **counts})

@@ -30,7 +30,7 @@ from piezo_hysteresis.ros.guarded import GuardedLifecycleNode, sends_floats
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.timers import wall_timer
-from piezo_hysteresis.runtime.link_health import ALARMS, LinkHealth
+from piezo_hysteresis.runtime.link_health import ALARMS, CORRECTS, LinkHealth
 from piezo_hysteresis.runtime.watchdog import Watchdog
 from piezo_interfaces.msg import LoopStatus, VoltageCommand
 
@@ -182,9 +182,9 @@ class LinkNode(GuardedLifecycleNode):
         self._watchdog.ramp = self.parameters.number('safe_ramp')
 
     @property
-    def shares(self) -> bool:
-        """Whether the node adds a share to the voltage."""
-        return self.active
+    def work(self) -> str:
+        """What the node does while it is active."""
+        return CORRECTS
 
     def refuse(self, changes: dict[str, Value]) -> str:
         """Return why `changes` are impossible, '' if they are possible."""
@@ -348,7 +348,7 @@ class LinkNode(GuardedLifecycleNode):
         paused = self._watchdog.stale and self.has_publisher()
         findings = [(Level.WARN, sentence) for sentence in self._warnings]
         return self._health.judge(
-            numbers, self.all_counters(), self._watchdog, paused, findings, self.shares
+            numbers, self.all_counters(), self._watchdog, paused, findings, self.work
         )
 
     def _publish_status(self) -> None:

@@ -20,6 +20,8 @@ from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.ros.flat import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.laws import LawMaker
+from piezo_hysteresis.runtime.link_health import CHECKING, CORRECTS, SWITCHED_OFF
+from piezo_hysteresis.runtime.sensor_sign import SensorSign
 from piezo_hysteresis.runtime.stuck_sensor import StuckSensor
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
@@ -59,6 +61,8 @@ class TrackingNode(LinkNode):
         self._laws = laws
         self._model: ModelFile | None = None
         self._report = None if report is None else report(self)
+        self._sign = SensorSign(self.dt)
+        self._withheld = False
         try:
             path = self.parameters.text('model_file')
             self._model = ModelFile.load(path) if path else None
@@ -93,9 +97,11 @@ class TrackingNode(LinkNode):
         return self._laws.build({**self.parameters.values, **changes}, self.dt, self._model)
 
     @property
-    def shares(self) -> bool:
-        """Whether the node adds a share to the voltage: it has a law and is active."""
-        return self.active and self.law is not None
+    def work(self) -> str:
+        """What the node does while it is active."""
+        if self.law is None:
+            return SWITCHED_OFF
+        return CHECKING if self._withheld else CORRECTS
 
     def counters(self) -> dict[str, int]:
         """Return the counters of the law and of the reference."""
@@ -105,6 +111,7 @@ class TrackingNode(LinkNode):
             'refused_references': self._refused_references,
             'dropped': self._dropped + self._book.dropped,
             'stuck_sensor': self._sensor.ticks,
+            **(self._sign.counters() if self._withheld and self.active else {}),
         }
         return {**own, **law}
 
@@ -125,16 +132,26 @@ class TrackingNode(LinkNode):
     def _reshape(self, changed: list[str]) -> None:
         """Change the law, or create a new one if the parameters `changed` define its structure."""
         values = self.parameters.values
+        if any(name.startswith('plant.') for name in changed):
+            self._expect_plant()
         if changed and not self._laws.adjust(self.law, values, changed, self._model):
             self._install(self._built({}))
             self.cross_fade()
 
     def _install(self, law: Link | None) -> None:
         """Activate a law and log its properties."""
-        self.law = self._ready(law)
+        self.law, self._withheld = self._ready(law), False
+        self._expect_plant()
         remark = getattr(law, 'words', '')
         if remark:
             self.get_logger().info(remark)
+
+    def _expect_plant(self) -> None:
+        """Tell the check of the sensor which plant is expected."""
+        limits, model = self.limits(), self._model
+        plant = self._laws.plant(self.parameters.values, self.dt, model)
+        if plant is not None and plant.gain != 0.0:
+            self._sign.expect(plant, limits.high - limits.low)
 
     @staticmethod
     def _ready(law: Link | None) -> Link | None:
@@ -168,6 +185,7 @@ class TrackingNode(LinkNode):
         if self._states.take(measured.sample):
             self.stamps.true_time(measured.sample, nanoseconds_of_head(head))
             self._sensor.update(measured.voltage, measured.displacement)
+            self._sign.update(measured.voltage, measured.displacement)
             self._book.add_measured(measured)
             self._advance()
             self.watch(head, measured.sample)
@@ -198,6 +216,7 @@ class TrackingNode(LinkNode):
     def _begin_book(self, sample: int) -> None:
         """Restart, unless another message of the new run has already done so."""
         if sample <= self._book.done:
+            self._sign.reset()
             self._dropped += self._book.dropped
             self._book = SampleSynchronizer()
             self._started = False
@@ -220,10 +239,22 @@ class TrackingNode(LinkNode):
             return tick.received
         voltage = self.law.step(tick.point, tick.received, tick.measured)
         if math.isfinite(voltage):
-            return voltage
+            return voltage if voltage == tick.received else self._closed(tick.received, voltage)
         self._law_resets += 1
         self._reset()
         return tick.received
+
+    def _closed(self, received: float, voltage: float) -> float:
+        """Return `voltage` once the sign of the sensor is known; until then the law restarts."""
+        if not self.parameters.flag('sensor_check') or self._sign.may_close():
+            if self._withheld:
+                self._withheld = False
+                self.cross_fade()
+            return voltage
+        self._withheld = True
+        assert self.law is not None
+        self.law.reset()
+        return received
 
     def _join(self, tick: Tick[bytes]) -> None:
         """Start from the present voltage if the loop is already running."""
@@ -245,6 +276,7 @@ class TrackingNode(LinkNode):
         self.cross_fade()
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._sign.reset()
         self._reset()
         response.success, response.message = True, 'the correction restarts'
         return response
