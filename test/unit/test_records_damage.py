@@ -158,6 +158,22 @@ def test_a_clock_that_jumps_is_reported(tmp_path: Path) -> None:
     assert [len(record) for record in found.records] == [151, 149]
 
 
+def test_a_clock_that_is_set_back_by_more_than_the_record_is_reported(tmp_path: Path) -> None:
+    stamp = 3600.0 + TICKS * 1e-3 - 50.0 * (TICKS > 150)
+    found = refused(
+        raw_bag(tmp_path / 'bag', [(TICKS, stamp, STROKE)], in_order=True), 'stamps jump by up to'
+    )
+    assert [len(record) for record in found.records] == [151, 149]
+
+
+def test_stamps_that_stand_still_are_reported(tmp_path: Path) -> None:
+    path = raw_bag(tmp_path / 'bag', [(TICKS, np.full(TICKS.size, 7.0), STROKE)], in_order=True)
+    with pytest.raises(
+        RecordError, match='most of its stamps do not advance; let the driver stamp'
+    ):
+        load([path])
+
+
 def test_values_that_are_not_numbers(tmp_path: Path) -> None:
     value = STROKE.copy()
     value[[40, 41]] = np.nan

@@ -356,13 +356,22 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
     median = np.median(steps)
     odd = np.abs(steps - median) > UNEVEN * median
     mean = (track.time[-1] - track.time[0]) / (track.time.size - 1)
+    if not median > 0:
+        log.add(place, 'most of its stamps do not advance', count=int(np.sum(steps <= 0)),
+                remedy='let the driver stamp each state with its time')  # fmt: skip
+        return []
     wander = np.abs(track.time - track.time[0] - mean * np.arange(track.time.size)).max()
     steady = 0.5 if track.sample is None else JITTER
     if not odd.any() and wander < steady * mean:
         return [track]
     runs = _even_runs(steps)
     off = sum(b - a for a, b in runs if odd[a:b].all())
-    if track.sample is not None and off <= 0.1 * steps.size and _returns(track, wander / mean):
+    if (
+        track.sample is not None
+        and mean > 0
+        and off <= 0.1 * steps.size
+        and _returns(track, wander / mean)
+    ):
         what = f'its stamps jitter by up to {1e3 * wander:.3g} ms'
         if abs(mean / median - 1) > 0.01:
             what += f' (its driver was held up: {1 / mean:.4g} Hz on average)'
