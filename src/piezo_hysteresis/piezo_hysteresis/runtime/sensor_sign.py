@@ -15,9 +15,9 @@ _SHARE_OF_MODE, _WITHOUT_MODE = 0.3, 16.0
 _MOVED, _SLOW = 0.005, 0.5
 # Correlations and slopes, relative to the expected one, from which the sensor is right or not.
 _RIGHT, _WRONG, _LEAST_SLOPE, _STILL = 0.5, -0.7, 0.1, 0.05
-# What speaks against the sensor must last so long [s]; data are forgotten in [s]; a loop whose
-# voltage does not move is closed after [s].
-_LASTS, _MEMORY, _PATIENCE = 0.1, 2.0, 2.0
+# What speaks against the sensor must last so long [s]; older data count less after [s]; a loop
+# whose voltage does not move is closed after [s].
+_LASTS, _MEMORY, _TIMEOUT = 0.1, 2.0, 2.0
 
 
 class Sign(Enum):
@@ -86,7 +86,7 @@ class SensorSign:
         """Return whether a loop may act now; it waits a time for a voltage that moves."""
         if self._asked is None:
             self._asked = self._ticks
-        is_over = (self._ticks - self._asked) * self._dt >= _PATIENCE
+        is_over = (self._ticks - self._asked) * self._dt >= _TIMEOUT
         if self.found is Sign.UNKNOWN and (is_over or self._plant is None):
             self.found = Sign.RIGHT
         return self.found is Sign.RIGHT

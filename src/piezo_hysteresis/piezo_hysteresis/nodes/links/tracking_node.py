@@ -147,7 +147,7 @@ class TrackingNode(LinkNode):
             self.get_logger().info(remark)
 
     def _expect_plant(self) -> None:
-        """Tell the check of the sensor which plant is expected."""
+        """Set the plant that the check of the sensor expects."""
         limits, model = self.limits(), self._model
         plant = self._laws.plant(self.parameters.values, self.dt, model)
         if plant is not None and plant.gain != 0.0:
