@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_drivers_gcs import KINDS, RATE, served, serving
+from test_drivers_gcs import KINDS, PRESET, RATE, connected, running, served, serving
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.drivers import DriverError, open_controller, sweep
 from piezo_sim.gcs.controller import Generator, SimulatedController
+from piezo_sim.gcs.language import Language
 from piezo_sim.gcs.nv200 import Nv200Language
+from piezo_sim.gcs.server import GcsServer
+from piezo_sim.plant import Plant
 
 SLEW = 900.0
 
@@ -184,3 +187,47 @@ def test_a_long_wave_is_played_in_straight_lines(has_one_rate: bool, monkeypatch
             with every_tick(server.controller) as ticks:
                 made.play(wave, 10)
         assert fastest(ticks) < 1.01 * np.pi / 300 * RATE / 10  # not in steps of ten ticks
+
+
+def two_axes(*, has_one_rate: bool) -> tuple[list[SimulatedController], Language]:
+    """Return controllers of two axes whose wave generators play tables at different rates."""
+    axes = [SimulatedController(Plant.from_preset(PRESET, RATE), np.inf) for _ in range(2)]
+    axes[0].generator.divider = 7
+    axes[0].recorder.divider = 7
+    return axes, Language(*axes, has_one_rate=has_one_rate)
+
+
+@pytest.mark.parametrize('has_one_rate', [False, True])
+@pytest.mark.parametrize('seconds', [0.5, 8.0])
+def test_a_sweep_of_the_second_axis_has_its_own_rate(has_one_rate: bool, seconds: float) -> None:
+    axes, language = two_axes(has_one_rate=has_one_rate)
+    server = GcsServer(axes[0], 0, language=language)
+    with running(server, 0.01):
+        address = f'gcs://127.0.0.1:{server.server_address[1]}'
+        with open_controller(address, axis='2') as made:
+            made.open_loop()
+            divider = made.divider_for(seconds + 1.0)
+            (record,) = sweep(made, [20.0], [1.0], seconds)
+    server.server_close()
+    assert divider == (1 if seconds < 1.0 else 3)
+    assert record.rate == pytest.approx(RATE / divider, rel=1e-9)
+    time = record.dt * np.arange(len(record))
+    spectrum = np.abs(np.fft.rfft(record.voltage))
+    assert np.argmax(spectrum) / time.size / record.dt == pytest.approx(20.0, abs=0.01)
+    assert np.ptp(record.displacement) > 1e-4
+    if not has_one_rate:  # the rate of the other generator is as it was
+        assert axes[0].generator.divider == 7
+
+
+def test_a_record_of_another_rate_than_asked_for_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As if another client set the rate of the common recorder, or it does not take ours."""
+    with serving() as server, connected(server) as made:
+        made.open_loop()
+        played = made.recorded
+        monkeypatch.setattr(
+            made, 'recorded', lambda *given: played(*given)._replace(dt=7.0 / RATE)
+        )
+        with pytest.raises(DriverError, match='recorded at 2857 Hz instead of 20000 Hz'):
+            sweep(made, [20.0], [1.0], 0.5)

@@ -35,6 +35,7 @@ _FEW = 10  # steps of such a way
 _REST = 1e-3  # share of the range up to which the output rests
 _LAG = 2e-4  # by which notch filters and the like may delay the output [s]
 _AGREED = 2e-3  # share of a wave by which the output may deviate from it
+_SAME_RATE = 1e-3  # share by which the rate of a record may deviate
 _AFTER = 3.0  # longest time that a wave may take more than it should [s]
 _LOOK = 0.05  # how often it is looked whether a wave has ended [s]
 
@@ -451,6 +452,11 @@ class Controller(ABC):
             np.isfinite(measured.voltage + measured.displacement)
         ):
             raise DriverError(f'{self.address}: the record did not come whole; try again')
+        if abs(measured.dt * rate - 1.0) > _SAME_RATE:
+            raise DriverError(
+                f'{self.address}: recorded at {1.0 / measured.dt:.4g} Hz instead of {rate:.6g} '
+                'Hz: another client set the rate of the recorder; there is no record of it'
+            )
         self._require_played(voltages, rate, measured.voltage)
         return measured
 
