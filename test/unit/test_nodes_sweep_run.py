@@ -107,6 +107,26 @@ def test_states_lost_between_records_or_without_a_bag_are_no_matter() -> None:
     assert len(world.said) == 4
 
 
+@pytest.mark.parametrize('tick', [1, 20, TICKS + 10, TICKS + GAP + 1])
+@pytest.mark.parametrize('skipped', [TICKS + GAP, 2 * LENGTH, 1_000_000])
+def test_records_that_begin_or_end_in_ticks_that_never_came_are_run_again(
+    tick: int, skipped: int
+) -> None:
+    """As if the first state that a new node received was far older than the next one."""
+    world = World()
+    world.to(tick)
+    before = world.voltages[-1]
+    world.tick += skipped
+    assert world.finish() == NAMES
+    assert abs(world.voltages[tick] - before) < 2 * np.pi * 20.0 / RATE
+    for kept in world.run.kept:
+        first = kept.first - skipped
+        np.testing.assert_array_equal(
+            world.voltages[first : first + TICKS] if first >= tick else kept.record.voltages,
+            kept.record.voltages,
+        )
+
+
 def test_a_record_with_repeated_losses_is_aborted_and_reported() -> None:
     world = World()
     while world.step(heard=not (world.tick % 10 == 0 and world.tick < 700)) is not None:

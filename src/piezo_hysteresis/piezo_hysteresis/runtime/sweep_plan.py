@@ -144,9 +144,13 @@ class Sweep:
             self._left_at, self._left_voltage = sample, voltage
             self._again = self._start = sample + self._left_ticks
 
-    def rest(self, sample: int, ticks: int, record: SweepRecord) -> None:
-        """Go to rest from tick `sample` on, and begin `record` (again) `ticks` later."""
-        self._left_at, self._left_voltage = sample, self.voltage(sample - 1)
+    def rest(self, sample: int, ticks: int, record: SweepRecord, since: int | None = None) -> None:
+        """Go to rest from tick `sample` on, and begin `record` (again) `ticks` later.
+
+        The voltage is that of tick `since`, by default of the one before.
+        """
+        self._left_at = sample
+        self._left_voltage = self.voltage(sample - 1 if since is None else since)
         self._left_ticks = self.way_back
         self._again = sample + ticks
         self._start = self._again - record.first

@@ -71,6 +71,7 @@ class SweepRun:
         self._open: Running | None = None
         self._closed: tuple[Running, bool] | None = None  # and whether it is complete
         self._repeats: Counter[int] = Counter()
+        self._stepped: int | None = None
         # the newest complete run of states: `_since` to `_newest`
         self._since, self._newest = 0, -1
 
@@ -85,6 +86,9 @@ class SweepRun:
     def step(self, sample: int) -> float | None:
         """Return the voltage of tick `sample` [V], None after the end of the sweep."""
         sweep = self.sweep
+        if self._stepped is not None and sample > self._stepped + 1:
+            self._catch_up(self._stepped, sample)
+        self._stepped = sample
         if sweep.over(sample) or sweep.starting(sample) is not None:
             self._judge(sample)
             record = sweep.starting(sample)
@@ -121,19 +125,40 @@ class SweepRun:
         self.kept = [each for each in self.kept if each.queued <= written]
         return [each.record.name for each in lost]
 
-    def _judge(self, sample: int) -> None:
-        """Accept the previous record, or repeat it if samples were lost."""
+    def _catch_up(self, last: int, sample: int) -> None:
+        """Run the first record again that began or ended between ticks `last` and `sample`."""
+        way_back = self.sweep.way_back
+        if self._open is not None and sample > self._open.last:
+            queued = self._markers.end('', '', sample)
+            self._closed = (replace(self._open, queued=queued), self._is_whole(self._open))
+            self._open = None
+            if self._judge(sample, way_back, last):
+                return
+        for tick in range(last + 1, min(sample, last + 1 + self.sweep.length)):
+            record = self.sweep.starting(tick)
+            if record is not None and self._repeats[record.first] < MOST_REPEATS:
+                self._repeats[record.first] += 1
+                self.sweep.rest(sample, way_back, record, last)
+                return
+
+    def _judge(self, sample: int, ticks: int = 0, since: int | None = None) -> bool:
+        """Accept the previous record, or repeat it in `ticks` if samples were lost.
+
+        Return whether it is repeated.
+        """
         if self._closed is None:
-            return
+            return False
         (closed, is_whole), self._closed = self._closed, None
         if is_whole:
             self.kept.append(closed)
         elif self._repeats[closed.record.first] < MOST_REPEATS:
             self._repeats[closed.record.first] += 1
             self._markers.end(closed.record.name, REPEATED, sample)
-            self.sweep.rest(sample, 0, closed.record)
+            self.sweep.rest(sample, ticks, closed.record, since)
+            return True
         else:
             self._markers.end(closed.record.name, FAILED, sample)
+        return False
 
     def _is_whole(self, record: Running) -> bool:
         held = self._since <= record.first and self._newest >= record.last - 1

@@ -306,7 +306,7 @@ class SweepServer:
             result.message = 'cancelled; the actuator is at rest'
         else:
             goal.succeed()
-            result.success = True
+            result.success = bool(kept)
             result.message = kept_message(kept, self._ended.sweep, self._bag)
         self._counts['sweeps_failed'] += bool(self._reason) and not self._refuses
         self.last = result.message
