@@ -12,12 +12,17 @@ from nv200.data_recorder import DataRecorder, DataRecorderSource, RecorderAutoSt
 from nv200.nv200_device import NV200Device
 from nv200.serial_protocol import SerialProtocol
 from nv200.shared_types import StatusFlags
+from nv200.telnet_protocol import TelnetProtocol
 from nv200.waveform_generator import WaveformGenerator, WaveformUnit
 
 
-async def responses(port: str) -> dict[str, Any]:
-    """Move, play two cycles of a wave and read the recorder, then close the loop."""
-    made = NV200Device(SerialProtocol(port))
+async def responses(place: str) -> dict[str, Any]:
+    """Move, play two cycles of a wave and read the recorder, then close the loop.
+
+    The `place` is a serial port, or ``HOST:PORT`` of a telnet server.
+    """
+    host, colon, port = place.rpartition(':')
+    made = NV200Device(TelnetProtocol(host, int(port)) if colon else SerialProtocol(place))
     await made.connect(False)
     found: dict[str, Any] = {
         'range': await made.get_voltage_range(),

@@ -72,6 +72,12 @@ def served(
             yield f'gcs://127.0.0.1:{server.server_address[1]}', server.controller
         return
     controller = SimulatedController(Plant.from_preset(PRESET, RATE), speed)
+    if kind == 'nv200_telnet':
+        server = GcsServer(controller, 0, fault, Nv200Language(controller))
+        with running(server, 0.01):
+            yield f'nv200://127.0.0.1:{server.server_address[1]}', controller
+        server.server_close()
+        return
     language = (Nv200Language if kind == 'nv200' else Language)(controller)
     pty = PtyServer(controller, language, fault)
     with running(pty):

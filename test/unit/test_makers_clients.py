@@ -44,8 +44,9 @@ def test_pipython_of_pi_drives_the_simulated_controller() -> None:
     assert found['position'] == pytest.approx(20.0, abs=0.005 * (high - low))
 
 
-def test_nv200_of_piezosystem_jena_drives_the_simulated_amplifier() -> None:
-    with served('nv200', speed=1.0) as (address, controller):
+@pytest.mark.parametrize('kind', ['nv200', 'nv200_telnet'])
+def test_nv200_of_piezosystem_jena_drives_the_simulated_amplifier(kind: str) -> None:
+    with served(kind, speed=1.0) as (address, controller):
         low, high = (1e6 * end for end in controller.travel)
         found = responses_of('nv200_client.py', address.removeprefix('nv200://'))
     assert found['range'] == [-5.0, 5.0]
