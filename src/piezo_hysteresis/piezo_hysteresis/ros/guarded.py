@@ -137,10 +137,13 @@ class GuardedLifecycleNode(Guarded, LifecycleNode):
 
 def sends_floats(publisher: Publisher) -> Publisher:
     """Return a publisher that makes the float64 of its messages floats; bytes pass as they are."""
-    send = publisher.publish
+    send, send_bytes = publisher.publish, publisher.handle.publish_raw
 
     def publish(message: Any) -> None:
-        send(message if isinstance(message, bytes) else with_floats(message))
+        if type(message) is bytes:
+            send_bytes(message)
+        else:
+            send(with_floats(message))
 
     publisher.publish = publish
     return publisher

@@ -122,8 +122,10 @@ class SampleSynchronizer(Generic[Tag]):
 
     def _discard(self, sample: int) -> None:
         self._done = sample
-        for book in (self._points, self._voltages):
-            for old in [each for each in book if each <= sample]:
-                del book[old]
-        for old in [each for each in self._measured if each < sample]:
-            del self._measured[old]
+        for book, last in (
+            (self._points, sample), (self._voltages, sample), (self._measured, sample - 1)
+        ):  # fmt: skip
+            book.pop(last, None)
+            if book and min(book) < last:
+                for old in [each for each in book if each < last]:
+                    del book[old]

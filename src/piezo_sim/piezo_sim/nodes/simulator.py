@@ -158,7 +158,6 @@ class Simulator(GuardedNode):
         if sample == 0 and not self._listened_to():
             return  # the excitation repeats the command
         self._newest_command = sample
-        self._check_stamp(head, sample)
         self._waiting_since, self._warned = time.monotonic(), False
         refused = not self._book.accept(voltage)
         self._book.follow(1.0 / self._rate)
@@ -166,6 +165,7 @@ class Simulator(GuardedNode):
             self._publish_status()  # at once, so that the commanding node need not wait
         self._refuses = refused
         self._advance()
+        self._check_stamp(head, sample)
 
     def _listened_to(self) -> bool:
         count = self._params.integer('wait_for')

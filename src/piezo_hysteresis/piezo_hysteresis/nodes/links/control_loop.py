@@ -91,11 +91,14 @@ class ControlLoop:
 
     def _on_state(self, payload: bytes) -> None:
         head, measured = measured_of(payload)
-        for link in reversed(self.links):
-            link.take_state(head, measured)
+        due = [link for link in (self.feedback, self.attenuation) if link.take_measured(measured)]
         if self.recorder is not None:
             self.recorder.take(topics.STATE, payload)
         self.excitation.take_state(head, measured, payload)
+        # The command is on its way: what is left is done while the actuator moves.
+        for link in due:
+            link.check_state(head, measured)
+        self.feedforward.take_state(head, measured)
 
 
 def main() -> None:

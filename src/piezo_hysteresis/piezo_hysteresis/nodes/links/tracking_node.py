@@ -182,13 +182,23 @@ class TrackingNode(LinkNode):
 
     def take_state(self, head: bytes, measured: Measured) -> None:
         """Take the measurement of one tick."""
-        if self._states.take(measured.sample):
-            self.stamps.true_time(measured.sample, nanoseconds_of_head(head))
-            self._sensor.update(measured.voltage, measured.displacement)
-            self._sign.update(measured.voltage, measured.displacement)
-            self._book.add_measured(measured)
-            self._advance()
-            self.watch(head, measured.sample)
+        if self.take_measured(measured):
+            self.check_state(head, measured)
+
+    def take_measured(self, measured: Measured) -> bool:
+        """Take the measurement of one tick; return whether `check_state` is to follow."""
+        if not self._states.take(measured.sample):
+            return False
+        self._book.add_measured(measured)
+        self._advance()
+        return True
+
+    def check_state(self, head: bytes, measured: Measured) -> None:
+        """Check clock and sensor, and whether input stays away: what no command waits for."""
+        self.stamps.true_time(measured.sample, nanoseconds_of_head(head))
+        self._sensor.update(measured.voltage, measured.displacement)
+        self._sign.update(measured.voltage, measured.displacement)
+        self.watch(head, measured.sample)
 
     def take_voltage(self, head: bytes, sample: int, voltage: float) -> None:
         """Take the voltage of the previous link, for one tick [V]."""
