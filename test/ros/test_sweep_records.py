@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import signal
 import time
 from collections.abc import Callable
@@ -192,6 +193,31 @@ def test_a_killed_excitation_leaves_a_bag_that_can_be_read(bench: Bench) -> None
     (record,) = [each for each in found.records if each.name == 'sine_5Hz_1V']
     plan = Sweep(GOAL['frequencies'], GOAL['amplitudes'], 60.0, RATE).records[0]
     np.testing.assert_array_equal(record.voltage, plan.voltages[: len(record)])
+
+
+def test_what_a_sweep_reports_on_a_disk_that_fills_is_in_its_bag(bench: Bench) -> None:
+    """A limit of the size of files, which the recording reaches in the second record."""
+    bench.start('real_time')
+    pid = bench.excitation.pid
+    handle = bench.send(bag='full', seconds=1.5)
+    bench.listener.until(lambda: [each.record for each in bench.markers][-1:] == NAMES[1:])
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (150_000, -1))
+    result = bench.result(handle).result
+    found = {each.name: each for each in survey([bench.folder / 'full'], salvage=True).records}
+    assert result.records == len(result.names) < 2
+    assert not result.success
+    assert f'{NAMES[1]} could not be written' in result.message
+    for name in result.names:
+        assert len(found[name]) == 1.5 * RATE
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (-1, -1))
+    assert bench.result(bench.send(bag='again')).result.records == 2
+    whole(bench.folder / 'again')
+
+
+def test_a_name_that_is_too_long_is_refused_and_the_node_lives(bench: Bench) -> None:
+    bench.start()
+    assert not bench.send(bag='x' * 300).accepted
+    assert bench.result(bench.send(bag='again')).result.records == 2
 
 
 def play(bench: Bench, bag: Path, **settings: Any) -> Callable[[], int | None]:
