@@ -95,7 +95,7 @@ class ControlLoop:
         if self.recorder is not None:
             self.recorder.take(topics.STATE, payload)
         self.excitation.take_state(head, measured, payload)
-        # The command is on its way: what is left is done while the actuator moves.
+        # The command is on its way: the checks are done while the actuator moves.
         for link in due:
             link.check_state(head, measured)
         self.feedforward.take_state(head, measured)
