@@ -84,7 +84,7 @@ def samples_of(bag: Path, *, is_whole: bool = False) -> int:
         records = survey([bag], salvage=True).records
     except RecordError as error:
         print(f'    {error}')
-        records = ()
+        records = []
     count = 0
     for record in records:
         count += len(record)
