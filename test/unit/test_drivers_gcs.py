@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import threading
 import time
@@ -213,6 +214,14 @@ def test_an_address_of_another_kind_is_reported() -> None:
         pytest.raises(DriverError, match='no answer'),
     ):
         open_controller(address.replace('gcs', 'nv200'), timeout=0.1)
+
+
+def test_no_page_claims_the_d_drive() -> None:
+    """Another protocol, by the client psj-lib 1.2.2 of its maker: channels, errors as text."""
+    folder = Path(__file__).parents[2]
+    pages = [folder / 'README.md', *folder.glob('docs/**/*.md'), *folder.glob('src/**/*.py')]
+    claims = [page for page in pages if re.search(r'\bd-?drive', page.read_text(), re.IGNORECASE)]
+    assert claims == []
 
 
 @pytest.mark.parametrize('limits', [(1.0, 2.0, None), (2.0, -2.0, None), (None, None, 0.0)])

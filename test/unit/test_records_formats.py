@@ -342,7 +342,11 @@ def test_an_archive_is_judged_before_it_is_expanded(tmp_path: Path, monkeypatch:
     np.savez_compressed(tmp_path / 'x.npz', **COLUMNS)
     np.save(tmp_path / 'x.npy', np.zeros((400, 3)))
     path = matlab(tmp_path / 'x.mat', **COLUMNS)
-    for each in (tmp_path / 'x.npz', tmp_path / 'x.npy', path):
+    book = pytest.importorskip('openpyxl').Workbook()
+    for row in zip(*COLUMNS.values(), strict=True):
+        book.active.append(row)
+    book.save(tmp_path / 'x.xlsx')
+    for each in (tmp_path / 'x.npz', tmp_path / 'x.npy', path, tmp_path / 'x.xlsx'):
         with pytest.raises(RecordError, match=r'would take .* save time'):
             load(each)
 
@@ -356,6 +360,13 @@ def test_hdf5_reads_its_own_file_only(tmp_path: Path) -> None:
         file['displacement_um'] = h5py.ExternalLink('other.h5', 'displacement_um')
     with pytest.raises(RecordError, match='no column of displacement'):
         load(tmp_path / 'x.h5')
+    (tmp_path / 'z.bin').write_bytes(np.asarray(MOVED, '<f8').tobytes())
+    with h5py.File(tmp_path / 'z.h5', 'w') as file:
+        file['time_s'], file['voltage_V'] = TIME, VOLTAGE
+        stored = [(str(tmp_path / 'z.bin'), 0, 8 * len(MOVED))]
+        file.create_dataset('displacement_um', (len(MOVED),), '<f8', external=stored)
+    with pytest.raises(RecordError, match='no column of displacement'):
+        load(tmp_path / 'z.h5')
     with h5py.File(tmp_path / 'y.h5', 'w') as file:
         for key, values in (('t', TIME), ('u', VOLTAGE), ('pos', MOVED)):
             file[key] = values
