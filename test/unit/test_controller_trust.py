@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,10 @@ import pytest
 from test_drivers_gcs import KINDS, PRESET, RATE, connected, running, served, serving
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.drivers import DriverError, open_controller, sweep
+from piezo_hysteresis.drivers import DriverError, Measurement, open_controller, sweep
+from piezo_hysteresis.drivers.tracking import Learning
+from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.waveforms import Sine
 from piezo_sim.gcs.controller import Generator, SimulatedController
 from piezo_sim.gcs.language import Language
 from piezo_sim.gcs.nv200 import Nv200Language
@@ -231,3 +236,36 @@ def test_a_record_of_another_rate_than_asked_for_is_refused(
         )
         with pytest.raises(DriverError, match='recorded at 2857 Hz instead of 20000 Hz'):
             sweep(made, [20.0], [1.0], 0.5)
+
+
+@pytest.mark.parametrize(
+    ('gain', 'sentence'), [(-1.0, 'moves against the voltage'), (0.0, 'does not follow')]
+)
+def test_nothing_is_learnt_from_a_sensor_that_does_not_follow(
+    monkeypatch: pytest.MonkeyPatch, gain: float, sentence: str
+) -> None:
+    model = named('linear_mode')
+    loaded = ModelFile(model, {**model.defaults(), 'A1': 1e-4})
+    with serving() as server, connected(server) as made:
+        made.open_loop()
+        learning = Learning(made, loaded, Sine(3e-5, 20.0, 0.5))
+        played = made.play
+
+        def reversed_(wave: np.ndarray, divider: int = 1) -> Measurement:
+            measured = played(wave, divider)
+            rest = measured.displacement[0]
+            return measured._replace(displacement=rest + gain * (measured.displacement - rest))
+
+        monkeypatch.setattr(made, 'play', reversed_)
+        runs = learning.runs(6)
+        assert next(runs).name == 'no compensation'
+        with pytest.raises(DriverError, match=sentence):
+            next(runs)
+
+
+def test_no_page_claims_the_d_drive() -> None:
+    """Another protocol, by the client psj-lib 1.2.2 of its maker: channels, errors as text."""
+    folder = Path(__file__).parents[2]
+    pages = [folder / 'README.md', *folder.glob('docs/**/*.md'), *folder.glob('src/**/*.py')]
+    claims = [page for page in pages if re.search(r'\bd-?drive', page.read_text(), re.IGNORECASE)]
+    assert claims == []
