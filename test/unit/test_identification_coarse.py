@@ -39,3 +39,15 @@ def test_a_spike_between_steps_is_found(noise_in_steps: float) -> None:
 def test_the_step_of_a_sensor_is_reported() -> None:
     assert step_of(sensed(5e-7, 2e-7, 1)) == pytest.approx(5e-7, rel=1e-6)
     assert step_of(np.full(5, 2e-6)) == 0.0
+
+
+@pytest.mark.parametrize('phase', [0.0, 1.5, 2.6, 4.0])
+def test_a_ring_from_before_the_record_is_no_outlier(phase: float) -> None:
+    """About an offset that creeps away, cut anywhere in its swing; a spike after it is found."""
+    k, rng = np.arange(20_000), np.random.default_rng(3)
+    u = np.where(k % 2500 < 2250, k % 2500 / 2250.0, 10.0 - k % 2500 / 250.0)
+    y = 1e-6 * u + 1e-9 * rng.standard_normal(k.size)
+    y -= 17e-9 * np.exp(-k / 3000.0) * (1.0 + np.exp(-k / 150.0) * np.cos(0.48 * k + phase))
+    assert not np.any(outliers(u, y, 2500))
+    y[700] += 60e-9
+    assert list(np.flatnonzero(outliers(u, y, 2500))) == [700]

@@ -192,13 +192,16 @@ def _transient(first: FloatArray, allowed: FloatArray, samples: int) -> BoolArra
     """Return which of all `samples` belong to a transient of the first period, shape (samples,).
 
     It is there from the first sample on, and whatever follows it is smaller: it decays or rings.
+    The record may begin anywhere in a swing, so that the next one is whole and higher.
     """
-    found, size, largest = np.zeros(samples, dtype=bool), np.abs(first), 0.0
+    found, size = np.zeros(samples, dtype=bool), np.abs(first)
+    largest, last, swings = 0.0, 0, 0
     for begin, end in _runs(size > allowed[: size.size]):
         height = float(np.max(size[begin:end]))
-        if begin < _WIDEST or height <= largest:
+        next_swing = swings < 2 and begin - last <= max(end - begin, _WIDEST)
+        if begin < _WIDEST or height <= largest or next_swing:
             found[begin:end] = True
-            largest = max(largest, height)
+            largest, last, swings = max(largest, height), end, swings + 1
     return found
 
 
