@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -92,7 +93,7 @@ def test_a_line_of_the_drive_near_the_mains_is_no_hum(line: float, mode: float) 
     assert input_error(u, moved, 1.0 / RATE) is None
 
 
-FAST = {
+FAST: dict[str, Callable[[int, np.random.Generator], np.ndarray]] = {
     'white': lambda n, rng: rng.standard_normal(n),
     'filtered': lambda n, rng: np.convolve(rng.standard_normal(n), np.ones(30) / 6.0, 'same'),
     'held': lambda n, rng: np.repeat(rng.standard_normal(n // 8), 8),

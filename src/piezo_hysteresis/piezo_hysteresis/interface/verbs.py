@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery import discover as discover_in
 from piezo_hysteresis.discovery.choice.choose import choose_model
@@ -41,7 +42,7 @@ def identify(
     fs: float | None = None,
     hold: Mapping[str, float] | None = None,
     start: Mapping[str, float] | None = None,
-    before: Sequence[float] = (),
+    before: Sequence[float] | FloatArray = (),
     warm_up: float | None = None,
     frequency: float | None = None,
     held_out: Data = (),
@@ -70,7 +71,7 @@ def identify(
         Sampling interval [s] or rate [Hz] of arrays without a time.
     hold, start : mapping of str to float, optional
         Parameters that are not fitted, and start values, in SI units.
-    before : sequence of float
+    before : sequence of float or ndarray, shape (k,)
         Extremes of the voltage before each record [V].
     warm_up : float, optional
         Initial time that is excluded from errors [s]; default that of the records.
@@ -114,7 +115,8 @@ def identify(
     records = _read(data, files, actuator, salvage)
     records = driven_at(warmed(records, warm_up), frequency)
     if len(before):
-        records = [preceded(record, before) for record in records]
+        levels = tuple(map(float, before))
+        records = [preceded(record, levels) for record in records]
     unseen = []
     if _given(held_out):
         unseen = driven_at(warmed(_read(held_out, files, actuator, salvage), warm_up), frequency)
