@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.data.check import Check, check, outside_of
+from piezo_hysteresis.discovery.data.check import Check, beyond_the_fit, check, outside_of
+from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named
@@ -109,3 +110,14 @@ def test_a_changed_operating_condition_is_stated(
     record = Record('r', 1e-3, u, u, info=RecordInfo(frequency=frequency))
     found = outside_of([record], given)
     assert found == (f'{OUTSIDE} {sentence}.' if sentence else '')
+
+
+@pytest.mark.parametrize(('drive', 'beyond'), [('stairs', True), ('triangle', False)])
+def test_a_held_out_part_beyond_the_fitted_voltages_is_stated(drive: str, beyond: bool) -> None:
+    x = np.arange(3000) / 3000.0
+    u = np.floor(10.0 * x) if drive == 'stairs' else 10.0 * np.abs((4.0 * x + 1.0) % 2.0 - 1.0)
+    y = 1e-6 * u + 5e-9 * np.random.default_rng(0).standard_normal(u.size)
+    data = split([Record(drive, 1e-3, u, y)])
+    found = beyond_the_fit(data.training, data.held_out)
+    assert len(found) == beyond
+    assert all('extrapolation' in sentence and '7 .. 9 V' in sentence for sentence in found)

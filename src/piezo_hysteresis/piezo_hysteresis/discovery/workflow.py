@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.discovery.data.annotate import annotated
-from piezo_hysteresis.discovery.data.check import Check, check, outside_of
+from piezo_hysteresis.discovery.data.check import Check, beyond_the_fit, check, outside_of
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
 from piezo_hysteresis.discovery.detection.better_experiments import with_better_experiments
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
@@ -198,8 +198,10 @@ def discover(
     known = [record for record in given if record.name not in own] or given
     coverage = check(known)
     unlike = outside_of(known, baseline) if isinstance(baseline, ModelFile) else ''
-    coverage = replace(coverage, findings=(*remarks, *coverage.findings), outside=unlike)
     data = split(known, how.choices.start)
+    if not isinstance(baseline, ModelFile):
+        remarks = [*remarks, *beyond_the_fit(data.training, data.held_out)]
+    coverage = replace(coverage, findings=(*remarks, *coverage.findings), outside=unlike)
     progress(0.02, 'checked, split and noise measured')
     base, outcome = find(data, baseline, how, progress, nothing_new=len(own) == len(given))
     found, end = outcome.found, end.with_reserve()

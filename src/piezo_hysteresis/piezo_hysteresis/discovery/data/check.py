@@ -11,6 +11,7 @@ from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 
@@ -94,6 +95,26 @@ def outside_of(records: Sequence[Record], given: ModelFile) -> str:
     if not found:
         return ''
     return f'The records are outside what the model was identified on: {", ".join(found)}.'
+
+
+def beyond_the_fit(fitted: Sequence[Target], held_out: Sequence[Target]) -> list[str]:
+    """Return sentences on held-out parts at voltages that no fitted sample has.
+
+    The last part of a ramp or of a staircase is such a part: a bank of plays has no weight there.
+    """
+    drives = [view.voltage[view.origin :] for view in fitted]
+    low, high = min(float(u.min()) for u in drives), max(float(u.max()) for u in drives)
+    found = []
+    for view in held_out:
+        u = view.voltage[view.first :]
+        least, most = float(u.min()), float(u.max())
+        if max(low - least, most - high) > BEYOND * (high - low):
+            found.append(
+                f'record {view.name}: its held-out last part is at {_span(least, most, "V")}, the '
+                f'fitted records at {_span(low, high, "V")}, so that its error is extrapolation; '
+                'add a record that returns over the whole range, such as a slow triangle'
+            )
+    return found
 
 
 def _span(low: float, high: float, unit: str) -> str:
