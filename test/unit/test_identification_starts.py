@@ -143,3 +143,25 @@ def test_a_lead_in_has_few_samples_at_any_rate(kind: str) -> None:
     assert abs(before[-1] - u[0]) < 0.01
     # the last samples have the rate of the record
     assert np.max(np.abs(np.diff(before[-2000:]))) < 2.0 * np.max(np.abs(np.diff(u)))
+
+
+def test_a_part_of_a_record_keeps_a_start_that_only_the_whole_record_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The fitted 70 % of one settled cycle lack the cycle that the start repeats."""
+    monkeypatch.setattr(start_hypotheses, '_SMALL_PART', 1)  # starts are compared on a part
+    u = 50.0 + 45.0 * np.cos(2 * np.pi * np.arange(20_000) / 20_000.0 - 0.3)
+    model = models.named('prandtl_ishlinskii').hold(pi_range=95.0)
+    packed = model.pack({**model.defaults(), 'w0': 1e-7, 'w5': 4e-8})
+    y = model.respond(np.tile(u, 2), packed, DT)[u.size :]
+    y = y + 5e-9 * np.random.default_rng(1).standard_normal(u.size)
+    record = Record('slow', DT, u, y)
+    target = whole(record, begins=SETTLED)
+    part = replace(
+        target, voltage=target.voltage[: target.origin + 14_000], measured=target.measured[:14_000]
+    )
+    assert cycle_of(record)
+    assert not cycle_of(record.section(0, 14_000))
+    values = {**dict(zip(model.parameter_names, packed.tolist(), strict=True)), 'w0': 0.97e-7}
+    (seen,) = revised(model, values, 0.0, [part], [record], Choices())
+    assert seen.begins == SETTLED
