@@ -199,3 +199,18 @@ def test_what_is_one_amplitude() -> None:
 def test_every_number_has_a_source() -> None:
     assert len(rows(CHOICE, CHOICE)) == len(fields(ChoicePolicy))
     assert all(source for *_, source in rows(CHOICE, CHOICE))
+
+
+@pytest.mark.parametrize('samples', [2850, 2857])
+def test_a_rung_is_evaluated_with_the_lead_in_of_its_fit(samples: int) -> None:
+    """The fitted part passes for a cycle of its own; of the two records only one does."""
+    t = np.arange(samples) / 1000.0
+    u = 1.0 + np.minimum(t / 0.2, 1.0) ** 2 * np.sin(2 * np.pi * 31.0 * t)
+    cut = round(0.7 * samples)
+    model = named('classical')
+    led = np.concatenate([u[:cut], u[:cut], u[:cut], u])
+    moved = model.respond(led, model.pack(model.defaults()), 1e-3)[3 * cut :]
+    moved = moved + 1e-9 * np.random.default_rng(0).standard_normal(samples)
+    rung = Ladder([Record('a', 1e-3, u, moved)], Choices()).memory('classical')
+    assert rung.trained < 1.1e-9
+    assert rung.held_out < 1.1e-9

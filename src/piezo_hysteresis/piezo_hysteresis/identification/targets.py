@@ -302,7 +302,20 @@ def _of_all_samples(record: Record, stride: int, begins: RecordStart) -> Target:
 
 def led_in(target: Target, record: Record, begins: RecordStart) -> Target:
     """Return a target of a whole record with another initial condition."""
-    before = lead_in(record, begins)
+    return _after(lead_in(record, begins), target, begins)
+
+
+def with_start_of(target: Target, other: Target) -> Target:
+    """Return a target with the initial condition and kind of zero of another part of its record.
+
+    The lead-in is that of `other`: a part may be settled in a cycle that the whole record lacks.
+    """
+    led = _after(other.voltage[: other.origin], target, other.begins)
+    return replace(led, own_zero=other.own_zero)
+
+
+def _after(before: FloatArray, target: Target, begins: RecordStart) -> Target:
+    """Return a target whose lead-in is the voltage `before`."""
     return replace(
         target,
         voltage=np.concatenate([before, target.voltage[target.origin :]]),

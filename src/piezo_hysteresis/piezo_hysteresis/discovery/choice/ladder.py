@@ -28,7 +28,7 @@ from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.output_error import output_error, refined, suited
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.result import FitResult
-from piezo_hysteresis.identification.targets import Target, led_in, targets_of
+from piezo_hysteresis.identification.targets import Target, targets_of, with_start_of
 from piezo_hysteresis.models import (
     EFFECT_NAMES,
     Candidate,
@@ -299,13 +299,7 @@ class Ladder:
         values for which the last effect is inactive.
         """
         fitted = {target.name: target for target in found.targets}
-        views = [
-            replace(
-                led_in(view, record, fitted[view.name].begins),
-                own_zero=fitted[view.name].own_zero,
-            )
-            for view, record in zip(self._whole, self._records, strict=True)
-        ]
+        views = [with_start_of(view, fitted[view.name]) for view in self._whole]
         return self._scored(found, views, neutral)
 
     def _scored(

@@ -15,7 +15,7 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
 from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of, stroke_of
 from piezo_hysteresis.identification.periods import period_of
-from piezo_hysteresis.identification.targets import Target, led_in, whole, with_noise
+from piezo_hysteresis.identification.targets import Target, whole, with_noise, with_start_of
 from piezo_hysteresis.records import Record
 
 # Share of the records that is held out; with few records, share of each record.
@@ -213,14 +213,14 @@ def beginning_like(data: Dataset, views: Sequence[Target]) -> Dataset:
     The held-out part of a record has the same initial condition as its training part.
     """
     known = {v.name: v for v in reversed(views)}
-    records = {r.name: r for r in data.records}
 
     def like(view: Target) -> Target:
         other = known.get(view.name)
-        if other is None:
-            return view
-        led = led_in(view, records[view.name], other.begins)
-        return replace(led, own_zero=other.own_zero, precision=other.precision)
+        return (
+            view
+            if other is None
+            else replace(with_start_of(view, other), precision=other.precision)
+        )
 
     return data.with_each(like)
 
