@@ -200,7 +200,8 @@ def discover(
     unlike = outside_of(known, baseline) if isinstance(baseline, ModelFile) else ''
     data = split(known, how.choices.start)
     if not isinstance(baseline, ModelFile):
-        remarks = [*remarks, *beyond_the_fit(data.training, data.held_out)]
+        unit = known[0].info.input_unit
+        remarks = [*remarks, *beyond_the_fit(data.training, data.held_out, unit)]
     coverage = replace(coverage, findings=(*remarks, *coverage.findings), outside=unlike)
     progress(0.02, 'checked, split and noise measured')
     base, outcome = find(data, baseline, how, progress, nothing_new=len(own) == len(given))

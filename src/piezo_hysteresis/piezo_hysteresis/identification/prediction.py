@@ -76,14 +76,17 @@ class Prediction:
                 return simulated(self._model, self._packed, self.target, self._offset, self._cache)
             return read(run.response, self.target, late)
 
+    @property
+    def zero(self) -> float:
+        """Mean of the measured displacement beyond the response [m]."""
+        view = self.target
+        with _quiet():
+            return float(np.mean(view.kept(view.measured - view.pick(self.response))))
+
     @cached_property
     def _placed(self) -> FloatArray:
         """Response in the zero of the record, lead-in included [m]."""
-        y, view = self.response, self.target
-        if view.own_zero:
-            with _quiet():
-                y = y + float(np.mean(view.kept(view.measured - view.pick(y))))
-        return y
+        return self.response + self.zero if self.target.own_zero else self.response
 
     @property
     def displacement(self) -> FloatArray:
@@ -201,10 +204,6 @@ def with_mean_zero(
     if not views or len(zeros) != 1 or not last or not all(view.own_zero for view in views):
         return dict(values)
     runs = predictions(model, values, views, sampling_offset, checked=False)
-    missed = [
-        float(np.mean(run.target.kept(run.target.measured - run.target.pick(run.response))))
-        for run in runs
-    ]
     (name,) = zeros
-    moved = values[name] + float(np.mean(missed))
+    moved = values[name] + float(np.mean([run.zero for run in runs]))
     return {**values, name: moved} if np.isfinite(moved) else dict(values)

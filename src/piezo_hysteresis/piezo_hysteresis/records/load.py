@@ -169,16 +169,16 @@ def listed(data: Source | Iterable[Source]) -> list[Record]:
         isinstance(data, Iterable) and not isinstance(data, (str, Path, Mapping, DataFrameLike))
     ):
         given = data if isinstance(data, (np.ndarray, tuple)) else list(data)
-        records = [each for item in given for each in _records_in(item)]
-        return records if all(_records_in(item) for item in given) else load(given)
+        parts = [_records_in(item) for item in given]
+        return [record for part in parts for record in part] if all(parts) else load(given)
     return load(data)
 
 
 def _records_in(item: Any) -> list[Record]:
     """Return the records of a record or of a list of `load`; empty for anything else."""
-    return (
-        [item] if isinstance(item, Record) else list(item) if isinstance(item, RecordList) else []
-    )
+    if isinstance(item, Record):
+        return [item]
+    return list(item) if isinstance(item, RecordList) else []
 
 
 def interval(dt: float | None, fs: float | None) -> float | None:

@@ -88,8 +88,7 @@ def outside_of(records: Sequence[Record], given: ModelFile) -> str:
     if driven and own is not None:
         low = min(float(each.voltage.min()) for each in driven)
         high = max(float(each.voltage.max()) for each in driven)
-        slack = BEYOND * (own.high - own.low)
-        if low < own.low - slack or high > own.high + slack:
+        if _leaves(low, high, own.low, own.high):
             unit = driven[0].info.input_unit
             found.append(f'{_span(low, high, unit)} against {_span(own.low, own.high, unit)}')
     if not found:
@@ -97,8 +96,10 @@ def outside_of(records: Sequence[Record], given: ModelFile) -> str:
     return f'The records are outside what the model was identified on: {", ".join(found)}.'
 
 
-def beyond_the_fit(fitted: Sequence[Target], held_out: Sequence[Target]) -> list[str]:
-    """Return sentences on held-out parts at voltages that no fitted sample has.
+def beyond_the_fit(
+    fitted: Sequence[Target], held_out: Sequence[Target], unit: str = 'V'
+) -> list[str]:
+    """Return sentences on held-out parts at voltages (forces, in `unit` N) that no fit has seen.
 
     The last part of a ramp or of a staircase is such a part: a bank of plays has no weight there.
     """
@@ -108,13 +109,19 @@ def beyond_the_fit(fitted: Sequence[Target], held_out: Sequence[Target]) -> list
     for view in held_out:
         u = view.voltage[view.first :]
         least, most = float(u.min()), float(u.max())
-        if max(low - least, most - high) > BEYOND * (high - low):
+        if _leaves(least, most, low, high):
             found.append(
-                f'record {view.name}: its held-out last part is at {_span(least, most, "V")}, the '
-                f'fitted records at {_span(low, high, "V")}, so that its error is extrapolation; '
+                f'record {view.name}: its held-out last part is at {_span(least, most, unit)}, '
+                f'the fitted records at {_span(low, high, unit)}, so that its error is '
+                'extrapolation; '
                 'add a record that returns over the whole range, such as a slow triangle'
             )
     return found
+
+
+def _leaves(least: float, most: float, low: float, high: float) -> bool:
+    """Return whether `least` to `most` is beyond `low` to `high` by more than `BEYOND`."""
+    return max(low - least, most - high) > BEYOND * (high - low)
 
 
 def _span(low: float, high: float, unit: str) -> str:
