@@ -182,7 +182,10 @@ class Objective:
         factor = np.zeros((q + p + 1, q + p + 1))
         for part in found.derivatives(self._own):
             inside, y, rows = self._placed(target, part)
-            seen = np.vstack([nuisances.rows[:, inside], rows, y - target.measured[inside]])
+            wrong = y - target.measured[inside]
+            if nuisances.given is not None:
+                wrong += nuisances.given[inside]
+            seen = np.vstack([nuisances.rows[:, inside], rows, wrong])
             if factors is not None:
                 seen *= factors[inside]
             extend(factor, seen)
