@@ -186,23 +186,24 @@ def _settled(
     settled = replace(nuisances, pull=shares, levels=known, explained=explained)
     if not known or not np.all(np.isfinite(error)):
         return settled
-    change = explained(error, shares)[states : states + len(known)]
+    shift = explained(error, shares)[states : states + len(known)]
     largest = float(np.max(np.abs(motion.target.voltage)))
-    levels = tuple(a + largest * float(b) for a, b in zip(known, change, strict=True))
+    levels = tuple(a + largest * float(b) for a, b in zip(known, shift, strict=True))
     settled = replace(settled, levels=levels)
-    most = MISLEADS * _square(settled, error, weight)
+    limit = MISLEADS * _square(settled, error, weight)
     held = replace(  # without rows for the levels
         settled, rows=nuisances.rows[moves], prior=prior[moves], pull=shares[moves],
         explained=BestFit(rows[moves], prior[moves]),
     )  # fmt: skip
-    if _square(held, error, weight) <= most:
+    alone = _square(held, error, weight)
+    if alone <= limit:
         return settled
     # a memory bounds its response to a level, its derivative does not
     change = left() - left(change_by_levels(motion, levels))
-    alone, moved = (_square(held, error - each * weight, weight) for each in (0.0, change))
-    if moved <= most:
+    beyond = _square(held, error - change * weight, weight)
+    if beyond <= limit:
         return settled
-    return replace(held, given=change) if moved < alone else held
+    return replace(held, given=change) if beyond < alone else held
 
 
 def _square(nuisances: Nuisances, error: FloatArray, weight: FloatArray | float) -> float:
