@@ -63,11 +63,16 @@ def inverse(model: ModalModel, reference: FloatArray, highest: float | None = No
             f'{target.shape}'
         )
     target = target - target.mean(0)
-    frequency = np.fft.rfftfreq(target.shape[0], model.dt)[1:]
-    top = float(np.exp(model.parameters['log_omega'].max()) / (2.0 * np.pi))
-    lines = frequency <= (top if highest is None else highest)
+    lines = lines_of(model, target.shape[0], highest)
     with failing_as(ModelError('the model has no inverse for this reference')):
         return _turns(model, target, lines)
+
+
+def lines_of(model: ModalModel, samples: int, highest: float | None = None) -> BoolArray:
+    """Return which lines above 0 Hz of a period are inverted, shape (samples // 2,)."""
+    frequency = np.fft.rfftfreq(samples, model.dt)[1:]
+    top = float(np.exp(model.parameters['log_omega'].max()) / (2.0 * np.pi))
+    return np.asarray(frequency <= (top if highest is None else highest))
 
 
 def _turns(model: ModalModel, target: FloatArray, lines: BoolArray) -> AxesInverse:
@@ -85,13 +90,28 @@ def _turns(model: ModalModel, target: FloatArray, lines: BoolArray) -> AxesInver
             return best if error.max() > best.error.max() else found
         best = found
         response = ModalDerivatives(model, drive, signals).response()
-        voltage = voltage + _STEP * _change(response, target - y, lines)
+        voltage = voltage + _STEP * change_for(response, target - y, lines)
     assert best is not None
     return best
 
 
-def _change(response: ComplexArray, error: FloatArray, lines: BoolArray) -> FloatArray:
-    """Return the voltage that a linear response needs for the error, in the given lines."""
+def change_for(response: ComplexArray, error: FloatArray, lines: BoolArray) -> FloatArray:
+    """Return the voltages that a response needs for an error, in the given lines.
+
+    Parameters
+    ----------
+    response : ndarray, shape (lines, outputs, inputs)
+        Displacement for a voltage, by line above 0 Hz [m/V].
+    error : ndarray, shape (n, outputs)
+        One period [m].
+    lines : ndarray of bool, shape (lines,)
+        Which of them are inverted.
+
+    Returns
+    -------
+    ndarray, shape (n, inputs)
+        One period [V].
+    """
     spectrum = np.fft.rfft(error, axis=0)
     change = np.zeros((spectrum.shape[0], response.shape[2]), complex)
     solved = np.linalg.pinv(response[lines], _WEAK) @ spectrum[1:][lines][:, :, None]

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 from piezo_hysteresis.cli import compensate_links as links
+from piezo_hysteresis.cli.axes import compensate_several
 from piezo_hysteresis.cli.shared_options import add_out, add_statements, statements_of
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.operating_limits import rate_of
@@ -31,9 +32,10 @@ EXAMPLE = (
     '--reference sine:frequency=23,amplitude=120e-6,duration=4 --out out/study'
 )
 
-# Options of both modes, and options that only a controller takes.
+# Options of both modes, options that only a controller takes, and those for several axes.
 _COMMON = {'model', 'reference', 'out', 'overwrite', 'low', 'high', 'slew', 'plant', 'on'}
 _OF_CONTROLLER = {'axis', 'rounds', 'take_over'}
+_OF_SEVERAL = {'noise', 'seed'}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -70,8 +72,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         '--reference',
         required=True,
+        action='append',
         metavar='KIND:...|CSV',
-        help='desired displacement [m]; or a file of time_s, reference_um',
+        help='desired displacement [m]; or a file of time_s, reference_um; of several axes '
+        'N=KIND:... for each axis that moves',
     )
     add_out(parser)
     add('--rate', type=float, help='sampling rate [Hz] (default: that of the model data, or 1000)')
@@ -91,11 +95,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
+    from piezo_hysteresis.axes.modal_file import is_modal
     from piezo_hysteresis.interface.compensate_runs import reference_of
     from piezo_hysteresis.reporting.compensation_report import write_compensation
 
     started = time.perf_counter()
-    _require_used(arguments)
+    several = is_modal(arguments.model)
+    _require_used(arguments, several)
+    if several:
+        return compensate_several(arguments)
+    arguments.reference = _only(arguments.reference)
     check_folder(arguments.out, 'compensate')
     if arguments.on is not None:
         return run_on(arguments)
@@ -122,8 +131,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _require_used(arguments: argparse.Namespace) -> None:
-    """Reject study options with a controller, and controller options in a study."""
+def _require_used(arguments: argparse.Namespace, several: bool) -> None:
+    """Reject options of a controller, of a study or of one axis where they have no effect."""
     parser = argparse.ArgumentParser()
     configure(parser)
     needed = ['--model', '', '--on', '', '--reference', '', '--out', '']
@@ -132,11 +141,23 @@ def _require_used(arguments: argparse.Namespace) -> None:
         for name, default in vars(parser.parse_args(needed)).items()
         if name not in _COMMON and getattr(arguments, name, default) != default
     }
-    unused = given - _OF_CONTROLLER if arguments.on is not None else given & _OF_CONTROLLER
+    if several:
+        unused, ways = given - _OF_SEVERAL, ('one axis', 'a model of several axes')
+        unused |= {'on'} if arguments.on is not None else set()
+    elif arguments.on is not None:
+        unused, ways = given - _OF_CONTROLLER, ('a study', '--on')
+    else:
+        unused, ways = given & _OF_CONTROLLER, ('a controller', '--plant')
     if unused:
         names = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(unused))
-        ways = ('a study', '--on') if arguments.on is not None else ('a controller', '--plant')
         raise CompensationError(f'{names}: of {ways[0]}, not used with {ways[1]}; leave it out')
+
+
+def _only(references: list[str]) -> str:
+    """Return the reference of a model of one axis."""
+    if len(references) > 1:
+        raise CompensationError('the model has one axis; state one --reference')
+    return references[0]
 
 
 def _usual(study: Study) -> str:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Sequence
 
 import numpy as np
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.axes_tracking import AxesRun
 from piezo_hysteresis.axes.modal_model import ModalModel
 from piezo_hysteresis.axes.modal_search import ModalIdentification, rms_error
 from piezo_hysteresis.models.plain import yaml_text
 from piezo_hysteresis.reporting.display_units import MICRO, micrometres
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
-from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, xy_figure
+from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
 
 
 def write_axes_identification(
@@ -39,6 +43,65 @@ def write_axes_identification(
         'model.yaml': yaml_text(modal_file.content_of(found.model, summary)),
     }
     write_folder(out, files, 'identify')
+
+
+def write_axes_tracking(
+    out: str, runs: Sequence[AxesRun], dt: float, references: Sequence[str]
+) -> None:
+    """Write report.html, summary.json and voltage.csv: the voltages of the last run.
+
+    Parameters
+    ----------
+    out : str
+        Folder; created if missing.
+    runs : sequence of AxesRun
+        The runs, see `axes_tracking.tracked`.
+    dt : float
+        Sampling interval [s].
+    references : sequence of str
+        Reference of each output; empty: it is to stand still.
+    """
+    rows = [{'run': each.name, 'rms_m': each.rms.tolist()} for each in runs]
+    best, inputs = runs[-1], range(runs[-1].voltage.shape[1])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(['time_s', *(f'voltage_{i + 1}_V' for i in inputs)])
+    for k, row in enumerate(best.voltage):
+        writer.writerow([f'{k * dt:.9g}', *(f'{v:.9g}' for v in row)])
+    files = {
+        'report.html': _tracking_page(runs, dt, references),
+        'summary.json': json.dumps({'references': list(references), 'runs': rows}, indent=1),
+        'voltage.csv': text.getvalue(),
+    }
+    write_folder(out, files, 'compensate')
+
+
+def _tracking_page(runs: Sequence[AxesRun], dt: float, references: Sequence[str]) -> str:
+    last = runs[-1]
+    time: FloatArray = dt * np.arange(len(last.error), dtype=np.float64)
+    axes = range(last.error.shape[1])
+    figures = []
+    for j in axes:
+        text = references[j] or 'stand still'
+        curves = [Curve(each.name, time, each.error[:, j]) for each in runs]
+        wanted = Curve('reference', time, last.displacement[:, j] + last.error[:, j])
+        moved = Curve(last.name, time, last.displacement[:, j])
+        figures += [
+            trace_figure([wanted, moved], f'Axis {j + 1}', f'Axis {j + 1}: {text}.'),
+            trace_figure(curves, f'Error of axis {j + 1}', 'Error in one period.', 'error',
+                         ground=False),
+        ]  # fmt: skip
+    rows = [(each.name, *(micrometres(v) for v in each.rms)) for each in runs]
+    headers = ('run', *(f'axis {j + 1} [µm rms]' for j in axes))
+    verdict = (
+        f'{runs[0].name}: {micrometres(runs[0].rms.max())} µm rms on the worst axis; '
+        f'{last.name}: {micrometres(last.rms.max())} µm.'
+    )
+    sections = [
+        PageSection('Runs', 'One period of the steady state.', (), (table(headers, rows),)),
+        PageSection('Axes', '', tuple(figures)),
+    ]
+    return render('Compensation of several axes', verdict, sections)
 
 
 def summary_of(found: ModalIdentification) -> dict[str, object]:

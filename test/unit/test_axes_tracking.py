@@ -1,0 +1,104 @@
+"""Compensation of several axes: a raster scan of an XY scanner with cross-talk."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes import modal_file
+from piezo_hysteresis.axes.axes_tracking import tracked
+from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.errors import CompensationError
+
+RATE, MICRO = 2000.0, 1e-6
+FAST = '1=triangle:frequency=20,amplitude=2e-6,duration=0.5'
+SLOW = '2=triangle:frequency=2,amplitude=2e-6,duration=0.5'
+
+
+def scanner(cross: float = 0.02, faster: float = 1.0) -> ModalModel:
+    """Return a scanner of two axes, whose modes also move the other axis."""
+    layout = ModalLayout(2, 2, 2, voltage_plays=(0.3, 1.0))
+    vector = layout.zeros()
+    found = layout.named(vector)
+    found['log_omega'][:] = np.log(2.0 * np.pi * faster * np.array([310.0, 420.0]))
+    found['log_damping'][:] = np.log(0.02)
+    found['shape'][...] = np.eye(2)
+    found['voltage_weights'][...] = 0.1
+    output = np.zeros((len(layout.signal_names), 2))
+    output[:2] = MICRO * np.array([[1.0, cross], [cross, 1.0]])
+    return ModalModel(layout, vector, output, 3.0, 1.0 / RATE)
+
+
+def reference() -> FloatArray:
+    t = np.arange(1000) / RATE
+    return MICRO * np.column_stack([np.sin(2 * np.pi * 20.0 * t), np.zeros(t.size)])
+
+
+@pytest.mark.component
+def test_the_feedforward_of_the_plant_itself_decouples_the_axes() -> None:
+    alone, forward, _ = tracked(scanner(), scanner(), reference())
+    assert alone.rms[1] == pytest.approx(0.02 * MICRO / np.sqrt(2.0), rel=0.1)
+    assert np.all(forward.rms < 0.01 * alone.rms)
+
+
+@pytest.mark.component
+def test_attenuation_takes_what_the_model_of_another_scanner_leaves() -> None:
+    plant = scanner(cross=0.05, faster=0.97)
+    alone, forward, learnt = tracked(scanner(), plant, reference(), noise=1e-9)
+    assert np.all(forward.rms < alone.rms)
+    assert forward.rms[1] > 0.01 * MICRO
+    assert np.all(learnt.rms < 2e-9)
+
+
+def test_a_plant_of_other_axes_is_refused() -> None:
+    with pytest.raises(CompensationError, match='interval of the model'):
+        tracked(scanner(), replace(scanner(), dt=1e-4), reference())
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[str]:
+    """Return the first words of the command: a model, and a plant with twice its cross-talk."""
+    for name, cross in (('model', 0.02), ('plant', 0.04)):
+        modal_file.save(scanner(cross), tmp_path / f'{name}.yaml')
+    where = [str(tmp_path / f'{name}.yaml') for name in ('model', 'plant')]
+    return ['compensate', '--model', where[0], '--plant', where[1], '--out', str(tmp_path / 'out')]
+
+
+@pytest.mark.component
+def test_the_command_writes_the_voltages_of_all_axes(
+    files: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*files, '--reference', FAST, '--reference', SLOW]) == 0
+    out = Path(files[-1])
+    runs = json.loads((out / 'summary.json').read_text())['runs']
+    assert [each['run'] for each in runs] == ['each axis alone', 'feedforward', 'with attenuation']
+    assert max(runs[-1]['rms_m']) < 0.2 * max(runs[0]['rms_m'])
+    columns = np.genfromtxt(out / 'voltage.csv', delimiter=',', names=True)
+    assert columns.dtype.names == ('time_s', 'voltage_1_V', 'voltage_2_V')
+    assert len(columns) == 1000
+    assert (out / 'report.html').exists()
+    assert 'with attenuation' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('more', 'sentence'),
+    [
+        (['--reference', FAST.removeprefix('1=')], 'takes --reference N=KIND'),
+        (['--reference', FAST.replace('1=', '3=', 1)], 'axes are 1 to 2'),
+        (['--reference', FAST, '--reference', FAST], 'each at most once'),
+        (['--reference', FAST, '--reference', SLOW.replace('0.5', '1')], 'one duration for all'),
+        (['--reference', FAST, '--orders', '3'], '--orders: of one axis'),
+        (['--reference', FAST, '--high', '1'], 'beyond --low and --high'),
+    ],
+)
+def test_what_several_axes_cannot_do_is_one_sentence(
+    files: list[str], capsys: pytest.CaptureFixture[str], more: list[str], sentence: str
+) -> None:
+    assert main([*files, *more]) == 2
+    assert sentence in capsys.readouterr().err
