@@ -206,3 +206,31 @@ def test_the_error_of_a_fitted_drive_is_as_large_as_stated() -> None:
         assert found is not None
         ratios.append(float(np.mean((found.voltage - u) ** 2)) / found.left.rms**2)
     assert 0.6 < np.median(ratios) < 1.1
+
+
+@pytest.mark.parametrize('kind', ['white', 'mains'])
+@pytest.mark.parametrize('height', [0.0, 80.0])
+def test_a_voltage_at_rest_is_constant_although_its_recording_is_not(
+    height: float, kind: str
+) -> None:
+    """A hysteresis adds up what is left of noise: what rests must not move at all."""
+    felt = np.where(TIME < 0.5, 0.0, height)
+    u = felt + (spoilt(DRIVES['sine'], kind, 1e-3) - DRIVES['sine'])
+    found = found_in(u, felt)
+    assert found is not None
+    rest = found.voltage[TIME > 1.0]
+    assert np.sum(np.abs(np.diff(rest))) < 1e-2 * np.sum(np.abs(np.diff(u[TIME > 1.0])))
+    assert np.max(np.abs(found.voltage - felt)) < 5e-3 * np.ptp(DRIVES['sine'])
+    assert np.sqrt(np.mean((rest - height) ** 2)) < 3.0 * found.left.rms
+
+
+def test_a_record_at_rest_with_a_noisy_recording_of_its_voltage_is_kept() -> None:
+    rng = np.random.default_rng(2)
+    moving = Record('sine', 1.0 / RATE, DRIVES['sine'], plays(DRIVES['sine']))
+    rest = Record(
+        'rest', 1.0 / RATE, 0.1 * rng.standard_normal(COUNT), 5e-9 * rng.standard_normal(COUNT)
+    )
+    found, remarks = as_measured([moving, rest])
+    assert [each.name for each in found] == ['sine', 'rest']
+    assert np.ptp(found[1].voltage) < 0.02
+    assert any(each.startswith('record rest: the voltage was measured') for each in remarks)

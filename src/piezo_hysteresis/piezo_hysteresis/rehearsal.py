@@ -188,6 +188,15 @@ def errors() -> None:
     pid.reset()
 
 
+def recorded_input() -> None:
+    """Remove the noise of a recorded input."""
+    from piezo_hysteresis.identification.input_error import input_error
+
+    drive = np.where(np.arange(400) < 100, 0.0, 1.0)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(drive.size)
+    input_error(drive + noise, 1e-6 * drive, DT)
+
+
 def limits() -> None:
     """Limit a voltage, let it go to rest, and change a model smoothly."""
     from piezo_hysteresis.compensation.energy import EnergyLimits
@@ -268,6 +277,7 @@ REHEARSALS = (
     fit,
     online_methods,
     errors,
+    recorded_input,
     between_ticks,
     demo,
     screening,

@@ -17,13 +17,16 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
+from scipy.signal import oaconvolve
 from scipy.signal.windows import blackmanharris
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.identification.noise import RUNNING_MEDIAN, differences_noise
 from piezo_hysteresis.identification.outliers import step_of
 from piezo_hysteresis.identification.periods import mean_changes
+from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.records.input_uncertainty import InputUncertainty
 
@@ -50,6 +53,8 @@ _EVERYWHERE = 0.2  # least ratio of the median size of an error to its rms
 ON_GRID = 0.02  # share of a step by which readings may differ from whole steps
 _CHANCE = 1.1  # uncertainty of an estimated mean square
 _FAR = 9.0  # median sizes beyond which a difference belongs to a jump
+# Share of the range of a jump, and changes on either side that it exceeds.
+_LARGE, _NEAR = 0.01, 16
 # Samples of a segment of a spectrum, of the shortest one, fewest segments, their power over the
 # median without a jump, quantile of the lines, and share of the noise that its spectrum has there.
 _SEGMENT, _SHORTEST, _FEWEST_SEGMENTS, _CALM, _LOWEST, _WHITE = 256, 64, 16, 4.0, 0.05, 0.5
@@ -57,8 +62,9 @@ _SEGMENT, _SHORTEST, _FEWEST_SEGMENTS, _CALM, _LOWEST, _WHITE = 256, 64, 16, 4.0
 # and share of such lines with a coherence from which an input is drive.
 _MAINLY, _SELDOM, _BANDS = 2.0, 1e-3, 0.2
 _LAGS = 12  # samples by which the displacement may follow the input in that test
-# Half widths of the windows of a local fit, and deviations within which its estimates agree.
-_WINDOWS = (2, 4, 8, 16, 32, 64)
+# Half widths of the windows of a local fit, and deviations within which its estimates agree. What
+# is left of noise at rest moves a hysteresis all the time: there the windows must be wide.
+_WINDOWS = tuple(2**k for k in range(1, 13))
 _AGREE = 2.5
 _DETAIL = 4.0  # deviations from which a local fit finds what the harmonics lack
 _BLOCK = 16_384  # samples of a partial sum
@@ -101,8 +107,9 @@ class InputError:
 
     def words(self, unit: str) -> str:
         """Return size and kind of the error."""
-        share = 100.0 * self.rms / max(float(np.ptp(self.voltage)), 1e-300)
-        parts = [f'{self.rms:.2g} {unit} rms ({share:.2g} % of its range)']
+        reach = float(np.ptp(self.voltage))
+        share = f' ({100.0 * self.rms / reach:.2g} % of its range)' if reach > 0.0 else ''
+        parts = [f'{self.rms:.2g} {unit} rms{share}']
         parts += [f'in steps of {self.step:.3g} {unit}'] if self.step else []
         parts += [f'each reading held for {self.hold} samples'] if self.hold > 1 else []
         parts += [f'hum of {size:.2g} {unit} at {f:.4g} Hz' for f, size in self.hum[:2]]
@@ -266,10 +273,11 @@ def _hum(
     def spectrum(x: FloatArray) -> FloatArray:
         return np.asarray(2.0 * np.fft.rfft(window * (x - x.mean())))
 
-    seen, answer = spectrum(u), np.abs(spectrum(y))
-    size = np.abs(seen)
+    size, answer = np.abs(spectrum(u)), np.abs(spectrum(y))
     strong = np.flatnonzero(size > _STRONG * float(size.max()))
     gain = float(np.median(answer[strong] / size[strong]))
+    smooth = _without_jumps(u, reach)  # a step has as much of every line as much hum
+    size = np.abs(spectrum(smooth))
     found, total = [], np.zeros(n)
     period, _ = _period(u)
     base = n / period if period else 0.0  # bins between harmonics of the drive
@@ -291,16 +299,24 @@ def _hum(
             usual = float(np.median(answer[k - 40 : k + 40]))
             if answer[k] > max(_PASSED * gain * size[k], _STANDS_OUT * usual):
                 continue
-            frequency = _tuned(u, k / (n * dt), dt)
+            frequency = _tuned(smooth, k / (n * dt), dt)
             off, width = abs(frequency - mains * multiple), 0.5 / (n * dt)
             if off > max(_ON_TIME * mains * multiple, width):
                 continue
             turn = 2.0 * np.pi * frequency * dt * np.arange(n)
             wave = np.exp(-1j * turn) * window
-            phasor = 2.0 * complex(np.sum(wave * (u - u.mean())))
+            phasor = 2.0 * complex(np.sum(wave * (smooth - smooth.mean())))
             total += np.real(phasor * np.exp(1j * turn))
             found.append((float(frequency), abs(phasor)))
     return tuple(found), total
+
+
+def _without_jumps(u: FloatArray, reach: float) -> FloatArray:
+    """Return a signal without its single large changes."""
+    change = np.diff(u)
+    usual = _FAR * median_filter(np.abs(change), 2 * _NEAR + 1)
+    jumps = np.abs(change) > np.maximum(usual, _LARGE * reach)
+    return np.asarray(u - np.concatenate([[0.0], np.cumsum(np.where(jumps, change, 0.0))]))
 
 
 def _tuned(u: FloatArray, frequency: float, dt: float) -> float:
@@ -456,11 +472,11 @@ def _local_fit(u: FloatArray, noise: float) -> tuple[FloatArray, float]:
     """
     total, weight = np.zeros(u.size), np.zeros(u.size)
     for kind in (-1, 0, 1):
-        low, high = np.full(u.size, -np.inf), np.full(u.size, np.inf)
+        low, high = u - _AGREE * noise, u + _AGREE * noise  # the sample alone is the first window
         best, variance = u.copy(), np.full(u.size, noise**2)
         going = np.ones(u.size, dtype=bool)
         for half in _WINDOWS:
-            if 4 * half > u.size:
+            if 4 * half > u.size or not np.any(going):
                 break
             estimate, valid, gain = _window(u, half, kind)
             spread = noise * sqrt(gain)
@@ -472,7 +488,38 @@ def _local_fit(u: FloatArray, noise: float) -> tuple[FloatArray, float]:
         total += best / variance
         weight += 1.0 / variance
     # windows share samples, so their mean is hardly better than the best of them
-    return total / weight, float(np.sqrt(np.mean(4.0 / weight)))
+    found, spread = total / weight, 2.0 / np.sqrt(weight)
+    return _lazy(found, _AGREE * spread), float(np.sqrt(np.mean(spread**2)))
+
+
+def _lazy(x: FloatArray, reach: FloatArray) -> FloatArray:
+    """Return a signal within `reach` of `x` that moves as little as it can.
+
+    A hysteresis adds up the changes of its input: what is left of noise would move it all the
+    time. Of all signals within the reach a play moves least; that of the reversed signal lags in
+    the other direction, so that their mean has no lag.
+    """
+    low, high = x - reach, x + reach
+    forward, backward = np.empty_like(x), np.empty_like(x)
+    _follow_tube(low, high, forward)
+    _follow_tube(low[::-1].copy(), high[::-1].copy(), backward)
+    return 0.5 * (forward + backward[::-1])
+
+
+@jit
+def _follow_tube(low: FloatArray, high: FloatArray, out: FloatArray) -> None:
+    """Return the signal between `low` and `high` that moves only where one of them pushes it."""
+    first, least, most = 0, -np.inf, np.inf
+    for k in range(low.size):  # until a value fits no more: the first move
+        if max(least, low[k]) > min(most, high[k]):
+            break
+        least, most, first = max(least, low[k]), min(most, high[k]), k + 1
+    value = 0.5 * (least + most)
+    if first < low.size:
+        value = most if low[first] > most else least
+    for k in range(low.size):
+        value = min(max(value, low[k]), high[k])
+        out[k] = value
 
 
 def _window(u: FloatArray, half: int, kind: int) -> tuple[FloatArray, BoolArray, float]:
@@ -483,7 +530,7 @@ def _window(u: FloatArray, half: int, kind: int) -> tuple[FloatArray, BoolArray,
     first = int(min(place[0], place[-1]))
     ordered = weights if place[0] <= place[-1] else weights[::-1]
     found, valid = u.copy(), np.zeros(u.size, dtype=bool)
-    inside = np.correlate(u, ordered, mode='valid')
+    inside = oaconvolve(u, ordered[::-1], mode='valid')
     found[-first : -first + inside.size] = inside
     valid[-first : -first + inside.size] = True
     return found, valid, float(weights @ weights)

@@ -75,7 +75,7 @@ def _in_a_set(
             remarks.append(_REST.format(record=record.name))
         elif (
             error is not None
-            and error.rms > _UNKNOWN * float(np.ptp(record.voltage))
+            and error.rms > _UNKNOWN * float(np.ptp(record.voltage)) > 0.0
             and not all_kept
         ):
             share = 100.0 * error.rms / float(np.ptp(record.voltage))
@@ -152,12 +152,14 @@ def _input(record: Record) -> list[str]:
         return []
     force = record.info.input_unit == 'N'
     kind, unit = ('force', 'N') if force else ('voltage', 'V')
-    gain = stroke_of(record) / float(np.ptp(error.voltage))
-    sentence = (
-        f'the {kind} was measured, not commanded: its error is {error.words(unit)}; '
-        f'{error.left.rms:.2g} {unit} of it cannot be removed, which hides '
-        f'{1e6 * gain * error.left.rms:.2g} µm of displacement. Log the command, or average '
-        'several runs'
+    reach = float(np.ptp(error.voltage))
+    sentence = f'the {kind} was measured, not commanded: its error is {error.words(unit)}; '
+    if not reach > 0.0:
+        return [sentence + 'nothing else moves it, so it is taken as constant']
+    hidden = 1e6 * stroke_of(record) / reach * error.left.rms
+    sentence += (
+        f'{error.left.rms:.2g} {unit} of it cannot be removed, which hides {hidden:.2g} µm of '
+        'displacement. Log the command, or average several runs'
     )
     return [sentence]
 
