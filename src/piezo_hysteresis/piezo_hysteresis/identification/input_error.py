@@ -488,8 +488,8 @@ def _local_fit(u: FloatArray, noise: float) -> tuple[FloatArray, float]:
         total += best / variance
         weight += 1.0 / variance
     # windows share samples, so their mean is hardly better than the best of them
-    found, spread = total / weight, 2.0 / np.sqrt(weight)
-    return _lazy(found, _AGREE * spread), float(np.sqrt(np.mean(spread**2)))
+    own = 2.0 / np.sqrt(weight)
+    return _lazy(total / weight, _AGREE * own), float(np.sqrt(np.mean(own**2)))
 
 
 def _lazy(x: FloatArray, reach: FloatArray) -> FloatArray:
