@@ -15,6 +15,7 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
     AttenuationSettings,
 )
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.scheduled_attenuation import ScheduledAttenuation
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, mode_of, model_gain
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.inverses.scheduled_inverse import ScheduledInverse
@@ -114,6 +115,12 @@ class Controllers:
         """Return the gain for small tones, None for an unknown plant."""
         return self.plant or self._gain_of(self.gain_model or self.model)
 
+    @property
+    def scheduled_plant(self) -> ModelFile | None:
+        """The model whose entries state the gain of the plant by drive, None if there is none."""
+        given = None if self.plant is not None else self.gain_model or self.model
+        return given if given is not None and given.schedule is not None else None
+
     def mode(self, *, of_inverted: bool = False) -> ModeGain | None:
         """Return the plant as a gain, a mode and a delay, on request of the inverted model."""
         given = self.model if of_inverted else self.gain_model or self.model
@@ -124,8 +131,9 @@ class Controllers:
         return mode_of(given.model.unpack(given.packed), gain(0.0).real, self.dt)
 
     def _gain_of(self, given: ModelFile | None) -> LinearGain | None:
-        if given is None:
-            return None
+        return None if given is None else self._gain_of_one(given)
+
+    def _gain_of_one(self, given: ModelFile) -> LinearGain:
         return model_gain(given.model, given.values, self.dt, self.amplitude)
 
     def straight(self) -> Link:
@@ -162,6 +170,12 @@ class Controllers:
         """Return the attenuation of harmonics, steered by `gain` or by that of the plant."""
         settings = self.attenuation
         assert settings is not None
+        scheduled = self.scheduled_plant
+        if gain is None and scheduled is not None:
+            return ScheduledAttenuation(
+                settings, scheduled, self._gain_of_one, self.dt, self.limits, self._decay(),
+                self.transition,
+            )  # fmt: skip
         gain = gain or self.gain()
         if gain is None:
             gain = ModeGain(GUESS, dt=self.dt)

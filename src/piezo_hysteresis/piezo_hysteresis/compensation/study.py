@@ -14,6 +14,7 @@ import numpy as np
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.compensation.controllers import Controllers
+from piezo_hysteresis.compensation.drive_selection import entry_of
 from piezo_hysteresis.compensation.inverses.reach import require_reachable
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits, Link
@@ -131,12 +132,13 @@ def track(
     for name, value in {'noise': noise, 'seed': seed, 'from_seconds': from_seconds or 0.0}.items():
         if not (isinstance(value, Real) and math.isfinite(value) and value >= 0):
             raise CompensationError(f'{name} must be a number of 0 or more, got {value!r}')
-    waveform_of(reference)  # refused before a plant is started
     dt = controllers.dt
+    asked = waveform_of(reference)  # refused before a plant is started
+    if isinstance(plant, ModelFile):
+        plant = entry_of(plant, _sampled(asked, dt), dt)
     with open_plant(plant, dt, seed, noise=noise, settings=plant_settings) as (driven, about):
         usual = {'offset': about.get('offset_m', 0.0), 'phase': about.get('phase', 0.0)}
         waveform = waveform_of(reference, {k: v for k, v in usual.items() if v})
-        _require_sampled(waveform, 1.0 / dt)
         bounds = operating_limits(controllers.model, low=low, high=high, slew=slew, plant=about)
         study = Study(
             replace(controllers, limits=bounds.limits), plant, waveform,
@@ -251,12 +253,18 @@ def open_plant(
 
 def _runs(study: Study, plant: ResettablePlant) -> list[Run]:
     dt, model, limits = study.controllers.dt, study.model, study.limits
-    ticks = max(2, round(study.waveform.duration / dt))
-    samples = study.waveform.sample(np.arange(ticks, dtype=np.float64) * dt)
+    samples = _sampled(study.waveform, dt)
     Limiter(limits, dt)  # refuses what are none
-    own = model.at(float(getattr(study.waveform, 'frequency', 0.0)))
+    own = entry_of(model, samples, dt)
     require_reachable(samples.value, own.model, own.values, dt, limits)
     return [_run(study, name, links, samples, plant) for name, links in _chains(study)]
+
+
+def _sampled(waveform: Waveform, dt: float) -> Samples:
+    """Return all samples of a reference, refusing one that cannot be sampled."""
+    _require_sampled(waveform, 1.0 / dt)
+    ticks = max(2, round(waveform.duration / dt))
+    return waveform.sample(np.arange(ticks, dtype=np.float64) * dt)
 
 
 def _run(

@@ -96,6 +96,9 @@ class GapReport:
 class GapMonitor:
     """Runs a model in parallel with the actuator, with the same code as the offline fit.
 
+    Of a model with a schedule, the entry of the drive of a window runs; the comparison restarts
+    where it changes.
+
     Parameters
     ----------
     loaded : ModelFile
@@ -109,16 +112,23 @@ class GapMonitor:
     """
 
     def __init__(self, loaded: ModelFile, dt: float, floor: float, window: int) -> None:
-        self._model = loaded.model
-        self._packed = loaded.packed
+        self._loaded = loaded
         self._dt = dt
-        self._floor = floor if floor > 0 else float(loaded.provenance.noise_floor or 0.0)
+        self._given_floor = floor
         self._window = window
-        self._values = dict(loaded.values)
-        self._known = loaded.discrepancy
-        self._offset = fitted = loaded.sampling_offset
-        self._late = samples_late(self._model, dt, fitted)
+        self._take(loaded)
         self.reset()
+
+    def _take(self, own: ModelFile) -> None:
+        """Compare with one set of parameters from now on."""
+        self._own = own
+        self._model, self._packed = own.model, own.packed
+        stated = own.provenance.noise_floor or self._loaded.provenance.noise_floor
+        self._floor = self._given_floor if self._given_floor > 0 else float(stated or 0.0)
+        self._values = dict(own.values)
+        self._known = own.discrepancy
+        self._offset = own.sampling_offset
+        self._late = samples_late(self._model, self._dt, self._offset)
 
     @property
     def floor(self) -> float:
@@ -126,8 +136,10 @@ class GapMonitor:
         return self._floor
 
     def warm_up(self) -> None:
-        """Compile the kernels of the chain before the first tick; the state stays at rest."""
-        self._model.respond(np.zeros(4), self._packed, self._dt)
+        """Compile the kernels of every chain before the first tick; the state stays at rest."""
+        points = self._loaded.schedule.points if self._loaded.schedule is not None else ()
+        for each in (self._loaded, *(point.model for point in points)):
+            each.model.respond(np.zeros(4), each.packed, self._dt)
 
     def reset(self) -> None:
         """Restart the comparison from the present state of the actuator."""
@@ -147,6 +159,12 @@ class GapMonitor:
         if len(self._voltage) < self._window:
             return None
         u, y = np.array(self._voltage), np.array(self._measured)
+        own = self._loaded.at(fundamental(u, self._dt), 0.5 * float(np.ptp(u)))
+        if own is not self._own and own is not self._loaded:  # at rest the last one remains
+            stroke = self._stroke
+            self._take(own)
+            self.reset()
+            self._stroke = stroke
         unknown = 0
         if self._fresh:
             # samples that depend on the motion before the start are unknown

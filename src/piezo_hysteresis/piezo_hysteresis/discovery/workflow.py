@@ -30,6 +30,7 @@ from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import require_settings
+from piezo_hysteresis.identification.simulate import entry_for
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chosen
 from piezo_hysteresis.records import Record, listed
@@ -147,7 +148,8 @@ def discover(
         Records of one actuator at one rate.
     baseline : str, Path, Model, ModelFile or Identification
         Model that is tested for missing effects. A name is fitted to `records`. The values of a
-        model, a file or a result stay fixed; records from which it was identified cannot show a
+        model, a file or a result stay fixed; of a model with a set of parameters per drive, the
+        records have to be of one drive. Records from which it was identified cannot show a
         new effect and are excluded. If all records are excluded, the verdict is ``none`` and
         states this.
     name : str
@@ -190,6 +192,8 @@ def discover(
     end = Deadline(time_limit)
     choices = Choices(begins, zero)
     records, remarks = as_measured(records)
+    if isinstance(baseline, ModelFile):
+        baseline = entry_for(baseline, records)
     if before := as_measured(listed(reference))[0]:
         baseline = as_on(before, baseline, choices, workers)
     how = Searching(choices, seed, workers, dict(policy or {}), end)

@@ -106,6 +106,7 @@ class Learning:
         self._envelope = smooth_ramp(time, shaped.ramp)[0]
         periods = int(_WINDOW * duration * frequency)
         self.window = slice(time.size - round(periods / (frequency * self.dt)), time.size)
+        loaded = loaded.at(frequency)
         self._model, self._packed = loaded.model, loaded.packed
         self._values = loaded.values
         self._zero: float | None = None

@@ -92,6 +92,26 @@ def drive_of(record: Record) -> tuple[float, float]:
     return record.info.frequency, float(f'{amplitude:.3g}')
 
 
+def entry_for(given: ModelFile, records: Sequence[Record]) -> ModelFile:
+    """Return the entry of the schedule that all records belong to; a model without one as it is.
+
+    Raises
+    ------
+    ModelError
+        If the records belong to several entries: no single set of parameters describes them.
+    """
+    found = {id(own): own for own in (given.at(*drive_of(record)) for record in records)}
+    if given.schedule is None:
+        return given
+    if len(found) != 1:
+        raise ModelError(
+            f'{given.model.name} has a set of parameters per drive, and the records are of '
+            f'{len(found)} of them; give the records of one drive, or a model that was identified '
+            'without --per-frequency'
+        )
+    return replace(next(iter(found.values())), schedule=None)
+
+
 def _scheduled_runs(
     given: ModelFile, records: Sequence[Record], choices: Choices | None, workers: int
 ) -> FreeRuns:

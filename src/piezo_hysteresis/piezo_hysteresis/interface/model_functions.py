@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_hysteresis.compensation.controllers import Controllers, Feedback
+from piezo_hysteresis.compensation.drive_selection import entry_of
 from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
@@ -56,8 +57,12 @@ def frequency_response(
             f'frequencies must be below {0.5 * sampled:g} Hz, half the rate; give a higher rate='
         )
     level = _half_range(given) if amplitude is None else amplitude
-    gain = model_gain(given.model, given.values, 1.0 / sampled, level)
-    found = [gain(float(each)) for each in np.atleast_1d(lines).ravel()]
+    flat = np.atleast_1d(lines).ravel().tolist()
+    drives = {id(own): own for own in (given.at(abs(line)) for line in flat)}
+    gains = {
+        key: model_gain(own.model, own.values, 1.0 / sampled, level) for key, own in drives.items()
+    }
+    found = [gains[id(given.at(abs(line)))](line) for line in flat]
     return np.array(found, np.complex128).reshape(lines.shape)
 
 
@@ -95,8 +100,9 @@ def inverse(
     wave = Sampled(values, step)
     bounds = operating_limits(given, low=low, high=high, slew=slew)
     link = Controllers(step, limits=bounds.limits, model=given, law=law, start=0.0).inverse()
-    plant = ModelPlant(given.model, given.values, step)
     samples = wave.sample(np.asarray(step * np.arange(values.size), np.float64))
+    own = entry_of(given, samples, step)
+    plant = ModelPlant(own.model, own.values, step)
     run = closed_loop(samples, [link], plant, bounds.limits, step)
     counts = run.counters['limiter']
     at_end = int(np.sum((run.voltage <= bounds.limits.low) | (run.voltage >= bounds.limits.high)))

@@ -168,6 +168,11 @@ class Investigation:
     evaluated: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
+        if self.model.schedule is not None:
+            raise InvestigationError(
+                f'{self.model.model.name} has a set of parameters per drive, and experiments need '
+                'one for all of them: identify it without --per-frequency'
+            )
         known = self.model.discrepancy
         if known is None:
             raise InvestigationError(

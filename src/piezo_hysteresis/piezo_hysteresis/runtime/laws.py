@@ -14,6 +14,7 @@ from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.feedback.pid import Pid
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.scheduled_attenuation import ScheduledAttenuation
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.errors import CompensationError
@@ -50,7 +51,10 @@ def harmonic_settings(
     given = {name: values[name] for name in _SETTINGS}
     settings = AttenuationSettings(**{**given, 'orders': tuple(given['orders'])})
     plant = _plant(values, dt)
-    return Controllers(dt, _limits(values), model, attenuation=settings, plant=plant)
+    return Controllers(
+        dt, _limits(values), model, transition=values['transition'], attenuation=settings,
+        plant=plant,
+    )  # fmt: skip
 
 
 def feedback_settings(
@@ -161,9 +165,16 @@ class HarmonicLaws:
         """Take a new model of the plant gain without forgetting the correction."""
         if not all(name.startswith('plant.') for name in changed):
             return False
-        if isinstance(law, HarmonicAttenuation):
-            gain = harmonic_settings(values, law.dt, model).gain()
-            law.set_gain(gain or ModeGain(GUESS, dt=law.dt))
+        if not isinstance(law, HarmonicAttenuation):
+            return True
+        settings = harmonic_settings(values, law.dt, model)
+        scheduled = settings.scheduled_plant
+        if (scheduled is not None) != isinstance(law, ScheduledAttenuation):
+            return False
+        if scheduled is not None and isinstance(law, ScheduledAttenuation):
+            law.update(scheduled)
+        else:
+            law.set_gain(settings.gain() or ModeGain(GUESS, dt=law.dt))
         return True
 
 

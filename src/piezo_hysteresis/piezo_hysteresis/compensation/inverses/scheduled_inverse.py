@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable
 
+from piezo_hysteresis.compensation.drive_selection import DriveSelector
 from piezo_hysteresis.compensation.inverses.inverse_link import HISTORY, InverseLink
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.models.modelfile import ModelFile
-from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
-
-# Another entry is used once its distance is below this share of that of the present one, so that
-# a drive midway between two does not change over and over.
-_NEARER = 0.8
+from piezo_hysteresis.models.schedule import OperatingPoint
 
 
 class ScheduledInverse:
-    """The inverse of the entry of a schedule that is nearest to the drive.
+    """The inverse of the entry of a schedule that is nearest to the drive, see `DriveSelector`.
 
-    The frequency is that of the reference; among entries of one frequency, the travel is compared
-    with the amplitude of the last period. Without a frequency the last inverse remains, and before
-    the first one that of all drives. The voltage moves over without a step, within the slew limit.
+    Before the first frequency it is that of all drives. The voltage moves over without a step,
+    within the slew limit.
 
     Parameters
     ----------
@@ -48,26 +43,26 @@ class ScheduledInverse:
     ) -> None:
         assert model.schedule is not None
         self.dt, self._invert = dt, invert
-        self._schedule: Schedule = model.schedule
         self._of_all = invert(model)
         self._inverses = {p.name: invert(p.model) for p in model.schedule.points}
         self._inverse = self._of_all
         self._fade = Transition(dt, transition, limits.slew)
         self._past: deque[ReferencePoint] = deque(maxlen=HISTORY)
-        self._point: OperatingPoint | None = None
+        self._selector = DriveSelector(model.schedule, dt)
         self.reset()
 
     @property
     def point(self) -> OperatingPoint | None:
         """The entry in use, None before the first frequency."""
-        return self._point
+        return self._selector.point
 
     def step(
         self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
     ) -> float:
         """Return the voltage for this tick: `received` plus that of the inverse [V]."""
-        chosen = self._chosen(point)
-        if chosen is not self._point:
+        before = self.point
+        chosen = self._selector.select(point)
+        if chosen is not None and chosen is not before:
             self._change_to(chosen)
         self._past.append(point)
         return received + self._fade.apply(self._inverse.step(point, 0.0, measured))
@@ -90,13 +85,9 @@ class ScheduledInverse:
                     known.set_parameters(link.parameters)
                 fresh[name] = known
         in_use = self._inverse
-        self._schedule, self._inverses, self._of_all = model.schedule, fresh, of_all
-        if self._point is None:
-            self._inverse = of_all
-        else:
-            same = [p for p in model.schedule.points if p.name == self._point.name]
-            self._point = same[0] if same else self._schedule.at(self._point.frequency)
-            self._inverse = fresh[self._point.name]
+        self._inverses, self._of_all = fresh, of_all
+        self._selector.replace(model.schedule)
+        self._inverse = of_all if self.point is None else fresh[self.point.name]
         if self._inverse is not in_use and self._past:
             self._inverse.follow(self._past)
             self._fade.start()
@@ -105,10 +96,10 @@ class ScheduledInverse:
         """Take the memory that the last points of a running reference leave."""
         self.reset()
         for point in past:
-            self._point = self._chosen(point)
+            self._selector.select(point)
             self._past.append(point)
-        if self._point is not None:
-            self._inverse = self._inverses[self._point.name]
+        if self.point is not None:
+            self._inverse = self._inverses[self.point.name]
         self._inverse.follow(self._past)
 
     def counters(self) -> dict[str, int]:
@@ -126,43 +117,10 @@ class ScheduledInverse:
         self._fade.reset()
         self._past.clear()
         self._inverse, self._changes = self._of_all, 0
-        self._point = None
-        self._turn, self._largest, self._amplitude = -1.0, 0.0, 0.0
+        self._selector.reset()
 
-    def _chosen(self, point: ReferencePoint) -> OperatingPoint | None:
-        """Return the entry for the reference of this tick."""
-        f = point.frequency
-        if not (f > 0.0 and math.isfinite(f)):
-            return self._point
-        self._note_amplitude(point)
-        row = self._schedule.row(f)
-        now = self._point
-        if now is not None and row[0].frequency != now.frequency:
-            nearer = abs(row[0].frequency - f) < _NEARER * abs(now.frequency - f)
-            row = row if nearer else self._schedule.row(now.frequency)
-        if len(row) == 1 or self._amplitude == 0.0:
-            return row[-1] if now is None or now not in row else now
-        best = min(row, key=lambda p: abs(p.travel - self._amplitude))
-        if now is None or now not in row:
-            return best
-        away = abs(now.travel - self._amplitude)
-        return best if abs(best.travel - self._amplitude) < _NEARER * away else now
-
-    def _note_amplitude(self, point: ReferencePoint) -> None:
-        """Keep the amplitude of the last period, from velocity and acceleration [m]."""
-        omega = 2.0 * math.pi * point.frequency
-        size = math.hypot(point.velocity / omega, point.acceleration / (omega * omega))
-        turn = math.floor(point.phase / (2.0 * math.pi))
-        if turn == self._turn:
-            self._largest = max(self._largest, size)
-            return
-        self._amplitude = self._largest if self._turn >= 0.0 else 0.0
-        self._turn, self._largest = turn, size
-
-    def _change_to(self, chosen: OperatingPoint | None) -> None:
+    def _change_to(self, chosen: OperatingPoint) -> None:
         """Take the inverse of an entry over, with the history of the reference."""
-        assert chosen is not None
-        self._point = chosen
         self._inverse = self._inverses[chosen.name]
         if not self._past:
             return

@@ -1,0 +1,104 @@
+"""Attenuation with the plant gain of one entry per drive, selected by the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from piezo_hysteresis.compensation.drive_selection import DriveSelector
+from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.transition import Transition
+from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.models.schedule import OperatingPoint
+
+
+class ScheduledAttenuation(HarmonicAttenuation):
+    """The attenuation with the gain of the entry that is nearest to the drive.
+
+    Before the first frequency the gain is that of all drives. The learned correction is kept where
+    the entry changes. `rls` turns its correction by the phase of the gain; the difference fades
+    within the slew limit.
+
+    Parameters
+    ----------
+    settings : AttenuationSettings
+        Method, orders and their tuning.
+    model : ModelFile
+        A model with a schedule.
+    gain_of : callable
+        Returns the plant gain of a model without a schedule.
+    dt : float
+        Sampling interval [s].
+    limits : Limits
+        Of the voltage.
+    decay : float
+        Time constant of the mode of the plant [s].
+    transition : float
+        Duration of the transition to another entry [s].
+    """
+
+    def __init__(
+        self,
+        settings: AttenuationSettings,
+        model: ModelFile,
+        gain_of: Callable[[ModelFile], LinearGain],
+        dt: float,
+        limits: Limits,
+        decay: float,
+        transition: float,
+    ) -> None:
+        assert model.schedule is not None
+        self._gain_of = gain_of
+        self._selector = DriveSelector(model.schedule, dt)
+        self._fade = Transition(dt, transition, limits.slew)
+        self._gains = self._gains_of(model)
+        self._changes = 0
+        super().__init__(settings, gain_of(model), dt, limits, decay)
+
+    @property
+    def point(self) -> OperatingPoint | None:
+        """The entry in use, None before the first frequency."""
+        return self._selector.point
+
+    def step(
+        self, point: ReferencePoint, received: float, measured: Measured | None = None
+    ) -> float:
+        """Return `received` minus the correction [V]."""
+        before = self.point
+        chosen = self._selector.select(point)
+        if chosen is not None and chosen is not before:
+            self._changes += before is not None
+            self._take(chosen)
+        return received + self._fade.apply(super().step(point, received, measured) - received)
+
+    def update(self, model: ModelFile) -> None:
+        """Take changed entries, and new ones, while running."""
+        assert model.schedule is not None
+        self._gains = self._gains_of(model)
+        self._selector.replace(model.schedule)
+        if self.point is None:
+            self.set_gain(self._gain_of(model))
+        else:
+            self._take(self.point)
+
+    def counters(self) -> dict[str, int]:
+        """Return what the law counted, and the changes of the entry."""
+        return {**super().counters(), 'schedule_changes': self._changes}
+
+    def reset(self) -> None:
+        """Reset everything but settings and schedule."""
+        super().reset()
+        self._selector.reset()
+        self._fade.reset()
+        self._changes = 0
+
+    def _gains_of(self, model: ModelFile) -> dict[str, LinearGain]:
+        assert model.schedule is not None
+        return {p.name: self._gain_of(p.model) for p in model.schedule.points}
+
+    def _take(self, chosen: OperatingPoint) -> None:
+        self.set_gain(self._gains[chosen.name])
+        if self.settings.method == 'rls':
+            self._fade.start()
