@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from std_srvs.srv import Trigger
 
 from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
 from piezo_hysteresis.models import ModelFile, named
+from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
 from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.waveforms import Sine
@@ -190,6 +192,24 @@ def test_the_parameters_show_the_model_that_is_in_force(chain: Chain) -> None:
     assert 'in use' in chain.listener.set_one('feedforward', 'model.chain', [''])
     chain.run(50)
     chain.smooth(50, share=0.0)
+
+
+def test_parameters_leave_a_schedule_in_force(chain: Chain) -> None:
+    one = ModelFile(named('extended'), MODEL)
+    whole = replace(one, schedule=Schedule((OperatingPoint(SINE.frequency, 1.0, 1e-4, 0, one),)))
+    request = LoadModel.Request(yaml=whole.text())
+    assert chain.listener.call(LoadModel, 'feedforward/load_model', request).success
+    assert 'load a changed' in chain.listener.set_one('feedforward', 'model.beta', 0.7)
+    chain.set('feedforward', 'model.noise_floor', 1e-9)  # neither does one of the whole file
+    chain.run(50)
+    assert 'load a changed' in chain.listener.set_one('feedforward', 'model.beta', 0.7)
+    together = {'model.name': 'other', 'model.beta': 0.7}
+    assert all(r.successful for r in chain.listener.set_parameters('feedforward', together))
+    chain.listener.until(
+        lambda: chain.listener.get_parameter('feedforward', 'model.beta') == MODEL['beta']
+    )
+    chain.smooth(50, share=0.3)
+    assert chain.load(MODEL).success
 
 
 def test_paths_of_models_stay_inside_the_folder(chain: Chain) -> None:

@@ -8,15 +8,20 @@ reverted if it was set together with others: the parameters show the model in us
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable, Value
-from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.errors import ModelError, PiezoError
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.ros.guarded import Guarded
 from piezo_hysteresis.ros.parameters import NodeParameters
 
 PREFIX = 'model.'
+PER_DRIVE = (
+    'the model has a set of parameters per drive, and model.* are none of them; load a changed '
+    'model file'
+)
 
 HEAD = ParameterTable(
     (
@@ -116,6 +121,8 @@ class ModelParameters:
             loaded = self._described({})
             if given is not None and given.values == loaded.values:
                 loaded = given
+            elif given is None:
+                loaded = self._with_schedule(loaded)
             self._use(loaded)
         except PiezoError:
             if self._used is not None:
@@ -123,6 +130,25 @@ class ModelParameters:
                 self._changed = False
             raise
         self._used = loaded
+
+    def _with_schedule(self, loaded: ModelFile) -> ModelFile:
+        """Return the described model with the schedule in use, which has no parameters.
+
+        Raises
+        ------
+        ModelError
+            If the schedule would be lost because a value has changed; another chain replaces it.
+        """
+        used = self._used
+        if (
+            used is None
+            or used.schedule is None
+            or used.model.block_names != loaded.model.block_names
+        ):
+            return loaded
+        if used.values != loaded.values:
+            raise ModelError(PER_DRIVE)
+        return replace(loaded, schedule=used.schedule)
 
     def _described(self, changes: Mapping[str, Value]) -> ModelFile:
         values = {**self._parameters.values, **changes}
@@ -152,6 +178,8 @@ class ModelParameters:
     def _refuse_values(self, changes: dict[str, Value]) -> str:
         if self._changed:  # more parameters may follow
             return ''
+        if self._used is not None and self._used.schedule is not None:
+            return PER_DRIVE
         try:
             return self._refusal(self._described(changes))
         except PiezoError as error:
