@@ -18,6 +18,7 @@ from rclpy.action import ActionClient
 from rosgraph_msgs.msg import Clock
 
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.per_frequency import identify_per_frequency
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, read_bag
 from piezo_hysteresis.ros.processes import NodeProcess
@@ -228,6 +229,37 @@ def test_an_estimate_is_saved_inside_the_folder_only(
         assert not answer.success
         assert answer.message
     assert sorted(folder.parent.rglob('*')) == before
+
+
+def test_a_played_sweep_gives_the_models_of_identify_per_frequency(
+    online: list[ModelEstimate],
+    replayed: tuple[LiveNodes, Listener, list[ModelEstimate]],
+    folder: Path,
+) -> None:
+    """Both have the harmonic of 20 Hz, and no model of 7 Hz: RLS finds a negative beta there."""
+    processes, listener, _ = replayed
+    for name, value in {'method': 'rls', 'per_frequency': True}.items():
+        assert listener.set_one('identification', name, value) == ''
+    assert processes.wait_for(play(processes, folder / 'sweep'), 60.0) == 0
+    request = SaveModel.Request(path='drives.yaml')
+    answer = listener.call(SaveModel, 'identification/save', request)
+    assert answer.success, answer.message
+    live = ModelFile.load(folder / 'drives.yaml').schedule
+    assert listener.set_one('identification', 'per_frequency', False) == ''
+    records = read_bag(folder / 'sweep')
+    found = identify_per_frequency(records, 'extended', method='rls').model_file().schedule
+    assert live is not None
+    assert found is not None
+    names = [(point.name, point.order, point.model.model.name) for point in live.points]
+    assert names == [('20 Hz, 1 V', 3, 'enhanced3')]
+    for one, other in zip(live.points, found.points, strict=True):
+        assert (one.name, one.order) == (other.name, other.order)
+        assert one.travel == pytest.approx(other.travel, rel=1e-9)
+        assert one.model.model.block_names == other.model.model.block_names
+        for name, number in one.model.values.items():
+            if name != 'offset':  # the verb takes it from free runs, which a node does not keep
+                expected = other.model.values[name]
+                assert number == pytest.approx(expected, rel=1e-12, abs=1e-300), name
 
 
 def test_the_player_reports_its_progress_and_the_node_it_waits_for(

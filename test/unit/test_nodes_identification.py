@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import piezo_hysteresis as ph
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.models import ModelFile, named
@@ -335,6 +337,23 @@ def test_each_drive_has_the_estimate_of_its_record_alone(method: str, late: bool
         found = saved.at(frequency, amplitude).values
         for name, value in alone.estimate().parameters().items():
             assert found[name] == value
+
+
+def test_the_model_of_a_drive_has_the_harmonic_of_its_record() -> None:
+    values = {**DEFAULTS, 'method': 'rls'}
+    course = RecordSegmenter(new_method(values), RATE, renew=lambda: new_method(values))
+    record = drive(10.0, 1.0)
+    third = 3e-5 * np.sin(60.0 * np.pi * np.arange(len(record)) / RATE)
+    record = replace(record, displacement=record.displacement + third)
+    course.mark(SegmentEdge(0, 'a', 10.0, 1.0, 0.2))
+    for k, (u, y) in enumerate(zip(record.voltage, record.displacement, strict=True)):
+        course.take(k, k * MS, float(u), float(y))
+    (live,) = course.model_file('test').schedule.points  # type: ignore[union-attr]
+    alone = ph.identify(record, 'enhanced3', method='rls').values
+    assert (live.order, live.model.model.name) == (3, 'enhanced3')
+    for name, number in live.model.values.items():
+        if name != 'offset':
+            assert number == pytest.approx(alone[name], rel=1e-12, abs=1e-300), name
 
 
 def test_an_actuator_at_rest_gives_no_converged_estimate() -> None:

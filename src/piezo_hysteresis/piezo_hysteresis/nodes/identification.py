@@ -104,7 +104,7 @@ class IdentificationNode(GuardedNode):
     def _on_marker(self, message: RecordMarker) -> None:
         self._marked += 1
         stamp = nanoseconds_of(message.header.stamp)
-        drive = message.frequency, message.amplitude
+        drive = message.frequency, message.amplitude, message.warm_up
         self._course.mark(SegmentEdge(stamp, message.record, *drive))
         self._confirm()
 

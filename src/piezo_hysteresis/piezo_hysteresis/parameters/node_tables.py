@@ -125,7 +125,14 @@ IDENTIFICATION = ParameterTable(
             'rls: an additional constant column, equivalent to A0 in steady state; identify '
             'has none and estimates the offset from free runs.',
         ),
-        ParameterSpec('harmonic', 0, 'rls: exogenous odd harmonic: 0, 3 or 5.', low=0, high=5),
+        ParameterSpec(
+            'harmonic',
+            0,
+            'rls: exogenous odd harmonic: 0, 3 or 5; with per_frequency, 0 takes that of the '
+            'spectrum of each record, as identify does.',
+            low=0,
+            high=5,
+        ),
         ParameterSpec(
             'frequency',
             0.0,

@@ -20,6 +20,7 @@ from piezo_hysteresis.identification.method_settings import pairs
 from piezo_hysteresis.identification.online import online, settled
 from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.identification.rls import RlsSettings
+from piezo_hysteresis.identification.rls_by_order import RlsByOrder, by_order
 from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
@@ -82,12 +83,13 @@ def new_method(values: Mapping[str, Any]) -> OnlineMethod:
 
 @dataclass(frozen=True)
 class SegmentEdge:
-    """Start of a record with the frequency of its drive; without a name, the end of a record."""
+    """Start of a record with its drive and warm-up [s]; without a name, the end of a record."""
 
     nanoseconds: int
     record: str
     frequency: float = 0.0
     amplitude: float = 0.0
+    warm_up: float = 0.0
 
 
 @dataclass
@@ -144,6 +146,7 @@ class MethodState(NamedTuple):
     refused: int
     taken: int
     open: bool
+    warm_up: float
     run: RunSinceRest
     length: int
 
@@ -196,6 +199,7 @@ class RecordSegmenter:
     _open: bool = True
     _run: RunSinceRest = field(default_factory=lambda: RunSinceRest([], []))
     _useless: bool = False
+    _warm_up: float = 0.0
 
     def __post_init__(self) -> None:
         self._key = _ALL
@@ -236,7 +240,8 @@ class RecordSegmenter:
         while self._edges and self._edges[0].nanoseconds <= nanoseconds:
             edge = self._edges.popleft()
             self._passed.append(edge)
-            self._open = bool(edge.record)
+            self._note_order()
+            self._open, self._warm_up = bool(edge.record), edge.warm_up
             self._rest()
             self._follow(edge)
         if self.only_records and not self._open:
@@ -259,7 +264,8 @@ class RecordSegmenter:
             if self.renew is not None:
                 self._key = edge.frequency, edge.amplitude
                 if self._key not in self._drives:
-                    self._drives[self._key] = DriveEstimate(self.renew(), *self._key)
+                    method = by_order(self.renew())
+                    self._drives[self._key] = DriveEstimate(method, *self._key)
                 self.method = self.drive.method
                 self.method.rest()
             try:
@@ -279,6 +285,7 @@ class RecordSegmenter:
         self._drives, self._key = state.drives, state.key
         self.method = self.drive.method
         self.refused, self.taken, self._open = state.refused, state.taken, state.open
+        self._warm_up = state.warm_up
         self._run = state.run.cut(state.length)
         again = [each for each in self._passed if each.nanoseconds > memory.nanoseconds]
         for each in again:
@@ -296,6 +303,7 @@ class RecordSegmenter:
             self.refused,
             self.taken,
             self._open,
+            self._warm_up,
             run,
             len(run.voltage),
         )
@@ -332,9 +340,7 @@ class RecordSegmenter:
         if not math.isnan(free_run):
             motion = float(np.std(self._run.displacement or [0.0]))
             self._useless = not free_run <= _EXPLAINED * motion
-        if drive.frequency > 0.0:
-            seen = np.array(self._run.displacement[len(self._run.displacement) // 3 :])
-            drive.order = odd_oscillation(seen, drive.frequency, 1.0 / self.rate)
+        self._note_order()
         before, drive.before = drive.before, estimate
         drive.converged = (
             before is not None
@@ -343,6 +349,15 @@ class RecordSegmenter:
             and not self._useless
         )
         return drive.converged
+
+    def _note_order(self) -> None:
+        """Take the harmonic order of the drive from the record so far, once it has a period."""
+        drive, moved = self.drive, self._run.displacement
+        seen = np.array(moved[round(self._warm_up * self.rate) :])
+        if drive.frequency > 0.0 and seen.size * drive.frequency >= self.rate:
+            drive.order = odd_oscillation(seen, drive.frequency, 1.0 / self.rate)
+            if isinstance(drive.method, RlsByOrder):
+                drive.method.order = drive.order
 
     @property
     def drive(self) -> DriveEstimate:
@@ -379,6 +394,7 @@ class RecordSegmenter:
         PiezoError
             If no estimate is a model that can be used.
         """
+        self._note_order()
         points = []
         for drive in self._drives.values():
             if drive.frequency > 0.0 and drive.amplitude > 0.0:
