@@ -66,32 +66,32 @@ class DriveFrequency:
         elif self._armed and before < middle <= d:
             self._cross((d - middle) / (d - before))
         elif self._periods and self._since * self._dt * self.frequency > _SILENT:
-            self._forget()
+            self._discard()
         self._before = d
 
     def _cross(self, ago: float) -> None:
         """Note a crossing `ago` ticks before the present one."""
-        if self._begun:
+        if self._started:
             self._periods.append(self._since - ago)
             self._range = self._low, self._high
             self._half = 0.5 * (self._high - self._low)
-        self._begun, self._armed, self._since = True, False, ago
+        self._started, self._armed, self._since = True, False, ago
         self._low, self._high = math.inf, -math.inf
 
-    def _forget(self) -> None:
+    def _discard(self) -> None:
         self._periods.clear()
         self._range: tuple[float, float] | None = None
-        self._begun = self._armed = False
+        self._started = self._armed = False
         self._since, self._before = 0.0, math.inf
         self._low, self._high = math.inf, -math.inf
 
     def restart(self) -> None:
         """Measure the frequency anew; the amplitude remains."""
-        self._forget()
+        self._discard()
 
     def reset(self) -> None:
         """Discard everything."""
-        self._forget()
+        self._discard()
         self._half = 0.0
 
 
