@@ -382,3 +382,19 @@ def test_model_gain_is_that_of_mode_and_mean_slope() -> None:
     assert gain(50.0) / gain(0.0) == pytest.approx(mode * lag, rel=0.01)
     assert 110e-6 < gain(0.0).real < 150e-6
     assert gain(-50.0) == pytest.approx(np.conj(gain(50.0)))
+
+
+def test_without_compensation_an_offset_that_balances_a0_is_no_displacement() -> None:
+    """RLS of the papers finds A0 and, from free runs, an offset of the other sign."""
+    model = named('extended')
+    values = {'A1': 1.0e-4, 'A': 4e-5, 'A0': 3.6e-7, 'beta': 0.05, 'gamma': 0.01,
+              'c1': -0.2, 'c2': 0.1, 'offset': 0.0}  # fmt: skip
+    drive = np.sin(2 * np.pi * 10.0 * DT * np.arange(30_000))
+    known = {name: values[name] for name in model.parameter_names}
+    mean = float(model.respond(drive, model.pack(known), DT)[-1000:].mean())
+    assert abs(mean) > 3e-6
+    known['offset'] = 7e-6 - mean
+    link = inverse_for(model, known, DT, law='gain', start=0.0, limits=Limits(-2.0, 2.0, 1e9))
+    assert link.step(ReferencePoint(0, 7e-6, 0.0, 0.0, 0.0, 0.0), 0.0) == pytest.approx(
+        0, abs=3e-3
+    )
