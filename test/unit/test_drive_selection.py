@@ -14,6 +14,7 @@ from piezo_hysteresis.compensation.drive_selection import DriveFrequency, DriveS
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.harmonics.scheduled_attenuation import ScheduledAttenuation
 from piezo_hysteresis.compensation.inverses.inverse_choice import model_gain
+from piezo_hysteresis.compensation.linear_gain import gain_at
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.offline_loop import reference_points
 from piezo_hysteresis.discovery.gap_monitor import GapMonitor
@@ -115,7 +116,7 @@ def test_the_attenuation_takes_the_gain_of_the_drive(method: str) -> None:
         for point in reference_points(Sine(5e-5, frequency, 0.1).sample(ticks(0.1))):
             link.step(point, 0.0, None)
         expected = model_gain(own(gain).model, own(gain).values, DT, 5.0)
-        assert np.array_equal(link.packed_gain, expected.packed)
+        assert np.allclose(link.packed_gain, expected.packed, rtol=1e-6, atol=0.0)
     assert link.counters()['schedule_changes'] == 1
 
 
@@ -189,3 +190,22 @@ def test_discover_takes_the_entry_of_one_drive_and_refuses_several() -> None:
 def test_an_investigation_needs_one_model_for_all_drives() -> None:
     with pytest.raises(PiezoError, match='without --per-frequency'):
         ph.investigate(TWO, TWO, out='none', low=-1.0, high=1.0, slew=1e3)
+
+
+def test_the_gain_of_an_entry_counts_at_its_own_frequency_only() -> None:
+    """The RLS of 5 Hz extrapolates its recursion to half the gain at 35 Hz, its seventh order."""
+    base = ModelFile.from_name('bouc_wen_mode', natural_frequency=68.0)
+    point = OperatingPoint(
+        10.0, 1.0, 1e-4, 0, ModelFile.from_name('bouc_wen_mode', natural_frequency=30.0)
+    )
+    given = replace(base, schedule=Schedule((point,)))
+    link = Controllers(DT, LIMITS, given, attenuation=AttenuationSettings()).attenuate()
+    assert isinstance(link, ScheduledAttenuation)
+    wave = reference_points(Sine(5e-5, 10.0, 0.1).sample(ticks(0.1)))
+    link.step(next(iter(wave)), 0.0, None)
+    usual = model_gain(base.model, base.values, DT, 5.0)
+    entry = model_gain(point.model.model, point.model.values, DT, 5.0)
+    for frequency, size in ((10.0, 1.0), (40.0, abs(usual(40.0) / usual(10.0)))):
+        found = gain_at(frequency, link.packed_gain)
+        assert abs(found) == pytest.approx(size * abs(entry(10.0)), rel=1e-6)
+        assert np.angle(found) == pytest.approx(np.angle(usual(frequency)), abs=1e-6)

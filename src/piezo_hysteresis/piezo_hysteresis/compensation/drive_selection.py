@@ -42,12 +42,25 @@ class DriveFrequency:
         self._periods: deque[float] = deque(maxlen=_PERIODS)
         self.reset()
 
+    def reset(self) -> None:
+        """Discard everything."""
+        self.restart()
+        self._half = 0.0
+
+    def restart(self) -> None:
+        """Measure the frequency anew; the amplitude remains."""
+        self._periods.clear()
+        self._range: tuple[float, float] | None = None
+        self._started = self._armed = False
+        self._since, self._before = 0.0, math.inf
+        self._low, self._high = math.inf, -math.inf
+
     @property
     def frequency(self) -> float:
         """Mean over the last periods [Hz]; 0 before two of them."""
         if len(self._periods) < 2:
             return 0.0
-        return len(self._periods) / (sum(self._periods) * self._dt)
+        return float(len(self._periods) / (sum(self._periods) * self._dt))
 
     @property
     def amplitude(self) -> float:
@@ -66,7 +79,7 @@ class DriveFrequency:
         elif self._armed and before < middle <= d:
             self._cross((d - middle) / (d - before))
         elif self._periods and self._since * self._dt * self.frequency > _SILENT:
-            self._discard()
+            self.restart()
         self._before = d
 
     def _cross(self, ago: float) -> None:
@@ -77,22 +90,6 @@ class DriveFrequency:
             self._half = 0.5 * (self._high - self._low)
         self._started, self._armed, self._since = True, False, ago
         self._low, self._high = math.inf, -math.inf
-
-    def _discard(self) -> None:
-        self._periods.clear()
-        self._range: tuple[float, float] | None = None
-        self._started = self._armed = False
-        self._since, self._before = 0.0, math.inf
-        self._low, self._high = math.inf, -math.inf
-
-    def restart(self) -> None:
-        """Measure the frequency anew; the amplitude remains."""
-        self._discard()
-
-    def reset(self) -> None:
-        """Discard everything."""
-        self._discard()
-        self._half = 0.0
 
 
 class DriveSelector:

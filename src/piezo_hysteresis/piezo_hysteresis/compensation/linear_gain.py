@@ -94,6 +94,33 @@ class ArGain(NamedTuple):
         return complex(gain_at(float(frequency), self.packed))
 
 
+class ScaledGain(NamedTuple):
+    """A multiple of another gain.
+
+    Attributes
+    ----------
+    gain : LinearGain
+        The other one.
+    factor : float
+        What it is multiplied by.
+    """
+
+    gain: LinearGain
+    factor: float
+
+    @property
+    def packed(self) -> FloatArray:
+        """Numbers that `gain_at` reads."""
+        numbers = np.array(self.gain.packed)
+        sizes = slice(2, None) if numbers[0] == _PULSE else slice(1, 2)
+        numbers[sizes] *= self.factor
+        return numbers
+
+    def __call__(self, frequency: float) -> complex:
+        """Return the gain [m/V] at `frequency` [Hz]."""
+        return self.factor * self.gain(frequency)
+
+
 @jit
 def gain_at(frequency: float, packed: FloatArray) -> complex:
     """Return the gain [m/V] at `frequency` [Hz] from the numbers of a `LinearGain`."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from piezo_hysteresis.compensation.drive_selection import DriveSelector
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
-from piezo_hysteresis.compensation.linear_gain import LinearGain
+from piezo_hysteresis.compensation.linear_gain import LinearGain, ScaledGain
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -17,7 +17,9 @@ from piezo_hysteresis.models.schedule import OperatingPoint
 class ScheduledAttenuation(HarmonicAttenuation):
     """The attenuation with the gain of the entry that is nearest to the drive.
 
-    Before the first frequency the gain is that of all drives. The learned correction is kept where
+    An entry is known at its own frequency, its harmonics are not: the gain over frequency is that
+    of all drives, with the size of the entry at its frequency. Before the first frequency it is
+    that of all drives. The learned correction is kept where
     the entry changes. `rls` turns its correction by the phase of the gain; the difference fades
     within the slew limit.
 
@@ -53,9 +55,10 @@ class ScheduledAttenuation(HarmonicAttenuation):
         self._gain_of = gain_of
         self._selector = DriveSelector(model.schedule, dt)
         self._fade = Transition(dt, transition, limits.slew)
+        self._gain_of_all = gain_of(model)
         self._gains = self._gains_of(model)
         self._changes = 0
-        super().__init__(settings, gain_of(model), dt, limits, decay)
+        super().__init__(settings, self._gain_of_all, dt, limits, decay)
 
     @property
     def point(self) -> OperatingPoint | None:
@@ -76,10 +79,11 @@ class ScheduledAttenuation(HarmonicAttenuation):
     def update(self, model: ModelFile) -> None:
         """Take changed entries, and new ones, while running."""
         assert model.schedule is not None
+        self._gain_of_all = self._gain_of(model)
         self._gains = self._gains_of(model)
         self._selector.replace(model.schedule)
         if self.point is None:
-            self.set_gain(self._gain_of(model))
+            self.set_gain(self._gain_of_all)
         else:
             self._take(self.point)
 
@@ -94,9 +98,14 @@ class ScheduledAttenuation(HarmonicAttenuation):
         self._fade.reset()
         self._changes = 0
 
-    def _gains_of(self, model: ModelFile) -> dict[str, LinearGain]:
+    def _gains_of(self, model: ModelFile) -> dict[str, ScaledGain]:
         assert model.schedule is not None
-        return {p.name: self._gain_of(p.model) for p in model.schedule.points}
+        gains = {}
+        for point in model.schedule.points:
+            usual = abs(self._gain_of_all(point.frequency))
+            size = abs(self._gain_of(point.model)(point.frequency))
+            gains[point.name] = ScaledGain(self._gain_of_all, size / usual if usual > 0.0 else 1.0)
+        return gains
 
     def _take(self, chosen: OperatingPoint) -> None:
         self.set_gain(self._gains[chosen.name])
