@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -9,8 +10,11 @@ import pytest
 from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.compensation.feedback.pid import Pid
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
+from piezo_hysteresis.compensation.harmonics.scheduled_attenuation import ScheduledAttenuation
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK
 from piezo_hysteresis.runtime.laws import FeedbackLaws, HarmonicLaws
 
@@ -65,3 +69,21 @@ def test_a_new_gain_of_the_plant_keeps_the_attenuation_and_orders_make_a_new_one
     assert laws.shapes(values, 'orders')
     assert not laws.shapes(values, 'limits.high')
     assert laws.build({**values, 'enabled': False}, DT) is None
+
+
+def test_a_schedule_makes_a_new_attenuation_and_another_one_is_taken_in_place() -> None:
+    values, laws = values_of(ATTENUATION, enabled=True), HarmonicLaws()
+    plain = ModelFile.from_name('classical')
+    point = OperatingPoint(10.0, 1.0, 1e-4, 0, plain)
+    whole = replace(plain, schedule=Schedule((point,)))
+    law = laws.build(values, DT, plain)
+    assert laws.adjust(law, values, ['plant.gain'], plain)
+    assert not laws.adjust(law, values, ['plant.gain'], whole)
+    law = laws.build(values, DT, whole)
+    assert isinstance(law, ScheduledAttenuation)
+    other = replace(whole, schedule=Schedule((replace(point, frequency=23.0),)))
+    assert laws.adjust(law, values, ['plant.gain'], other)
+    assert not laws.adjust(law, values, ['plant.gain'], plain)
+    # a plant by number wins over the model
+    values['plant.gain'] = 1e-4
+    assert not isinstance(laws.build(values, DT, whole), ScheduledAttenuation)
