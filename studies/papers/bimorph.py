@@ -147,13 +147,21 @@ def phase_difference(a: FloatArray, b: FloatArray, frequency: float) -> float:
     return float(np.degrees(np.angle(first / second)))
 
 
-def papers_feedforward(frequency: float, kind: str, seconds: float) -> Link:
+def mean_missed(frequency: float, seconds: float) -> float:
+    """Return the mean of a record less that of the free run of the enhanced model [m]."""
+    each = record(frequency, seconds)
+    answer = rls(frequency, order_of(frequency), seconds).free_run(each.voltage)
+    return float(np.mean((each.displacement - answer)[-(len(each) // 5) :]))
+
+
+def papers_feedforward(frequency: float, kind: str, seconds: float, offset: float = 0.0) -> Link:
     """Return the feedforward that a paper derives from the model of this frequency."""
     if kind == 'basic':
         return PhysicalInverse(basic(frequency, seconds), DT, law='delayed', limits=LIMITS)
     harmonic = order_of(frequency) if kind == 'enhanced' else 0
     values = rls(frequency, harmonic, seconds).estimate().parameters()
     seven = {name: values[name] for name in ('A1', 'A', 'A0', 'beta', 'gamma', 'c1', 'c2')}
+    seven |= {'offset': offset} if offset else {}
     law = 'printed' if kind == 'printed' else 'solved'
     return ExtendedInverse(seven, DT, law=law, limits=LIMITS)
 
@@ -164,8 +172,9 @@ def links(frequency: float, kind: str, seconds: float) -> list[Link]:
     ``basic``, ``extended``: the papers' feedforward, the latter by Fujii 2018 (16), (17);
     ``printed`` by Tatebatake 2017 (12) as it stands; ``proposed``: Fujii 2018's feedforward from
     the enhanced model with its RLS attenuation (18) to (23); ``proposed, computed sign``, whose
-    sign follows from the gain of the model of `identified`; ``ours``: the identified physical
-    inverse with cancellation of several orders.
+    sign follows from the gain of the model of `identified`; ``proposed, with offset``, whose
+    feedforward has the mean of the record that its free run misses; ``ours``: the identified
+    physical inverse with cancellation of several orders.
     """
     if kind == 'ours':
         model, values = identified()
@@ -180,7 +189,8 @@ def links(frequency: float, kind: str, seconds: float) -> list[Link]:
         ]
     if not kind.startswith('proposed'):
         return [papers_feedforward(frequency, kind, seconds)]
-    chain = [papers_feedforward(frequency, 'enhanced', seconds)]
+    offset = mean_missed(frequency, seconds) if kind.endswith('with offset') else 0.0
+    chain = [papers_feedforward(frequency, 'enhanced', seconds, offset)]
     if order_of(frequency):
         _, values = identified()
         settings = AttenuationSettings(

@@ -227,7 +227,7 @@ def figure_13_17(length: Length) -> list[Exhibit]:
               ('extended', 'enhanced', 'proposed', 'ours')]  # fmt: skip
     near = {
         f: [1e6 * bimorph.tracking_error(f, kind, length) for kind in
-            ('proposed', 'proposed, computed sign')]
+            ('proposed', 'proposed, computed sign', 'proposed, with offset', 'enhanced')]
         for f in (22.0, 23.0)
     }  # fmt: skip
 
@@ -267,9 +267,13 @@ def figure_13_17(length: Length) -> list[Exhibit]:
               'from the enhanced one; with (20) and the printed rule of the sign '
               f'(22), (23) {near[23.0][0]:.1f} µm at 23 Hz, but {near[22.0][0]:.0f} µm at 22 Hz, '
               'where it is wrong and runs to the limit', draw_17,
-              NO_MEAN + ' The unit of the error in (18) is not printed; 1 V per 60 µm is used.',
+              NO_MEAN + ' The unit of the error in (18) is not printed; 1 V per 60 µm is used. '
+              'What runs to the limit at 22 Hz is the mean of the error, for which (18) has no '
+              'term: with the offset that `identify` adds to the feedforward, (20) with (22) '
+              f'leaves {near[22.0][2]:.0f} µm of {near[22.0][3]:.0f}, so that it neither helps '
+              f'nor harms, and {near[23.0][2]:.1f} µm at 23 Hz.',
               {'extended': errors[0], 'proposed': errors[2], 'ours': errors[3],
-               'printed 22': near[22.0][0]},
+               'printed 22': near[22.0][0], 'with offset 22': near[22.0][2]},
               f'(20) with a sign computed from a model of five frequencies by output error '
               f'(bouc_wen_mode) {near[23.0][1]:.1f} µm at 23 Hz and {near[22.0][1]:.1f} µm at 22 '
               f'Hz; physical inverse and cancellation of several orders '
@@ -337,11 +341,13 @@ def figure_16(length: Length) -> Exhibit:
         + '; printed rule of the sign (22), (23)', draw,
         NO_MEAN
         + ' At 22 Hz the sign (22) is wrong: the recursion of the error, which one sinusoid does '
-        'not determine, has 116 degrees there, the actuator -39, so that the correction adds to '
-        'the error; at 18 to 21 Hz the angle is much the same but the gain of the loop is below '
-        '4, at 22 Hz it is 8. At 27 and 28 Hz the missing offset is the cause: the enhanced '
-        'model drives 2.6 V of bias (extended 1.4 V), where the gain of the actuator is larger; '
-        'with the mean of the voltage removed the feedforward of both leaves 3.0 µm at 28 Hz.',
+        'not determine, has 116 degrees there, the actuator -39, so that the correction does not '
+        'reduce the error, and the mean of the error, for which (18) has no term, lets it run to '
+        'the limit, see figure 17; at 18 to 21 Hz the angle is much the same but the gain of the '
+        'loop is below 4, at 22 Hz it is 8. At 27 and 28 Hz the missing offset is the cause: the '
+        'enhanced model drives 2.6 V of bias (extended 1.4 V), where the gain of the actuator is '
+        'larger; with the mean of the voltage removed the feedforward of both leaves 3.0 µm at '
+        '28 Hz.',
         {'extended 23': at('extended', 23.0), 'proposed 23': at('proposed', 23.0),
          'ours median': median},
         'with a sign computed from the gain of a model of five frequencies by output error '

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -98,25 +98,17 @@ REMARKS: dict[str, tuple[str, ...]] = {
             'compared.'
         ),
     ),
-    'Xiao 2014': (
-        (
-            'The selector fits better by output error, the default of `identify`, than by the'
-            ' swarm of the paper, but tracks worse, 5.9, 6.6 and 3.2 µm in place of 0.31, '
-            '0.52 and 1.61: that fit is made for the displacement, not for the voltage. Use '
-            '`--method xiao2014` for its feedforward.'
-        ),
-        (
-            'The paper finds smaller errors in the middle of the range. That does not hold '
-            'here at 40 Hz: 0.58 µm within 7 V of the centre, 0.52 µm over 15 V.'
-        ),
-    ),
     'Fang 2019': (
         (
-            'Classical model: the paper prints alpha 1.14, beta 2.49, gamma -2.08; its swarm '
-            'finds beta 2.06 ± 15 and gamma 0.31 ± 26 here. The record does not determine '
-            'them, so that equal errors go with any of these values.'
+            'Classical model: the paper prints k1c 1.86, k3c -0.75, alpha 1.14, beta 2.49, '
+            'gamma -2.08; its swarm finds beta 2.06 ± 15 and gamma 0.31 ± 26 here. The record '
+            'does not determine them, so that equal errors go with any of these values.'
         ),
-        'Figures 7 to 10: panels (c) and (d), the loops, are not drawn.',
+        (
+            '(9), figure 4 and table 1: the "asymmetric sinusoidal voltage signals" of the '
+            'paper are missing from its text; sines of 4.8 V about a bias of 4.9 V are used, '
+            'which lie on one side of zero.'
+        ),
     ),
 }
 
@@ -231,15 +223,20 @@ def overview(entries: Sequence[Exhibit], folder: str) -> str:
     return '\n'.join([*lines, ''])
 
 
-def one_paper(paper: str, entries: Sequence[Exhibit], pictures: str) -> str:
-    """Return the page of one paper; `pictures` is the path from it to their folder."""
+def one_paper(
+    paper: str, entries: Sequence[Exhibit], pictures: str, others: Sequence[str] = ()
+) -> str:
+    """Return the page of one paper; `pictures` is the path from it to their folder.
+
+    `others` are the lines of a section on other actuators.
+    """
     lines = [
         f'# {paper}: {PAPERS[paper]}',
         '',
         '[All papers, method and verdicts](../papers.md)',
         '',
     ]
-    return '\n'.join([*lines, *_exhibits(paper, entries, pictures)])
+    return '\n'.join([*lines, *_exhibits(paper, entries, pictures, others)])
 
 
 def paper_page(paper: str) -> str:
@@ -247,15 +244,20 @@ def paper_page(paper: str) -> str:
     return f'{paper.lower().replace(" ", "")}.md'
 
 
-def write_pages(entries: Sequence[Exhibit], file: Path) -> None:
-    """Write the overview to `file`, and pages and pictures of the papers into its folder."""
+def write_pages(
+    entries: Sequence[Exhibit], file: Path, others: Mapping[str, Sequence[str]] | None = None
+) -> None:
+    """Write the overview to `file`, and pages and pictures of the papers into its folder.
+
+    `others` are the sections on other actuators, by paper.
+    """
     pictures, folder = file.parent / 'pictures' / 'papers', file.parent / file.stem
     for each in (pictures, folder):
         each.mkdir(parents=True, exist_ok=True)
     for entry in entries:
         save(entry, pictures, dpi=75)
     for paper in _papers_of(entries):
-        text = one_paper(paper, entries, '../pictures/papers')
+        text = one_paper(paper, entries, '../pictures/papers', (others or {}).get(paper, ()))
         (folder / paper_page(paper)).write_text(text, encoding='utf-8')
     file.write_text(overview(entries, folder.name), encoding='utf-8')
 
@@ -264,7 +266,9 @@ def _papers_of(entries: Sequence[Exhibit]) -> list[str]:
     return [paper for paper in PAPERS if any(entry.paper == paper for entry in entries)]
 
 
-def _exhibits(paper: str, entries: Sequence[Exhibit], pictures: str) -> list[str]:
+def _exhibits(
+    paper: str, entries: Sequence[Exhibit], pictures: str, others: Sequence[str]
+) -> list[str]:
     lines = []
     own = [entry for entry in entries if entry.paper == paper]
     for entry in own:
@@ -278,6 +282,8 @@ def _exhibits(paper: str, entries: Sequence[Exhibit], pictures: str) -> list[str
         lines.append('')
     if len(own) > 1:
         lines += by_verbs(paper)
+    if others:
+        lines += ['## Other actuators', '', *others, '']
     if REMARKS.get(paper):
         lines += ['## Remarks', '', *(f'- {each}' for each in REMARKS[paper]), '']
     if MISSING.get(paper):

@@ -15,6 +15,7 @@ if not __package__:
 
 from bench.quick import parsed
 from studies.papers import fang2019, fujii2018, tatebatake2017, xiao2014, zhou2021
+from studies.papers.other_plants import SECTIONS
 from studies.papers.pages import write_pages
 from studies.papers.script import entries, printed, write_numbers
 
@@ -32,7 +33,8 @@ def main(words: Sequence[str] | None = None) -> int:
     found = [
         each for paper in papers for each in printed(entries(paper.BUILDERS, (), asked.quick))
     ]
-    write_pages(found, asked.page or asked.out / 'papers.md')
+    others = {} if asked.quick else {paper: write() for paper, write in SECTIONS.items()}
+    write_pages(found, asked.page or asked.out / 'papers.md', others)
     write_numbers(found, asked.out)
     return 0
 
