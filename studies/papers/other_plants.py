@@ -210,8 +210,8 @@ The paper adds PID "to reduce the hysteresis further". Here it takes most where 
 identified, so that the feedforward misses the gain. Errors like the 14 and 9 µm of the paper come
 out for a hysteresis that a Bouc-Wen model does not have, smaller ones for another exponent.
 Damping by the speed squared hardly acts at 10 Hz, because the linear damping is above the critical
-one. An inverse Preisach model, of which the paper says that it costs more, is not built here; nothing is
-compared."""
+one. An inverse Preisach model, of which the paper says that it costs more, is not built here;
+nothing is compared."""
 
 
 def of_zhou(quick: bool = False) -> list[str]:

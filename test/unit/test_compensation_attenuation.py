@@ -42,6 +42,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.parameters.links import ATTENUATION
+from piezo_hysteresis.runtime.laws import HarmonicLaws
 from piezo_hysteresis.runtime.link_health import LinkHealth
 from piezo_hysteresis.runtime.watchdog import Watchdog
 from piezo_hysteresis.waveforms import Sine
@@ -402,7 +403,12 @@ def test_there_is_one_default_of_the_attenuation() -> None:
 
 def test_what_a_method_ignores_is_refused_by_the_table_of_the_node() -> None:
     changes = {'method': 'rls'}
-    assert 'order 0' in ATTENUATION.judge(ATTENUATION.defaults(), changes)
+    for orders in ([0, 3], [-1, 3]):
+        refusal = ATTENUATION.judge(ATTENUATION.defaults(), {**changes, 'orders': orders})
+        assert 'order 0' in refusal
     assert ATTENUATION.judge(ATTENUATION.defaults(), {**changes, 'orders': [3]}) == ''
+    # order -1 is that of a schedule, which only the model shows
+    with pytest.raises(CompensationError, match='by number'):
+        HarmonicLaws().build({**ATTENUATION.defaults(), **changes}, 1e-3)
     resonant = {**changes, 'orders': [3], 'resonance': 68.0}
     assert 'set resonance to 0' in ATTENUATION.judge(ATTENUATION.defaults(), resonant)

@@ -209,3 +209,28 @@ def test_the_gain_of_an_entry_counts_at_its_own_frequency_only() -> None:
         found = gain_at(frequency, link.packed_gain)
         assert abs(found) == pytest.approx(size * abs(entry(10.0)), rel=1e-6)
         assert np.angle(found) == pytest.approx(np.angle(usual(frequency)), abs=1e-6)
+
+
+def test_rls_takes_the_harmonic_of_each_entry_by_order_minus_one() -> None:
+    slow, fast = (
+        OperatingPoint(10.0, 1.0, 1e-4, 0, own(1e-4)),
+        OperatingPoint(23.0, 1.0, 1e-4, 3, own(1e-4)),
+    )
+    given = replace(own(1e-4), schedule=Schedule((slow, fast)))
+    settings = AttenuationSettings(method='rls', orders=(-1,))
+    link = Controllers(DT, LIMITS, given, attenuation=settings).attenuate()
+    assert isinstance(link, ScheduledAttenuation)
+    corrections, before = [], None
+    for k, frequency in enumerate((10.0, 23.0, 10.0)):
+        for point in reference_points(Sine(5e-5, frequency, 1.0).sample(ticks(1.0)), 1000 * k):
+            corrections.append(link.step(point, 0.0, before))
+            moved = point.displacement + 1e-6 * np.sin(3.0 * point.phase)
+            before = Measured(point.sample, point.displacement / 1e-4, float(moved))
+        assert link.settings.orders == ((3,) if frequency == 23.0 else ())
+    assert not np.any(corrections[:1000])
+    assert np.abs(corrections[1500:2000]).max() > 1e-3
+    steps = np.abs(np.diff(corrections))
+    assert steps[1995:2005].max() < 1.5 * steps[1500:1995].max()
+    assert not np.any(corrections[2300:])
+    with pytest.raises(PiezoError, match='identified per frequency'):
+        Controllers(DT, LIMITS, own(1e-4), attenuation=settings).attenuate()

@@ -47,7 +47,8 @@ class AttenuationSettings:
     orders: tuple[int, ...] = setting(
         (-1,),
         'Harmonic orders to attenuate; 0 is the mean and -1 that and all orders that the plant '
-        'follows, up to the 64th and a quarter of the rate; rls needs them by number.',
+        'follows, up to the 64th and a quarter of the rate; rls needs them by number, or takes by '
+        '-1 the harmonic of each drive from a model identified per frequency.',
         '1',
         low=-1,
         high=99,
@@ -140,6 +141,10 @@ class AttenuationSettings:
         if reason:
             raise CompensationError(f'attenuation: {reason}')
 
+    def only(self, order: int) -> AttenuationSettings:
+        """Return the settings for one order, with 0 for none."""
+        return replace(self, orders=(order,) if order else ())
+
     def within(self, limits: Limits, decay: float = math.inf) -> AttenuationSettings:
         """Return the settings with all that is chosen by itself.
 
@@ -162,10 +167,10 @@ class AttenuationSettings:
         """Return '' if the method uses all given settings, else the remedy."""
         if self.method == 'afc':
             return ''
-        if 0 in self.orders or EVERY in self.orders:
+        if 0 in self.orders or (self.automatic and len(self.orders) > 1):
             return (
-                f'method {self.method} has neither the mean, order 0, nor order -1; omit it, '
-                'as in [3], before the method is chosen, or take method afc'
+                f'method {self.method} has neither the mean, order 0, nor order -1 among others; '
+                'omit it, as in [3], before the method is chosen, or take method afc'
             )
         if self.resonance > 0.0:
             return (

@@ -44,6 +44,7 @@ from piezo_hysteresis.compensation.sensor_guard import (
     write_point,
     write_read,
 )
+from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 
 __all__ = ['AttenuationSettings', 'Harmonic', 'HarmonicAttenuation']
@@ -219,16 +220,26 @@ class HarmonicAttenuation:
         limits: Limits = Limits(),  # noqa: B008
         decay: float = math.inf,
     ) -> None:
-        self.settings = settings = settings.within(limits, decay)
         self.dt = float(dt)
-        #: Settings and gain, as the kernels read them.
-        self.packed, self.packed_gain = settings.packed, gain.packed
+        self.packed_gain = gain.packed
         self.numbers = np.array([self.dt, frozen_ticks(dt)])
+        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
+        self._use(settings.within(limits, decay))
+
+    def _use(self, settings: AttenuationSettings) -> None:
+        """Begin with these settings, without a correction."""
+        if settings.method == 'rls' and settings.automatic:
+            raise CompensationError(
+                'attenuation: method rls takes order -1 from a model that was identified per '
+                'frequency; give the orders by number, as in [3], or take method afc'
+            )
+        self.settings = settings
+        #: Settings and gain, as the kernels read them.
+        self.packed = settings.packed
         self._law, self._step = LAWS[settings.method], STEPS[settings.method]
         self.memory = np.zeros(OWN + self._law.size(self.packed))
-        self._watch = SensorWatch(dt, memory=self.memory)
-        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
-        self.reset()
+        self._watch = SensorWatch(self.dt, memory=self.memory)
+        HarmonicAttenuation.reset(self)
 
     def step(
         self, point: ReferencePoint, received: float, measured: Measured | None = None

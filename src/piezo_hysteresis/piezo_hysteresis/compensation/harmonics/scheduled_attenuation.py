@@ -21,7 +21,8 @@ class ScheduledAttenuation(HarmonicAttenuation):
     of all drives, with the size of the entry at its frequency. Before the first frequency it is
     that of all drives. The learned correction is kept where
     the entry changes. `rls` turns its correction by the phase of the gain; the difference fades
-    within the slew limit.
+    within the slew limit. By order -1, `rls` takes the harmonic of each entry, and begins anew
+    where it changes.
 
     Parameters
     ----------
@@ -58,6 +59,9 @@ class ScheduledAttenuation(HarmonicAttenuation):
         self._gain_of_all = gain_of(model)
         self._gains = self._gains_of(model)
         self._changes = 0
+        self._by_order = settings.method == 'rls' and settings.automatic
+        if self._by_order:
+            settings = settings.only(0)
         super().__init__(settings, self._gain_of_all, dt, limits, decay)
 
     @property
@@ -108,6 +112,8 @@ class ScheduledAttenuation(HarmonicAttenuation):
         return gains
 
     def _take(self, chosen: OperatingPoint) -> None:
+        if self._by_order and self.settings.orders != self.settings.only(chosen.order).orders:
+            self._use(self.settings.only(chosen.order))
         self.set_gain(self._gains[chosen.name])
         if self.settings.method == 'rls':
             self._fade.start()
