@@ -13,6 +13,7 @@ import functools
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -272,7 +273,7 @@ def of_xiao(quick: bool = False) -> list[str]:
 def by_output_error(quick: bool = False) -> tuple[float, ...]:
     """Return the rms errors at 10, 40 and 100 Hz of the selector by output error [µm]."""
     frequencies = (10.0, 40.0, 100.0)
-    few = {'max_evaluations': 20} if quick else {}
+    few: dict[str, Any] = {'max_evaluations': 20} if quick else {}
     found = identify([stack.record(f) for f in frequencies], named('inverse_selector'), **few)
     errors = []
     for f in frequencies:
