@@ -13,8 +13,9 @@ import math
 import time
 from pathlib import Path
 
+from piezo_hysteresis.axes.modal_file import is_modal
 from piezo_hysteresis.cli import compensate_links as links
-from piezo_hysteresis.cli.axes import compensate_several
+from piezo_hysteresis.cli.compensate_axes import compensate_several
 from piezo_hysteresis.cli.shared_options import add_out, add_statements, statements_of
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.operating_limits import rate_of
@@ -95,14 +96,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
-    from piezo_hysteresis.axes.modal_file import is_modal
     from piezo_hysteresis.interface.compensate_runs import reference_of
     from piezo_hysteresis.reporting.compensation_report import write_compensation
 
     started = time.perf_counter()
-    several = is_modal(arguments.model)
-    _require_used(arguments, several)
-    if several:
+    _require_used(arguments, several=False)
+    if is_modal(arguments.model):
+        _require_used(arguments, several=True)
         return compensate_several(arguments)
     arguments.reference = _only(arguments.reference)
     check_folder(arguments.out, 'compensate')
@@ -131,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _require_used(arguments: argparse.Namespace, several: bool) -> None:
+def _require_used(arguments: argparse.Namespace, *, several: bool) -> None:
     """Reject options of a controller, of a study or of one axis where they have no effect."""
     parser = argparse.ArgumentParser()
     configure(parser)

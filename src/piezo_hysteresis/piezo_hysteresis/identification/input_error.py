@@ -62,8 +62,8 @@ _SEGMENT, _SHORTEST, _FEWEST_SEGMENTS, _CALM, _LOWEST, _WHITE = 256, 64, 16, 4.0
 # and share of such lines with a coherence from which an input is drive.
 _MAINLY, _SELDOM, _BANDS = 2.0, 1e-3, 0.2
 _LAGS = 12  # samples by which the displacement may follow the input in that test
-# Half widths of the windows of a local fit, and deviations within which its estimates agree. What
-# is left of noise at rest moves a hysteresis all the time: there the windows must be wide.
+# Half widths of the windows of a local fit, and deviations within which its estimates agree. The
+# remaining error at rest moves a hysteresis all the time: there the windows must be wide.
 _WINDOWS = tuple(2**k for k in range(1, 13))
 _AGREE = 2.5
 _DETAIL = 4.0  # deviations from which a local fit finds what the harmonics lack
@@ -495,8 +495,8 @@ def _local_fit(u: FloatArray, noise: float) -> tuple[FloatArray, float]:
 def _lazy(x: FloatArray, reach: FloatArray) -> FloatArray:
     """Return a signal within `reach` of `x` that moves as little as it can.
 
-    A hysteresis adds up the changes of its input: what is left of noise would move it all the
-    time. Of all signals within the reach a play moves least; that of the reversed signal lags in
+    A hysteresis adds up the changes of its input: the remaining noise would move it all the time.
+    Of all signals within the reach a play moves least; that of the reversed signal lags in
     the other direction, so that their mean has no lag.
     """
     low, high = x - reach, x + reach

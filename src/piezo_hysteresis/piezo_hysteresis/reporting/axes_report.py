@@ -84,10 +84,10 @@ def _tracking_page(runs: Sequence[AxesRun], dt: float, references: Sequence[str]
     for j in axes:
         text = references[j] or 'stand still'
         curves = [Curve(each.name, time, each.error[:, j]) for each in runs]
-        wanted = Curve('reference', time, last.displacement[:, j] + last.error[:, j])
+        desired = Curve('reference', time, last.displacement[:, j] + last.error[:, j])
         moved = Curve(last.name, time, last.displacement[:, j])
         figures += [
-            trace_figure([wanted, moved], f'Axis {j + 1}', f'Axis {j + 1}: {text}.'),
+            trace_figure([desired, moved], f'Axis {j + 1}', f'Axis {j + 1}: {text}.'),
             trace_figure(curves, f'Error of axis {j + 1}', 'Error in one period.', 'error',
                          ground=False),
         ]  # fmt: skip

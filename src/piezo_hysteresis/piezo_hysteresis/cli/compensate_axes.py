@@ -1,0 +1,99 @@
+"""What ``compensate`` does with a model of several axes."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes import modal_file
+from piezo_hysteresis.axes.axes_tracking import tracked
+from piezo_hysteresis.cli import verbosity
+from piezo_hysteresis.compensation.study import waveform_of
+from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.reporting.folder import check_folder
+
+# Ratio of a level to that of the identification from which its model extrapolates.
+_BEYOND = 1.2
+
+
+def compensate_several(arguments: argparse.Namespace) -> int:
+    """Follow references of several axes on a plant, and write the voltages."""
+    from piezo_hysteresis.reporting.axes_report import write_axes_tracking
+
+    check_folder(arguments.out, 'compensate')
+    model = modal_file.load(arguments.model)
+    plant = modal_file.load(arguments.plant)
+    texts, reference = references_of(arguments.reference, model.layout.outputs, model.dt)
+    runs = tracked(model, plant, reference, noise=arguments.noise, seed=arguments.seed)
+    _require_within(arguments, runs[-1].voltage)
+    write_axes_tracking(arguments.out, runs, model.dt, texts)
+    axes = ''.join(f'{f"axis {j + 1}":>12}' for j in range(model.layout.outputs))
+    print(f'{"run, rms [µm]":<20}{axes}')
+    for each in runs:
+        print(f'{each.name:<20}' + ''.join(f'{1e6 * rms:>12.4f}' for rms in each.rms))
+    level = float(np.sqrt(np.mean(runs[-1].voltage ** 2)))
+    if level > _BEYOND * model.full_level:
+        verbosity.warn(
+            f'the voltages have {level:.3g} V rms, the model was identified up to '
+            f'{model.full_level:.3g} V rms; identify it from larger records, or move less'
+        )
+    print(f'written to {arguments.out}; open {arguments.out}/report.html')
+    return 0
+
+
+def references_of(given: Sequence[str], outputs: int, dt: float) -> tuple[list[str], FloatArray]:
+    """Return the text and the samples of the reference of each output, (n, outputs) [m].
+
+    Parameters
+    ----------
+    given : sequence of str
+        ``N=KIND:setting=value,...`` for output N; the others are to stand still.
+    outputs : int
+        Number of outputs.
+    dt : float
+        Sampling interval [s].
+
+    Raises
+    ------
+    CompensationError
+        If an output is unknown or given twice, or the references do not last equally long.
+    """
+    texts, waves = [''] * outputs, {}
+    for each in given:
+        number, equals, text = each.partition('=')
+        if not equals or not number.isdecimal():
+            raise CompensationError(
+                f'a model of several axes takes --reference N=KIND:..., such as '
+                f'1=triangle:frequency=20,amplitude=1e-6,duration=0.5, not {each!r}'
+            )
+        place = int(number) - 1
+        if not 0 <= place < outputs or texts[place]:
+            raise CompensationError(
+                f'--reference {each}: axes are 1 to {outputs}, each at most once'
+            )
+        texts[place], waves[place] = text, waveform_of(text)
+    lengths = {each.duration for each in waves.values()}
+    if max(lengths) - min(lengths) > 0.5 * dt:
+        stated = ', '.join(f'{length:g}' for length in sorted(lengths))
+        raise CompensationError(
+            f'the references last {stated} s; state one duration for all: they repeat with it'
+        )
+    time: FloatArray = dt * np.arange(round(max(lengths) / dt), dtype=np.float64)
+    reference = np.zeros((time.size, outputs))
+    for place, wave in waves.items():
+        reference[:, place] = wave.sample(time).value
+    return texts, reference
+
+
+def _require_within(arguments: argparse.Namespace, voltage: FloatArray) -> None:
+    """Reject voltages beyond the limits that are stated."""
+    low, high = float(voltage.min()), float(voltage.max())
+    least, most = arguments.low, arguments.high
+    if (least is not None and low < least) or (most is not None and high > most):
+        raise CompensationError(
+            f'the references need {low:.4g} to {high:.4g} V, beyond --low and --high: move less '
+            'or slower'
+        )
