@@ -30,6 +30,7 @@ WORLDS = {
     'choice': 'a model chosen to predict, against what the discovery ends with',
     'detection_limits': 'effects hidden at multiples of their detection limit',
     'false_alarms': 'unchanged blocks of measured records',
+    'repeats': 'the same experiment again, unchanged and with a hidden effect',
     'recorded_voltage': 'voltages that were measured and not commanded',
     'mirror': 'a measured mirror of three piezos, its model found step by step',
     'story': 'the mode at 68 Hz that the models of Fujii 2018 lack',

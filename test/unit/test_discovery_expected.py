@@ -100,7 +100,7 @@ def test_a_discrepancy_repeats_with_a_drive_whose_period_wanders() -> None:
         lines = ((1, 2e-7, 0.3), (5, 3e-7, 1.1), (9, 4e-7, -0.8), (11, 3e-7, 2.0))
         return np.cos(phase), sum(a * np.cos(n * phase + at) for n, a, at in lines)
 
-    known = Discrepancy(False, (condition(*run(0.1)),))
+    known = Discrepancy(False, (condition(*run(0.1)), condition(*run(0.1))))
     for wander in (0.1, 0.25, -0.3):
         voltage, error = run(wander)
         expected = expectation(replace(whole(record(voltage, error)), noise=1e-9), known, STROKE)

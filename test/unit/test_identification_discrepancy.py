@@ -78,8 +78,9 @@ def test_repeats_are_one_condition_and_rest_is_none() -> None:
         held_out=True,
     )  # fmt: skip
     assert known is not None
-    assert [(c.frequency, c.amplitude) for c in known.conditions] == [(5.0, 1.0), (20.0, 1.0)]
-    both = known.conditions[0]
+    assert [c.frequency for c in known.conditions] == [5.0, 5.0, 20.0]
+    assert [(c.frequency, c.amplitude) for c in known.kinds] == [(5.0, 1.0), (20.0, 1.0)]
+    both = known.kinds[0]
     assert both.rms == pytest.approx(np.sqrt((9 + 17) / 2) * 1e-7)
     assert both.harmonics == pytest.approx(
         {1: np.sqrt(12.5) * 1e-7, 3: 1e-7 / np.sqrt(2)}, rel=1e-6

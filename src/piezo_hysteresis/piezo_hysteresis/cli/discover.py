@@ -40,6 +40,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='DATA',
         help='data from before a change: errors of the baseline on them are not reported',
     )
+    add(
+        '--repeats',
+        nargs='+',
+        default=(),
+        metavar='DATA',
+        help='data with nothing changed, at least two records of one drive: how much they differ '
+        'is no new effect',
+    )
     add_out(parser)
     add(
         '--seed',
@@ -102,6 +110,7 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
         'salvage': arguments.salvage,
         'reading': statements_of(arguments),
         'reference': tuple(arguments.reference),
+        'repeats': tuple(arguments.repeats),
         'begins': arguments.start,
         'zero': arguments.zero,
         'policy': pairs(arguments.policy),

@@ -19,7 +19,11 @@ from piezo_hysteresis.discovery.detection.look_alikes import look_alikes
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step
-from piezo_hysteresis.discovery.selection.reference import as_on
+from piezo_hysteresis.discovery.selection.reference import (
+    as_on,
+    support_for,
+    with_repeats,
+)
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 from piezo_hysteresis.discovery.selection.start import Searching, find, unsearched
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
@@ -133,6 +137,7 @@ def discover(
     seed: int = 0,
     workers: int = 1,
     reference: Record | Sequence[Record] = (),
+    repeats: Record | Sequence[Record] = (),
     begins: str = 'auto',
     zero: str = 'auto',
     policy: Mapping[str, float] | None = None,
@@ -161,6 +166,9 @@ def discover(
     reference : Record or sequence of Record
         Records of the same actuator in its earlier state; a residual of the baseline on them is
         not reported.
+    repeats : Record or sequence of Record
+        Records of the same actuator with nothing changed, at least two of one drive. They calibrate
+        what counts as new: `Verdict.repeats`.
     begins : str
         Initial condition of the records: ``auto``, ``rest``, ``step``, ``settled`` or
         ``estimate``.
@@ -196,6 +204,8 @@ def discover(
         baseline = entry_for(baseline, records)
     if before := as_measured(listed(reference))[0]:
         baseline = as_on(before, baseline, choices, workers)
+    if unchanged := as_measured(listed(repeats))[0]:
+        baseline = with_repeats(unchanged, baseline, choices, workers)
     how = Searching(choices, seed, workers, dict(policy or {}), end)
     given = annotated(records)
     own = _own_records(given, baseline)
@@ -208,7 +218,10 @@ def discover(
         remarks = [*remarks, *beyond_the_fit(data.training, data.held_out, unit)]
     coverage = replace(coverage, findings=(*remarks, *coverage.findings), outside=unlike)
     progress(0.02, 'checked, split and noise measured')
-    base, outcome = find(data, baseline, how, progress, nothing_new=len(own) == len(given))
+    only_own = len(own) == len(given)
+    support = support_for(known, baseline, choices) if isinstance(baseline, ModelFile) else None
+    usual = support is not None and support.complete and not support.deviates
+    base, outcome = find(data, baseline, how, progress, nothing_new=only_own or usual)
     found, end = outcome.found, end.with_reserve()
     measured = found.evaluator.measured
     proof = prove(measured, outcome.before, outcome.after)
@@ -227,7 +240,8 @@ def discover(
     }
     title = name or base.joint.model.name
     names = {name: tuple(each for each, _ in pairs) for name, pairs in alike.items()}
-    verdict = build_verdict(coverage, base, outcome, proof, title, seed, own, limits, names)
+    told = own, limits, names, support
+    verdict = build_verdict(coverage, base, outcome, proof, title, seed, *told)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
         measured,

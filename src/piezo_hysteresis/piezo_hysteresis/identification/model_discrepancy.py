@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from cmath import phase
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite, nan, sqrt
 
@@ -20,7 +19,7 @@ from piezo_hysteresis.identification.drive_lines import (
     octaves_of,
     varies,
 )
-from piezo_hysteresis.identification.noise import density
+from piezo_hysteresis.identification.noise import density, reach_of
 from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Condition, Discrepancy
@@ -88,7 +87,7 @@ def residual_of(record: Record, found: Prediction) -> RecordResidual:
         dt=record.dt,
         frequency=record.info.frequency or main_frequency(record),
         amplitude=0.5 * float(np.ptp(record.voltage)),
-        stroke=float(np.ptp(view.kept(view.measured))),
+        stroke=reach_of(view.kept(view.measured)),
         noise=view.noise,
         noise_colour=view.noise_colour,
         voltage=view.pick(view.voltage),
@@ -110,13 +109,12 @@ def discrepancy_of(residuals: Iterable[RecordResidual], *, held_out: bool) -> Di
     Discrepancy or None
         None if no record is informative.
     """
-    groups: dict[tuple[str, str], list[Condition]] = {}
-    for residual in residuals:
-        if residual.stroke > 0.0 and np.all(np.isfinite(residual.error)):
-            condition = condition_of(residual)
-            key = (f'{condition.frequency:.3g}', f'{condition.amplitude:.3g}')
-            groups.setdefault(key, []).append(condition)
-    found = sorted(map(_together, groups.values()), key=lambda c: (c.frequency, c.amplitude))
+    found = [
+        condition_of(each)
+        for each in residuals
+        if each.stroke > 0.0 and np.all(np.isfinite(each.error))
+    ]
+    found.sort(key=lambda c: (c.frequency, c.amplitude))
     return Discrepancy(held_out, tuple(found)) if found else None
 
 
@@ -140,7 +138,24 @@ def condition_of(residual: RecordResidual) -> Condition:
         else _octaves(error, residual.dt, least),
         phases=_phases(residual, sizes) if periodic else {},
         scatter=_scatter(residual, sizes) if periodic else {},
+        drive=_waveform(residual, periodic),
     )
+
+
+def _waveform(residual: RecordResidual, periodic: bool) -> dict[int, float]:
+    """Return the waveform of the drive, as `Condition.drive` states it."""
+    if residual.voltage is None:
+        return {}
+    voltage, dt = residual.voltage, residual.dt
+    if periodic:
+        orders = [n for n in (1, 2, 3) if n in orders_below(residual.frequency, dt)]
+        sizes = np.abs(line_amplitudes(voltage, _turn(residual), orders)[1])
+        return {n: float(each / sizes[0]) for n, each in zip(orders, sizes, strict=True)}
+    powers = _powers(voltage)
+    octave, _ = octaves_of(voltage.size, dt, 0.0)
+    least, whole = int(octave.min(initial=0)), max(float(powers.sum()), 1e-300)
+    shares = np.sqrt(np.bincount(octave - least, powers) / whole)
+    return {least + k: float(each) for k, each in enumerate(shares) if each > LEAST_POWER}
 
 
 def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
@@ -245,42 +260,6 @@ def _by_octave(powers: FloatArray, count: int, dt: float, drive: float) -> dict[
     least = int(octave.min(initial=0))
     sums = np.bincount(octave - least, powers)
     return {base * 2.0 ** (least + k): float(each) for k, each in enumerate(sums)}
-
-
-def _together(conditions: Sequence[Condition]) -> Condition:
-    """Return repetitions of one condition, merged."""
-    if len(conditions) == 1:
-        return conditions[0]
-    noises = [c.noise for c in conditions if c.noise is not None]
-
-    def joined(tables: Sequence[Mapping[float, float]]) -> dict[float, float]:
-        keys = sorted({key for table in tables for key in table})
-        return {key: _mean(table.get(key, 0.0) for table in tables) for key in keys}
-
-    return Condition(
-        conditions[0].frequency,
-        conditions[0].amplitude,
-        max(c.stroke for c in conditions),
-        _mean(c.rms for c in conditions),
-        _mean(noises) if noises else None,
-        {int(n): rms for n, rms in joined([c.harmonics for c in conditions]).items()},  # type: ignore[misc]
-        joined([c.bands for c in conditions]),
-        _phases_together(conditions),
-        {int(n): rms for n, rms in joined([c.scatter for c in conditions]).items()},  # type: ignore[misc]
-    )
-
-
-def _phases_together(conditions: Sequence[Condition]) -> dict[int, float]:
-    """Return the common phases of repetitions; none if one of them has no phases."""
-    rows = [row for row in (c.phasors for c in conditions) if row is not None]
-    if len(rows) < len(conditions):
-        return {}
-    orders = sorted({order for row in rows for order in row})
-    return {n: phase(sum(row.get(n, 0.0) for row in rows)) for n in orders}
-
-
-def _mean(sizes: Iterable[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(list(sizes)))))
 
 
 def discrepancy_text(known: Discrepancy) -> str:

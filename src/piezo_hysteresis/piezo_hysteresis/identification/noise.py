@@ -51,6 +51,9 @@ _WINDOWS = 40
 _SHORTEST_WINDOW = 64
 # Noise with a larger correlation between samples is treated as motion.
 _SLOWEST = 0.99
+# Range after the start of a record, over the whole range, below which it begins with a jump, and
+# below which that is the step that it was made for.
+_JUMP, _STEP = 0.8, 0.25
 # Number of terms of a series that falls with the square of its index.
 _TERMS = 400
 # Standard deviations of the confidence interval.
@@ -222,6 +225,17 @@ def measured_without_outliers(record: Record) -> FloatArray:
 def stroke_of(record: Record) -> float:
     """Return the range of the displacement without bad samples [m]."""
     return float(np.ptp(measured_without_outliers(record)))
+
+
+def reach_of(measured: FloatArray) -> float:
+    """Return the range of a displacement, without a jump at its start [m].
+
+    What breaks loose in the first hundredth of a record would set the scale of everything that is
+    relative to it.
+    """
+    whole = float(np.ptp(measured))
+    later = float(np.ptp(measured[measured.size // 100 :]))
+    return later if _STEP * whole < later < _JUMP * whole else whole
 
 
 def _seen_noise(record: Record) -> tuple[Noise, bool]:

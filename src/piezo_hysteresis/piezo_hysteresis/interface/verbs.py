@@ -139,6 +139,7 @@ def discover(
     baseline: ModelLike,
     *,
     reference: Data = (),
+    repeats: Data = (),
     dt: float | None = None,
     fs: float | None = None,
     warm_up: float | None = None,
@@ -166,6 +167,9 @@ def discover(
     reference : as `data`
         Data of the same actuator in its earlier state; a residual of the baseline on them is not
         reported.
+    repeats : as `data`
+        Data of the same actuator with nothing changed, at least two records of one drive. They
+        calibrate what counts as new.
     dt, fs : float, optional
         Sampling interval [s] or rate [Hz] of arrays without a time.
     warm_up : float, optional
@@ -201,14 +205,17 @@ def discover(
     require_settings(seed=seed, workers=workers)
     POLICY.but(**(policy or {}))
     _require_apart(data, reference, 'is judged and the reference')
+    _require_apart(data, repeats, 'is judged and a repeat')
     name = str(baseline) if isinstance(baseline, str | Path) else ''
     model = chosen(_model_not_data(baseline))
     files = _stated(reading, dt, fs)
     records = warmed(_read(data, files, actuator, salvage), warm_up)
-    earlier = warmed(_read(reference, files, actuator, salvage), warm_up)
+    earlier, unchanged = (
+        warmed(_read(each, files, actuator, salvage), warm_up) for each in (reference, repeats)
+    )
     return discover_in(
-        records, model, name=name, reference=earlier, begins=begins, zero=zero, policy=policy,
-        time_limit=time_limit or math.inf, seed=seed, workers=workers, progress=progress,
+        records, model, name=name, reference=earlier, repeats=unchanged, begins=begins, zero=zero,
+        policy=policy, time_limit=time_limit or math.inf, seed=seed, workers=workers, progress=progress,
         **options,
     )  # fmt: skip
 

@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.plain import mapping, number, refuse_unknown
 from piezo_hysteresis.models.repeating import Repeating, of_orders, repeating
+from piezo_hysteresis.models.repeats import anew, are_alike, kinds_of, together
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 
@@ -52,7 +54,13 @@ class Condition:
         Phase of each harmonic [rad] minus its order times that of the drive; if known.
     scatter : mapping of int to float
         Rms variation of each harmonic between parts of the record, at the largest amplitude of the
-        drive [m]; if the record is long enough.
+        drive [m]; if the record is long enough. Of several records, between them, too.
+    drive : mapping of int to float
+        Waveform of the drive: amplitude of its second and third harmonic over that of the first,
+        which is 1; for an aperiodic one the share of each octave from ``2**key`` Hz on in its rms.
+        Empty if unknown.
+    records : int
+        Records that were merged.
     """
 
     frequency: float
@@ -64,11 +72,13 @@ class Condition:
     bands: Mapping[float, float] = field(default_factory=dict)
     phases: Mapping[int, float] = field(default_factory=dict)
     scatter: Mapping[int, float] = field(default_factory=dict)
+    drive: Mapping[int, float] = field(default_factory=dict)
+    records: int = 1
 
     def __post_init__(self) -> None:
         numbers = [self.frequency, self.amplitude, self.rms, self.noise or 0.0]
         numbers += [*self.harmonics.values(), *self.bands.values(), *self.bands]
-        numbers += [*self.scatter.values()]
+        numbers += [*self.scatter.values(), *self.drive.values()]
         if not all(isfinite(x) and x >= 0.0 for x in numbers) or not self.stroke > 0.0:
             raise ModelError('a discrepancy holds sizes, which are finite and not negative')
         if not all(map(isfinite, self.phases.values())):
@@ -111,6 +121,8 @@ class Condition:
             row['phases'] = {k: _short(v) for k, v in self.phases.items()}
         if self.scatter:
             row['scatter'] = {k: _short(v) for k, v in self.scatter.items()}
+        if self.drive:
+            row['drive'] = {k: _short(v) for k, v in self.drive.items()}
         return row
 
     @classmethod
@@ -123,7 +135,8 @@ class Condition:
             If anything is unknown, missing or impossible.
         """
         row = mapping(content, 'a row of the discrepancy')
-        refuse_unknown(row, {*cls.__dataclass_fields__, 'share'}, 'a row of the discrepancy')
+        known = {*cls.__dataclass_fields__, 'share'} - {'records'}
+        refuse_unknown(row, known, 'a row of the discrepancy')
 
         def size(name: str) -> float:
             return number(row.get(name), f'discrepancy {name}')
@@ -145,6 +158,7 @@ class Condition:
             table('bands'),
             {int(order): phase for order, phase in table('phases').items()},
             {int(order): rms for order, rms in table('scatter').items()},
+            {int(order): size for order, size in table('drive').items()},
         )
 
 
@@ -163,12 +177,15 @@ class Missed:
     octaves : tuple of (float, float, float)
         Lowest and highest frequency [Hz], and the density of the square of the share between
         them [1/Hz].
+    anew : float
+        Share of its mean square that may come anew on another record [1].
     """
 
     share: float
     harmonics: Mapping[int, float]
     scatter: Mapping[int, float]
     octaves: tuple[tuple[float, float, float], ...]
+    anew: float = 0.0
 
     def density(self, frequency: FloatArray) -> FloatArray:
         """Return the density between the harmonics at frequencies [Hz], shape (n,) [1/Hz].
@@ -193,7 +210,7 @@ class Discrepancy:
         Whether it was evaluated on records that were not fitted; on the fitted ones it is smaller
         than elsewhere.
     conditions : tuple of Condition
-        By frequency and amplitude; not empty.
+        One per record, by frequency and amplitude; not empty.
     traces : tuple of Trace
         Residuals of available records; a file contains none.
 
@@ -210,6 +227,11 @@ class Discrepancy:
     def __post_init__(self) -> None:
         if not self.conditions:
             raise ModelError('a discrepancy needs at least one row; remove it or identify again')
+
+    @cached_property
+    def kinds(self) -> tuple[Condition, ...]:
+        """The conditions with those of one kind as one: `together`."""
+        return tuple(map(together, kinds_of(self.conditions)))
 
     @property
     def rms(self) -> float:
@@ -272,18 +294,27 @@ class Discrepancy:
         """Rms of the noise over all conditions [m]; 0 if unknown."""
         return _rms(c.noise or 0.0 for c in self.conditions)
 
+    def repeated(self, frequency: float, amplitude: float) -> Condition | None:
+        """Return the repeated records, merged, whose drive is repeated; None without."""
+        drive = Condition(frequency, amplitude, 1.0, 0.0)
+        found = [c for c in self.kinds if c.records > 1 and are_alike(c, drive)]
+        return min(found, key=lambda c: _apart(c.frequency, frequency), default=None)
+
     def near(self, frequency: float, amplitude: float) -> Missed:
         """Return the discrepancy near a condition, as in `expected`, by line and octave."""
+        kind = self.repeated(frequency, amplitude)
+        if kind is not None:
+            frequency, amplitude = kind.frequency, kind.amplitude
         weights = [
             (_NEAR**2 + _apart(c.frequency, frequency) ** 2 + _apart(c.amplitude, amplitude) ** 2)
             ** -2
-            for c in self.conditions
+            for c in self.kinds
         ]
         shares = [weight / sum(weights) for weight in weights]
-        pairs = list(zip(shares, self.conditions, strict=True))
+        pairs = list(zip(shares, self.kinds, strict=True))
 
         def lines(of: Callable[[Condition], Mapping[int, float]]) -> dict[int, float]:
-            orders = sorted({order for c in self.conditions for order in of(c)})
+            orders = sorted({order for c in self.kinds for order in of(c)})
             return {
                 n: sqrt(sum(w * (of(c).get(n, 0.0) / c.stroke) ** 2 for w, c in pairs))
                 for n in orders
@@ -299,13 +330,15 @@ class Discrepancy:
                 for low, rms in c.bands.items()
                 if low > 0.0
             ),
+            sum(w * anew(c) for w, c in pairs),
         )
 
     def octaves_from(self, frequency: float, amplitude: float) -> float:
         """Return the distance of a drive from the nearest known condition [octaves]."""
+        if self.repeated(frequency, amplitude) is not None:
+            return 0.0
         return min(
-            _apart(c.frequency, frequency) + _apart(c.amplitude, amplitude)
-            for c in self.conditions
+            _apart(c.frequency, frequency) + _apart(c.amplitude, amplitude) for c in self.kinds
         )
 
     def repeats(self, frequency: float, amplitudes: FloatArray) -> dict[int, Repeating] | None:
@@ -323,10 +356,14 @@ class Discrepancy:
         dict of int to Repeating, or None
             None if the phases are unknown under any condition with a periodic drive.
         """
-        periodic = [c for c in self.conditions if c.frequency > 0.0]
+        periodic = [c for c in self.kinds if c.frequency > 0.0]
         rows = [row for row in (c.phasors for c in periodic) if row is not None]
         if frequency <= 0.0 or not rows or len(rows) < len(periodic):
             return None
+        most = float(amplitudes.max(initial=0.0))
+        kind = self.repeated(frequency, most)
+        if kind is not None:
+            frequency, amplitudes = kind.frequency, amplitudes * (kind.amplitude / most)
         orders = range(1, HIGHEST_ORDER + 1)
         places = np.array([(c.frequency, c.amplitude) for c in periodic])
         phasors = np.array([[row.get(n, 0.0) for row in rows] for n in orders], np.complex128)

@@ -33,6 +33,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     has_zero_time_constant,
     is_another_change,
+    is_at_the_drive,
 )
 from piezo_hysteresis.discovery.selection.delayed_discrepancy import with_delayed_discrepancy
 from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
@@ -46,7 +47,7 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
-from piezo_hysteresis.identification.noise import stroke_of
+from piezo_hysteresis.identification.noise import measured_without_outliers, reach_of
 from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
@@ -101,6 +102,7 @@ class HeldEvaluator(Evaluator):
         self.late = given.sampling_offset
         self.clock = clock_about(given, self.views[0].dt, policy.jitter)
         self._uncertain = given.covariance()
+        self._drives = tuple(drives_of(data).values())
 
         def expected(views: Sequence[Target]) -> tuple[Expectation, ...]:
             found = expectations(data, views, self.known, policy)
@@ -323,6 +325,8 @@ class HeldEvaluator(Evaluator):
         """
         if is_another_change(after) or has_zero_time_constant(after, self.views[0].dt):
             return False
+        if is_at_the_drive(after, self._drives):  # a changed gain
+            return False
         if not rules.explains_enough(self.excess(before), self.excess(after), 0.0, self.policy):
             return False
         return self.reduces_gap(before, after)
@@ -407,8 +411,8 @@ def expectations(
 
     Views without a record are planned experiments.
     """
-    strokes = {r.name: stroke_of(r) for r in data.records}
-    drives = {r.name: r.info.frequency or main_frequency(r) for r in data.records}
+    strokes = {r.name: reach_of(measured_without_outliers(r)) for r in data.records}
+    drives = drives_of(data)
 
     def expected(view: Target) -> Expectation:
         seen = replace(view, frequency=drives.get(view.name, view.frequency))
@@ -416,6 +420,11 @@ def expectations(
         return expectation(seen, known, stroke, policy)
 
     return tuple(map(expected, views))
+
+
+def drives_of(data: Dataset) -> dict[str, float]:
+    """Return the frequency of the drive by record, 0 where it is not periodic [Hz]."""
+    return {r.name: r.info.frequency or main_frequency(r) for r in data.records}
 
 
 def known_discrepancy(given: ModelFile) -> Discrepancy:

@@ -328,6 +328,8 @@ def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers, int
 
 # A fitted time constant within this factor of the shortest possible one counts as zero.
 _SHORT = 2.0
+# Parameter of a tone, and relative distance from the drive up to which it is at its frequency.
+_TONE, _AT_THE_DRIVE = 'hum_frequency', 0.1
 
 
 def has_zero_time_constant(fit: CandidateFit, dt: float) -> bool:
@@ -351,3 +353,14 @@ def is_another_change(fit: CandidateFit) -> bool:
     absent = effect_of(added).absent
     own = {name: fit.values[known] for name, known in added.names.items()}
     return absent is not None and absent({**fit.values, **own})
+
+
+def is_at_the_drive(fit: CandidateFit, drives: Sequence[float]) -> bool:
+    """Return whether the last added effect is a tone at the frequency of all drives [Hz].
+
+    A drive whose period wanders keeps it apart from a line, but no record does from a new gain.
+    """
+    if not fit.added or _TONE not in fit.added[-1].names:
+        return False
+    frequency = fit.values[fit.added[-1].names[_TONE]]
+    return all(abs(frequency - each) < _AT_THE_DRIVE * each for each in drives)

@@ -18,9 +18,11 @@ from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.simulate import free_runs
-from piezo_hysteresis.models import Model, ModelFile
+from piezo_hysteresis.models import Discrepancy, Model, ModelFile
+from piezo_hysteresis.models.repeats import Support, support_of
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.records.fingerprint import fingerprints, recognised
 
 
 def as_on(
@@ -50,13 +52,63 @@ def as_on(
     IdentificationError
         If no discrepancy can be computed from the reference.
     """
-    chosen = choices or Choices()
-    records = annotated(reference)
+    file, missed = _missed(annotated(reference), baseline, choices or Choices(), workers)
+    return replace(file, discrepancy=missed)
+
+
+def with_repeats(
+    repeats: Sequence[Record],
+    baseline: Model | ModelFile,
+    choices: Choices | None = None,
+    workers: int = 1,
+) -> ModelFile:
+    """Return the baseline as a model file that knows how much unchanged records differ.
+
+    A named model is identified on these records. To those of a file they are added, except for
+    the ones that it was identified from. New records are not judged if they are among them.
+
+    Parameters
+    ----------
+    repeats, baseline, choices, workers
+        As in `as_on`; at least two records are of one kind.
+
+    Raises
+    ------
+    IdentificationError
+        If no two records are of one kind.
+    """
+    records = annotated(repeats)
+    known = baseline.discrepancy if isinstance(baseline, ModelFile) else None
+    if isinstance(baseline, ModelFile):
+        own = recognised(records, baseline.provenance.records)
+        records = tuple(record for record in records if record.name not in own)
+    if isinstance(baseline, ModelFile) and not records:
+        file, missed = baseline, known
+    else:
+        file, missed = _missed(records, baseline, choices or Choices(), workers)
+    if known is not None and missed is not None and missed is not known:
+        rows, traces = (*known.conditions, *missed.conditions), (*known.traces, *missed.traces)
+        missed = replace(missed, conditions=rows, traces=traces)
+    if missed is None or all(each.records == 1 for each in missed.kinds):
+        raise IdentificationError(
+            'the repeats hold no two records of the same drive: give at least two of one '
+            'experiment, with nothing changed in between'
+        )
+    seen = (*file.provenance.records, *fingerprints(records))
+    return replace(file, discrepancy=missed, provenance=replace(file.provenance, records=seen))
+
+
+def _missed(
+    records: Sequence[Record], baseline: Model | ModelFile, choices: Choices, workers: int
+) -> tuple[ModelFile, Discrepancy]:
+    """Return a baseline as a model file, and its discrepancy on records."""
     if isinstance(baseline, ModelFile):
         file = baseline
-        runs = free_runs(file, records, chosen)
+        runs = free_runs(file, records, choices)
     else:
-        found = identify(records, baseline, workers=workers, begins=chosen.start, zero=chosen.zero)
+        found = identify(
+            records, baseline, workers=workers, begins=choices.start, zero=choices.zero
+        )
         file, runs = found.model, found.runs
     left, views = runs.residuals, runs.views
     missed = discrepancy_of(left, held_out=file is baseline)
@@ -69,4 +121,15 @@ def as_on(
         for each, view in zip(left, views, strict=True)
         if each.voltage is not None and np.all(np.isfinite(each.error))
     )
-    return replace(file, discrepancy=replace(missed, traces=traces))
+    return file, replace(missed, traces=traces)
+
+
+def support_for(
+    records: Sequence[Record], file: ModelFile, choices: Choices | None = None
+) -> Support | None:
+    """Return what the untouched records of a file say on new records; None without repeats."""
+    known = file.discrepancy
+    if known is None or all(each.records == 1 for each in known.kinds):
+        return None
+    new = discrepancy_of(free_runs(file, records, choices).residuals, held_out=True)
+    return None if new is None else support_of(new.conditions, known.conditions)

@@ -189,6 +189,9 @@ def expectation(
     amplitude = 0.5 * float(np.ptp(view.voltage[view.origin :]))
     noise = view.noise if isfinite(view.noise) else known.noise
     missed = known.near(view.frequency, amplitude)
+    kind = known.repeated(view.frequency, amplitude)
+    if kind is not None:  # of the same drive sizes are known, and a new effect changes the stroke
+        stroke = kind.stroke
     lines = drive_lines(voltage, dt, view.frequency, policy.periods, policy.steady)
     frequency = np.asarray(np.fft.rfftfreq(count, dt), dtype=np.float64)
     octave_of = np.full(frequency.size, _ORDERS, dtype=np.int64)
@@ -237,6 +240,8 @@ def expectation(
         repeated,
         known.octaves_from(view.frequency, amplitude),
     )
+    # one record does not show which part of what the model misses repeats on the next one
+    by_model += missed.anew * (by_model + found.powers(repeated))
     seen = stretches_of(known.traces, view.voltage[view.first :], view.dt, view.stride)
     if seen is not None:
         found = replace(found, repeated=seen.mean(axis=0))

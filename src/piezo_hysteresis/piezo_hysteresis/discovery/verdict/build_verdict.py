@@ -27,8 +27,14 @@ from piezo_hysteresis.discovery.verdict.naming import (
 from piezo_hysteresis.discovery.verdict.prove import Proof, ProofRow, over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import HeldOut, Unexplained, Verdict
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.models.repeats import Support
 
 _MOST_PLACES = 20
+# What a file without repeats leaves open.
+ONE_RECORD = (
+    'The model file does not show how much unchanged records differ: repeat one and give the '
+    'repeats to `identify`, or to `discover` with --repeats.'
+)
 
 
 def build_verdict(
@@ -41,6 +47,7 @@ def build_verdict(
     own: Sequence[str] = (),
     limits: Sequence[DetectionLimit] = (),
     alike: Mapping[str, tuple[LookAlike, ...]] = MappingProxyType({}),
+    support: Support | None = None,
 ) -> Verdict:
     """Return the verdict on a search.
 
@@ -64,6 +71,8 @@ def build_verdict(
         Detection limits of effects.
     alike : mapping of str to tuple of LookAlike
         Effects that cannot be distinguished, by the name of the found effect.
+    support : Support, optional
+        What untouched repeats say on the records.
     """
     found, left = outcome.found, outcome.remainder
     final = found.final
@@ -90,6 +99,8 @@ def build_verdict(
     )
     if isinstance(found.evaluator, HeldEvaluator):
         effects = with_fractions(effects, final, data.training[0].dt, found.evaluator.late)
+    if support is not None:
+        effects = tuple(each.at_most(1.0 - support.chance) for each in effects)
     verdict = Verdict(
         baseline=name,
         seed=seed,
@@ -129,13 +140,18 @@ def build_verdict(
         identified_from=tuple(own),
         held_baseline=isinstance(found.evaluator, HeldEvaluator),
         detection_limits=tuple(limits),
+        repeats=None if support is None else support.to_dict(),
     )
-    if {view.name for view in (*data.training, *data.held_out)} <= set(own):
+    nothing_else = {view.name for view in (*data.training, *data.held_out)} <= set(own)
+    if nothing_else:
         verdict = replace(verdict, next_experiments=instead(base.joint.model))
     elif verdict.held_baseline and kind == 'none' and not outcome.ends_in_noise:
         missing = instead(base.joint.model)[:-1]
         verdict = replace(verdict, next_experiments=(*missing, *verdict.next_experiments))
-    return replace(verdict, summary=f'{summary_of(verdict)} {coverage.outside}'.rstrip())
+    more = [coverage.outside]
+    if verdict.held_baseline and not nothing_else:
+        more.append(ONE_RECORD if support is None else support.sentence)
+    return replace(verdict, summary=' '.join(filter(None, [summary_of(verdict), *more])))
 
 
 def _circumstances(view: Target) -> dict[str, Any]:

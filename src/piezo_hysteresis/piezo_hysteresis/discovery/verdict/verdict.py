@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from typing import Any, ClassVar
 
@@ -78,6 +78,12 @@ class NamedEffect(Guided):
     look_alikes: tuple[LookAlike, ...] = ()
     changes: tuple[str, ...] = ()
 
+    def at_most(self, chance: float) -> NamedEffect:
+        """Return the effect with no probability above `chance`."""
+        others = (replace(a, probability=min(a.probability, chance)) for a in self.alternatives)
+        own = min(self.probability, chance)
+        return replace(self, probability=own, alternatives=tuple(others))
+
     @property
     def effect_class(self) -> tuple[str, ...]:
         """Names that the records leave: this one, alternatives worth a statement, look-alikes."""
@@ -138,6 +144,7 @@ class Verdict(Guided):
     identified_from: tuple[str, ...] = ()
     held_baseline: bool = False
     detection_limits: tuple[DetectionLimit, ...] = ()
+    repeats: dict[str, float] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types for JSON; numbers that are not finite become None."""
