@@ -4,9 +4,9 @@
 
 Each record of an experiment that was run several times is left out in turn. A baseline is
 identified on the others jointly, so that its ``model.yaml`` knows how much they differ, and
-`discover` gets the one that was left out: as measured, where each name is false, and with an effect
-in its displacement whose rms is so many times the scatter of the records. The scatter is that of
-the displacement over the phase of the drive, without its mean, from record to record.
+`discover` gets the one that was left out: as measured, where each name is false, and with an
+effect in its displacement whose rms is so many times the scatter of the records. The scatter is
+that of the displacement over the phase of the drive, without its mean, from record to record.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import csv
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -121,7 +122,7 @@ def experiments(data: Path, parts: int = 4) -> list[Experiment]:
         if (data / file).exists():
             whole = load([data / file])[0]
             cuts = np.linspace(round(begin / whole.dt), len(whole), parts + 1).astype(int)
-            pieces = [whole.section(int(a), int(b)) for a, b in zip(cuts, cuts[1:], strict=False)]
+            pieces = [whole.section(int(a), int(b)) for a, b in pairwise(cuts)]
             runs = tuple(replace(r, name=f'part_{k + 1}') for k, r in enumerate(pieces))
             found.append(Experiment(name, runs, ('prandtl_ishlinskii',), delay))
     return found
@@ -178,20 +179,16 @@ def examined(
                 continue  # no delay that the library holds is so large
             verdict = discover([judged], model, time_limit=limit, recommend=False).verdict
             rows.append(Row(experiment.name, word, left.name, kind, size, verdict))
-            print(
-                f'{experiment.name} {left.name} {kind} {size:.2g}: {in_a_cell(verdict)} {verdict.repeats}'
-            )
+            told = f'{kind} {size:.2g}: {in_a_cell(verdict)}'
+            print(f'{experiment.name} {left.name} {told}')
             sys.stdout.flush()
     return rows
 
 
 def table(rows: Sequence[Row]) -> str:
     """Return the table of the page."""
-    lines = [
-        '| experiment | records | unchanged: `none` | false names | hidden: named first | first or '
-        'in the class | false names |',
-        '|---|---:|---:|---:|---:|---:|---:|',
-    ]
+    head = 'experiment | runs | unchanged: `none` | false names | hidden: first | in the class'
+    lines = [f'| {head} | false names |', '|---|---:|---:|---:|---:|---:|---:|']
     for name in dict.fromkeys(row.experiment for row in rows):
         own = [row for row in rows if row.experiment == name]
         same = [row for row in own if row.hidden == 'nothing']

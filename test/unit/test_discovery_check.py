@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -93,6 +94,7 @@ def test_identify_and_discover_refuse_alike(why: Any) -> None:
         (100.0, 1.0, '100 Hz against 1 .. 10 Hz'),
         (0.2, 1.0, '0.2 Hz against 1 .. 10 Hz'),
         (10.0, 2.0, '-2 .. 2 V against -1 .. 1 V'),
+        (10.0, 0.4, 'an amplitude of 0.4 V against 1 V'),
     ],
 )
 def test_a_changed_operating_condition_is_stated(
@@ -109,7 +111,11 @@ def test_a_changed_operating_condition_is_stated(
     u = scale * np.sin(np.linspace(0.0, 20.0 * np.pi, 4001))
     record = Record('r', 1e-3, u, u, info=RecordInfo(frequency=frequency))
     found = outside_of([record], given)
-    assert found == (f'{OUTSIDE} {sentence}.' if sentence else '')
+    assert found.entirely is bool(sentence)
+    assert found.sentence.startswith(f'{OUTSIDE} {sentence}. No effect' if sentence else '')
+    assert bool(found.sentence) is bool(sentence)
+    inside = replace(record, voltage=u / scale, info=RecordInfo(frequency=5.0))
+    assert not outside_of([record, inside], given).entirely
 
 
 @pytest.mark.parametrize(('drive', 'beyond'), [('stairs', True), ('triangle', False)])

@@ -11,7 +11,13 @@ from typing import Any, ClassVar
 
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.discovery.data.annotate import annotated
-from piezo_hysteresis.discovery.data.check import Check, beyond_the_fit, check, outside_of
+from piezo_hysteresis.discovery.data.check import (
+    Check,
+    Outside,
+    beyond_the_fit,
+    check,
+    outside_of,
+)
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
 from piezo_hysteresis.discovery.detection.better_experiments import with_better_experiments
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
@@ -19,6 +25,7 @@ from piezo_hysteresis.discovery.detection.look_alikes import look_alikes
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step
+from piezo_hysteresis.discovery.selection.final_evaluation import without_names
 from piezo_hysteresis.discovery.selection.reference import (
     as_on,
     support_for,
@@ -167,8 +174,8 @@ def discover(
         Records of the same actuator in its earlier state; a residual of the baseline on them is
         not reported.
     repeats : Record or sequence of Record
-        Records of the same actuator with nothing changed, at least two of one drive. They calibrate
-        what counts as new: `Verdict.repeats`.
+        Records of the same actuator with nothing changed, at least two of one drive. They
+        calibrate what counts as new: `Verdict.repeats`.
     begins : str
         Initial condition of the records: ``auto``, ``rest``, ``step``, ``settled`` or
         ``estimate``.
@@ -211,17 +218,21 @@ def discover(
     own = _own_records(given, baseline)
     known = [record for record in given if record.name not in own] or given
     coverage = check(known)
-    unlike = outside_of(known, baseline) if isinstance(baseline, ModelFile) else ''
+    unlike = outside_of(known, baseline) if isinstance(baseline, ModelFile) else Outside()
     data = split(known, how.choices.start)
     if not isinstance(baseline, ModelFile):
         unit = known[0].info.input_unit
         remarks = [*remarks, *beyond_the_fit(data.training, data.held_out, unit)]
-    coverage = replace(coverage, findings=(*remarks, *coverage.findings), outside=unlike)
+    coverage = replace(coverage, findings=(*remarks, *coverage.findings), outside=unlike.sentence)
     progress(0.02, 'checked, split and noise measured')
     only_own = len(own) == len(given)
-    support = support_for(known, baseline, choices) if isinstance(baseline, ModelFile) else None
+    support = None
+    if isinstance(baseline, ModelFile) and not only_own:
+        support = support_for(known, baseline, choices)
     usual = support is not None and support.complete and not support.deviates
     base, outcome = find(data, baseline, how, progress, nothing_new=only_own or usual)
+    if unlike.entirely:
+        outcome = without_names(outcome)
     found, end = outcome.found, end.with_reserve()
     measured = found.evaluator.measured
     proof = prove(measured, outcome.before, outcome.after)

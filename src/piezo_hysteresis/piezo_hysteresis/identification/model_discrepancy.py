@@ -138,18 +138,28 @@ def condition_of(residual: RecordResidual) -> Condition:
         else _octaves(error, residual.dt, least),
         phases=_phases(residual, sizes) if periodic else {},
         scatter=_scatter(residual, sizes) if periodic else {},
-        drive=_waveform(residual, periodic),
+        drive={}
+        if residual.voltage is None
+        else waveform_of(residual.voltage, residual.dt, residual.frequency if periodic else 0.0),
     )
 
 
-def _waveform(residual: RecordResidual, periodic: bool) -> dict[int, float]:
-    """Return the waveform of the drive, as `Condition.drive` states it."""
-    if residual.voltage is None:
+def waveform_of(voltage: FloatArray, dt: float, frequency: float) -> dict[int, float]:
+    """Return the waveform of a drive, as `Condition.drive` states it.
+
+    Parameters
+    ----------
+    voltage : ndarray, shape (n,)
+        Input [V or N].
+    dt, frequency : float
+        Sampling interval [s]; frequency of the drive [Hz], 0 if it is not periodic.
+    """
+    if not np.ptp(voltage) > 0.0:
         return {}
-    voltage, dt = residual.voltage, residual.dt
-    if periodic:
-        orders = [n for n in (1, 2, 3) if n in orders_below(residual.frequency, dt)]
-        sizes = np.abs(line_amplitudes(voltage, _turn(residual), orders)[1])
+    if frequency > 0.0 and voltage.size * dt * frequency >= 1.0:
+        orders = [n for n in (1, 2, 3) if n in orders_below(frequency, dt)]
+        phase = drive_phase(voltage, dt, frequency)
+        sizes = np.abs(line_amplitudes(voltage, phase, orders)[1])
         return {n: float(each / sizes[0]) for n, each in zip(orders, sizes, strict=True)}
     powers = _powers(voltage)
     octave, _ = octaves_of(voltage.size, dt, 0.0)

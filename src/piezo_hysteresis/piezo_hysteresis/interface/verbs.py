@@ -215,8 +215,8 @@ def discover(
     )
     return discover_in(
         records, model, name=name, reference=earlier, repeats=unchanged, begins=begins, zero=zero,
-        policy=policy, time_limit=time_limit or math.inf, seed=seed, workers=workers, progress=progress,
-        **options,
+        policy=policy, time_limit=time_limit or math.inf, seed=seed, workers=workers,
+        progress=progress, **options,
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.plain import mapping, number, refuse_unknown
 from piezo_hysteresis.models.repeating import Repeating, of_orders, repeating
-from piezo_hysteresis.models.repeats import anew, are_alike, kinds_of, together
+from piezo_hysteresis.models.repeats import anew, are_alike, kinds_of, same_form, together
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 
@@ -293,6 +293,11 @@ class Discrepancy:
     def noise(self) -> float:
         """Rms of the noise over all conditions [m]; 0 if unknown."""
         return _rms(c.noise or 0.0 for c in self.conditions)
+
+    def has_form(self, drive: Mapping[int, float]) -> bool:
+        """Return whether a periodic waveform is among the known ones, or none of them is known."""
+        known = [c.drive for c in self.conditions if c.frequency > 0.0]
+        return not known or any(same_form(drive, each) for each in known)
 
     def repeated(self, frequency: float, amplitude: float) -> Condition | None:
         """Return the repeated records, merged, whose drive is repeated; None without."""

@@ -113,6 +113,17 @@ def same_form(one: Mapping[int, float], other: Mapping[int, float]) -> bool:
     return all(abs(one.get(k, 0.0) - other.get(k, 0.0)) <= SAME_FORM for k in keys)
 
 
+def form_name(drive: Mapping[int, float]) -> str:
+    """Return the name of the waveform of a periodic drive."""
+    known = {
+        'a sine': {1: 1.0},
+        'a triangle': {1: 1.0, 3: 1.0 / 9.0},
+        'a square': {1: 1.0, 3: 1.0 / 3.0},
+        'a sawtooth': {1: 1.0, 2: 0.5, 3: 1.0 / 3.0},
+    }
+    return next((name for name, form in known.items() if same_form(drive, form)), 'a waveform')
+
+
 def kinds_of(rows: Iterable[Condition]) -> list[list[Condition]]:
     """Return the records by kind, in the order of frequency and amplitude.
 

@@ -11,8 +11,11 @@ from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.model_discrepancy import waveform_of
+from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.models.repeats import form_name
 from piezo_hysteresis.records import Record
 
 FEWEST_SAMPLES = 200
@@ -66,34 +69,76 @@ def check(records: Sequence[Record]) -> Check:
     return Check(tuple(findings), tuple(_confounded(records)))
 
 
-def outside_of(records: Sequence[Record], given: ModelFile) -> str:
-    """Return a sentence on drives unlike those of a model file, empty if there are none.
+@dataclass(frozen=True)
+class Outside:
+    """Operating conditions of records at which a model was not identified.
+
+    Attributes
+    ----------
+    sentence : str
+        What differs; empty if nothing does.
+    entirely : bool
+        Whether each driven record is outside in frequency, voltage or amplitude. What the model
+        misses there is unknown, so that a residual is no evidence of a new effect.
+    """
+
+    sentence: str = ''
+    entirely: bool = False
+
+
+def outside_of(records: Sequence[Record], given: ModelFile) -> Outside:
+    """Return which drives are unlike those of a model file.
 
     A drive is unlike if its frequency is more than an octave beyond those at which the
-    discrepancy of the model is known, or its voltage beyond the range of the fitted records.
+    discrepancy of the model is known, its voltage beyond the range of the fitted records, its
+    amplitude below half the smallest known one, or its waveform none of the known ones.
     """
-    seen = () if given.discrepancy is None else given.discrepancy.conditions
-    known = [each.frequency for each in seen]
+    known = () if given.discrepancy is None else given.discrepancy.conditions
     driven = [each for each in records if np.ptp(each.voltage) > 0.0]
-    drives = [each.info.frequency for each in driven if each.info.frequency > 0.0]
+    unit = driven[0].info.input_unit if driven else 'V'
+    drives = [each.info.frequency or main_frequency(each) for each in driven]
+    own = [c.frequency for c in known if c.frequency > 0.0]
+    beyond: list[set[int]] = [set()]
     found = []
     # a drive that is not periodic contains many frequencies
-    if drives and known and min(known) > 0.0:
-        least, most = min(drives), max(drives)
-        if most > OCTAVE * max(known) or least < min(known) / OCTAVE:
-            found.append(
-                f'{_span(least, most, "Hz")} against {_span(min(known), max(known), "Hz")}'
-            )
-    own = given.provenance.voltage
-    if driven and own is not None:
-        low = min(float(each.voltage.min()) for each in driven)
-        high = max(float(each.voltage.max()) for each in driven)
-        if _leaves(low, high, own.low, own.high):
-            unit = driven[0].info.input_unit
-            found.append(f'{_span(low, high, unit)} against {_span(own.low, own.high, unit)}')
+    if own and len(own) == len(known):
+        low, high = min(own) / OCTAVE, max(own) * OCTAVE
+        beyond.append({k for k, f in enumerate(drives) if f > 0.0 and not low <= f <= high})
+        if beyond[-1]:
+            there = [drives[k] for k in beyond[-1]]
+            found.append(_against(min(there), max(there), min(own), max(own), 'Hz'))
+    if given.provenance.voltage is not None:
+        low, high = given.provenance.voltage.low, given.provenance.voltage.high
+        spans = [(float(each.voltage.min()), float(each.voltage.max())) for each in driven]
+        beyond.append({k for k, span in enumerate(spans) if _leaves(*span, low, high)})
+        if beyond[-1]:
+            there = [each for k in beyond[-1] for each in spans[k]]
+            found.append(_against(min(there), max(there), low, high, unit))
+    reaches = [0.5 * float(np.ptp(each.voltage)) for each in driven]
+    least = min((c.amplitude for c in known), default=0.0)
+    beyond.append({k for k, reach in enumerate(reaches) if OCTAVE * reach < least})
+    if beyond[-1]:
+        there = [reaches[k] for k in beyond[-1]]
+        most = max(c.amplitude for c in known)
+        found.append('an amplitude of ' + _against(min(there), max(there), least, most, unit))
+    forms = [c.drive for c in known if c.frequency > 0.0]
+    for record, drive in zip(driven, drives, strict=True):
+        form = waveform_of(record.voltage[record.warm_up_samples :], record.dt, drive)
+        if forms and drive > 0.0 and not given.discrepancy.has_form(form):
+            found.append(f'{form_name(form)} against {form_name(forms[0])}')
     if not found:
-        return ''
-    return f'The records are outside what the model was identified on: {", ".join(found)}.'
+        return Outside()
+    what = ', '.join(dict.fromkeys(found))
+    entirely = len(set.union(*beyond)) == len(driven)
+    return Outside(
+        f'The records are outside what the model was identified on: {what}.'
+        + (' No effect is named from such records alone.' if entirely else ''),
+        entirely,
+    )
+
+
+def _against(least: float, most: float, low: float, high: float, unit: str) -> str:
+    return f'{_span(least, most, unit)} against {_span(low, high, unit)}'
 
 
 def beyond_the_fit(

@@ -391,8 +391,22 @@ class HeldEvaluator(Evaluator):
         held_out = self.data.held_out
         if self.held_out_exceeds_discrepancy(final):
             return Remainder(True, held_out, evaluated_on(final, held_out))
+        if self._is_unexplained(final):
+            note = 'One record does not show whether this error is that of another day.'
+            return Remainder(True, held_out, evaluated_on(final, held_out), note)
         known = f'As it was identified it {discrepancy_text(self.known)}.'
         return Remainder(False, self.views, final, known)
+
+    def _is_unexplained(self, spec: ModelSpec) -> bool:
+        """Return whether the residual is far above the noise and nothing shows that it repeats.
+
+        Beyond noise and the discrepancy in phase, only repeated records show that the rest is
+        usual.
+        """
+        errors, views = self._held_out_beyond_known(spec), self.data.held_out
+        pairs = zip(errors, views, self.expected_held_out, strict=True)
+        own = [float(np.sqrt(np.mean(e**2))) for e, _, x in pairs if not x.repeats]
+        return max(own, default=0.0) > self.policy.unexplained * self.floor
 
 
 def _with_added(spec: ModelSpec, expected: Sequence[Expectation]) -> Sequence[Expectation]:

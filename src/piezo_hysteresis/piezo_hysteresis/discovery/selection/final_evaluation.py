@@ -66,3 +66,16 @@ def outcome_of(found: Found) -> Outcome:
         remainder,
         evaluator.certainty(before.floors, after.floors),
     )
+
+
+def without_names(outcome: Outcome) -> Outcome:
+    """Return an outcome whose effects are only what the residual resembles."""
+    found = outcome.found
+    if not found.steps:
+        return outcome
+    last = found.last or found.steps[-1].round
+    found = replace(found, steps=(), final=found.start, last=last)
+    left = found.evaluator.remainder(found.final, found.start)
+    return replace(
+        outcome, found=found, after=outcome.before, remainder=replace(left, significant=True)
+    )

@@ -265,6 +265,13 @@ class SelectionPolicy:
         'flagged.',
         'measured: repeats of fitted sweeps 1.00 to 1.02, conditions in between up to 1.31',
     )
+    unexplained: float = number(
+        1000.0,
+        'noise rms',
+        'Residual beyond the discrepancy in phase from which one record of a drive supports no '
+        '`none`.',
+        'chosen: pneumatic cylinders that were run again leave 40 to 300',
+    )
     part: float = number(
         0.1,
         '1',

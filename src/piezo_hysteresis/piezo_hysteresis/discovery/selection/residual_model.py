@@ -23,7 +23,7 @@ from piezo_hysteresis.identification.drive_lines import (
     drive_turn,
     octaves_of,
 )
-from piezo_hysteresis.identification.model_discrepancy import LEAST_POWER
+from piezo_hysteresis.identification.model_discrepancy import LEAST_POWER, waveform_of
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
@@ -58,6 +58,8 @@ class Expectation:
     octaves : float
         Distance of the drive from the nearest condition at which the model was evaluated
         [octaves].
+    repeats : bool
+        Whether repeated records of this drive show how much it varies.
     """
 
     lines: ModulatedLines | None
@@ -67,6 +69,7 @@ class Expectation:
     window: FloatArray
     repeated: FloatArray
     octaves: float
+    repeats: bool = False
 
     @property
     def total(self) -> float:
@@ -239,9 +242,13 @@ def expectation(
         window,
         repeated,
         known.octaves_from(view.frequency, amplitude),
+        kind is not None,
     )
+    if view.frequency > 0.0 and not known.has_form(waveform_of(voltage, dt, view.frequency)):
+        by_model += found.powers(repeated)  # under another waveform it has other phases
+        found = replace(found, repeated=np.zeros(count))
     # one record does not show which part of what the model misses repeats on the next one
-    by_model += missed.anew * (by_model + found.powers(repeated))
+    by_model += missed.anew * (by_model + found.powers(found.repeated))
     seen = stretches_of(known.traces, view.voltage[view.first :], view.dt, view.stride)
     if seen is not None:
         found = replace(found, repeated=seen.mean(axis=0))

@@ -79,9 +79,10 @@ def build_verdict(
     data, floor = found.evaluator.data, found.evaluator.floor
     seen = left.fit.errors
     on_held_out = (proof.after, proof.after_in_floors)
-    description = (
-        describe(data, left.views, seen, floor, on_held_out) if left.significant else left.note
-    )
+    description = left.note
+    if left.significant:
+        where = describe(data, left.views, seen, floor, on_held_out)
+        description = f'{where} {left.note}'.rstrip()
     untried = tuple(found.evaluator.deadline.untried)
     kind = rules.verdict_name(len(found.steps), left.significant)
     if kind == 'none':
