@@ -3,7 +3,8 @@
     python studies/study.py repeats --data ../shared/data
 
 Each record of an experiment that was run several times is left out in turn. A baseline is
-identified on the others jointly, so that its ``model.yaml`` knows how much they differ, and
+identified on the others jointly, so that its ``model.yaml`` knows how much they differ (or on
+``--fitted`` of them, with the others as `repeats`), and
 `discover` gets the one that was left out: as measured, where each name is false, and with an
 effect in its displacement whose rms is so many times the scatter of the records. The scatter is
 that of the displacement over the phase of the drive, without its mean, from record to record.
@@ -27,9 +28,11 @@ from piezo_hysteresis.discovery import Verdict, discover
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load
+from piezo_sim.sweep import simulate
 from studies.worlds.hidden import HIDDEN as ALL
 from studies.worlds.hidden import Case, Hide, chain
 from studies.worlds.scores import in_a_cell
+from studies.worlds.stand_ins import FREQUENCY, PRESET
 
 
 def humming(
@@ -103,28 +106,33 @@ def resampled(file: Path, dt: float = 0.01) -> Record:
     return Record(file.stem, dt, voltage, displacement * 1e-6)
 
 
-def experiments(data: Path, parts: int = 4) -> list[Experiment]:
+def stand_ins() -> list[Experiment]:
+    """Return a simulated sine that was run three times, for `--quick`."""
+    plan = {'kind': 'sine', 'frequency': FREQUENCY, 'amplitude': 1.0, 'duration': 2.0}
+    runs = tuple(replace(simulate(PRESET, [plan], seed=k)[0], name=f'run_{k}') for k in range(3))
+    return [Experiment('simulated', runs, ('prandtl_ishlinskii',), 0.04)]
+
+
+def experiments(data: Path | None, parts: int = 4) -> list[Experiment]:
     """Return the experiments whose records are there.
 
     A long sine is one experiment that was run `parts` times.
     """
+    if data is None:
+        return stand_ins()
     found = []
     folder = data / 'pneumatic_repeat'
     pressures = sorted({f.stem.rsplit('_', 1)[1] for f in folder.glob('*.csv')})
     for each in pressures:
         runs = tuple(map(resampled, sorted(folder.glob(f'*_{each}.csv'))))
         found.append(Experiment(f'cylinder, {each}', runs, ('prandtl_ishlinskii',), 0.5))
-    sines = (
-        ('P-885', 'p885_stack/train_1Hz_sine.csv', 4.0, 0.04),
-        ('150 V', 'piezo_150v_1hz/piezo_150V_1Hz.csv', 1.5, 0.008),
-    )
-    for name, file, begin, delay in sines:
-        if (data / file).exists():
-            whole = load([data / file])[0]
-            cuts = np.linspace(round(begin / whole.dt), len(whole), parts + 1).astype(int)
-            pieces = [whole.section(int(a), int(b)) for a, b in pairwise(cuts)]
-            runs = tuple(replace(r, name=f'part_{k + 1}') for k, r in enumerate(pieces))
-            found.append(Experiment(name, runs, ('prandtl_ishlinskii',), delay))
+    file = data / 'p885_stack/train_1Hz_sine.csv'
+    if file.exists():
+        whole = load([file])[0]
+        cuts = np.linspace(round(4.0 / whole.dt), len(whole), parts + 1).astype(int)
+        pieces = [whole.section(int(a), int(b)) for a, b in pairwise(cuts)]
+        runs = tuple(replace(r, name=f'part_{k + 1}') for k, r in enumerate(pieces))
+        found.append(Experiment('P-885', runs, ('prandtl_ishlinskii',), 0.04))
     return found
 
 
@@ -162,14 +170,20 @@ def with_size(record: Record, kind: str, rms: float, case: Case) -> tuple[Record
 
 
 def examined(
-    experiment: Experiment, word: str, effects: Sequence[str], times: float, limit: float
+    experiment: Experiment,
+    word: str,
+    effects: Sequence[str],
+    times: float,
+    limit: float,
+    fitted: int,
 ) -> list[Row]:
-    """Return the rows of every record that is left out."""
+    """Return the rows of every record that is left out; `fitted` others are, 0 for all."""
     rows = []
     scatter = scatter_of(experiment.records)
     for left in experiment.records:
         others = [record for record in experiment.records if record is not left]
-        model = ModelFile.parse(identify(others, chain(word)).model.text())
+        own, again = others[: fitted or None], others[fitted:] if fitted else []
+        model = ModelFile.parse(identify(own, chain(word)).model.text())
         case = Case('', '', np.inf, (), (), len(left) * left.dt, experiment.delay)
         for kind in effects:
             judged, size = left, 0.0
@@ -177,10 +191,12 @@ def examined(
                 judged, size = with_size(left, kind, times * scatter, case)
             if kind == 'delay' and size * case.delay > LONGEST:
                 continue  # no delay that the library holds is so large
-            verdict = discover([judged], model, time_limit=limit, recommend=False).verdict
+            verdict = discover(
+                [judged], model, repeats=again, time_limit=limit, recommend=False
+            ).verdict
             rows.append(Row(experiment.name, word, left.name, kind, size, verdict))
-            told = f'{kind} {size:.2g}: {in_a_cell(verdict)}'
-            print(f'{experiment.name} {left.name} {told}')
+            case_name = f'{experiment.name} {left.name} {kind} {size:.2g}'
+            print(f'{case_name}: {in_a_cell(verdict)}')
             sys.stdout.flush()
     return rows
 
@@ -207,6 +223,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('--data', type=Path, default=Path('../shared/data'))
     add('--times', type=float, default=3.0, help='rms of an effect, in scatters')
+    add('--fitted', type=int, default=0, help='records of the model; the others are `repeats`')
     add('--experiments', default='', help='only those whose name contains this')
     add('--effects', type=int, default=len(HIDDEN), help='so many, and none')
 
@@ -223,5 +240,5 @@ def run(asked: argparse.Namespace) -> str:
     for each in found:
         for word in each.baselines:
             kinds = list(HIDDEN)[: asked.effects]
-            rows += examined(each, word, kinds, asked.times, asked.time_limit)
+            rows += examined(each, word, kinds, asked.times, asked.time_limit, asked.fitted)
     return table(rows)

@@ -251,8 +251,8 @@ def discover(
     }
     title = name or base.joint.model.name
     names = {name: tuple(each for each, _ in pairs) for name, pairs in alike.items()}
-    told = own, limits, names, support
-    verdict = build_verdict(coverage, base, outcome, proof, title, seed, *told)
+    more = own, limits, names, support
+    verdict = build_verdict(coverage, base, outcome, proof, title, seed, *more)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
         measured,
