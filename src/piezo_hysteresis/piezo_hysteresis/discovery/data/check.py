@@ -93,7 +93,8 @@ def outside_of(records: Sequence[Record], given: ModelFile) -> Outside:
     discrepancy of the model is known, its voltage beyond the range of the fitted records, its
     amplitude below half the smallest known one, or its waveform none of the known ones.
     """
-    known = () if given.discrepancy is None else given.discrepancy.conditions
+    missed = given.discrepancy
+    known = () if missed is None else missed.conditions
     driven = [each for each in records if np.ptp(each.voltage) > 0.0]
     unit = driven[0].info.input_unit if driven else 'V'
     drives = [each.info.frequency or main_frequency(each) for each in driven]
@@ -121,11 +122,11 @@ def outside_of(records: Sequence[Record], given: ModelFile) -> Outside:
         there = [reaches[k] for k in beyond[-1]]
         most = max(c.amplitude for c in known)
         found.append('an amplitude of ' + _against(min(there), max(there), least, most, unit))
-    forms = [c.drive for c in known if c.frequency > 0.0]
+    form_known = [c.drive for c in known if c.frequency > 0.0]
     for record, drive in zip(driven, drives, strict=True):
         form = waveform_of(record.voltage[record.warm_up_samples :], record.dt, drive)
-        if forms and drive > 0.0 and not given.discrepancy.has_form(form):
-            found.append(f'{form_name(form)} against {form_name(forms[0])}')
+        if missed is not None and drive > 0.0 and not missed.has_form(form):
+            found.append(f'{form_name(form)} against {form_name(form_known[0])}')
     if not found:
         return Outside()
     what = ', '.join(dict.fromkeys(found))

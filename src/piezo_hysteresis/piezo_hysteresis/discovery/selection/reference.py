@@ -77,11 +77,11 @@ def with_repeats(
     IdentificationError
         If no two records are of one kind.
     """
-    records = annotated(repeats)
+    records = list(annotated(repeats))
     known = baseline.discrepancy if isinstance(baseline, ModelFile) else None
     if isinstance(baseline, ModelFile):
         own = recognised(records, baseline.provenance.records)
-        records = tuple(record for record in records if record.name not in own)
+        records = [record for record in records if record.name not in own]
     if isinstance(baseline, ModelFile) and not records:
         file, missed = baseline, known
     else:
