@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import median_filter
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.common.cached_property import cached_property
@@ -14,11 +16,15 @@ from piezo_hysteresis.waveforms.waveform import Samples, WaveformError
 _PERIODIC = 0.99
 # Difference below which two correlations are equal.
 _EQUAL = 3e-3
+# Fewest samples of a spline, fourth difference of a corner over the median of so many on either
+# side, share of the range below which a difference is rounding, and share of the largest second
+# difference of a corner from which a sample belongs to it.
+_SPLINE, _CORNER, _NEAR, _ROUNDING, _SHARE = 8, 30.0, 24, 1e-9, 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Samples at a constant rate, with derivatives by central differences.
+    """Samples at a constant rate, with the derivatives of splines from corner to corner.
 
     Attributes
     ----------
@@ -82,7 +88,17 @@ class Sampled:
     @cached_property
     def _derivatives(self) -> tuple[FloatArray, FloatArray]:
         velocity = np.gradient(self.values, self.dt)
-        return velocity, np.gradient(velocity, self.dt)
+        acceleration = np.gradient(velocity, self.dt)
+        for first, last in _pieces(self.values):
+            ticks = np.arange(first, last + 1)
+            if ticks.size < _SPLINE:
+                continue
+            # differences err by (w dt)^2 / 6, which an inverse of a mode multiplies
+            curve = make_interp_spline(ticks * self.dt, self.values[first : last + 1], k=5)
+            velocity[ticks], acceleration[ticks] = (
+                curve.derivative(n)(ticks * self.dt) for n in (1, 2)
+            )
+        return velocity, acceleration
 
     def sample(self, time: FloatArray) -> Samples:
         """Return the waveform and its derivatives at `time` [s]."""
@@ -95,6 +111,29 @@ class Sampled:
         )
         frequency = np.full(time.shape, self.frequency)
         return Samples(value, rate, curve, frequency, 2.0 * np.pi * frequency * time)
+
+
+def _pieces(values: FloatArray) -> list[tuple[int, int]]:
+    """Return first and last sample of each smooth part.
+
+    At a corner the fourth difference is far above those on either side. One that lies between two
+    samples belongs to neither part, nor does a jump: central differences remain there.
+    """
+    last = values.size - 1
+    if values.size < _SPLINE:
+        return []
+    bend, turn = np.abs(np.diff(values, 4)), np.diff(values, 2)
+    usual = np.maximum(median_filter(bend, 2 * _NEAR + 1), _ROUNDING * float(np.ptp(values)))
+    turn = np.abs(turn - median_filter(turn, 2 * _NEAR + 1))
+    sharp = np.flatnonzero(bend > _CORNER * usual) + 2  # of the middle sample
+    pieces, begin = [], 0
+    for group in np.split(sharp, np.flatnonzero(np.diff(sharp) > 1) + 1) if sharp.size else ():
+        sizes = turn[group - 1]
+        ends = group[sizes > _SHARE * sizes.max()]
+        between = int(ends.size > 1)
+        pieces.append((begin, int(ends[0]) - between))
+        begin = int(ends[-1]) + between
+    return [*pieces, (begin, last)]
 
 
 def _summits(values: FloatArray, tops: IntArray) -> tuple[FloatArray, FloatArray]:
