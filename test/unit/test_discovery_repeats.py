@@ -86,7 +86,7 @@ def test_a_large_change_has_the_least_p_that_so_many_can_show() -> None:
     assert found == Support(4, pytest.approx(0.2))  # type: ignore[arg-type]
     assert found is not None
     assert found.deviates
-    assert 'probability above 0.8' in found.sentence
+    assert 'probability above 0.8' in found.sentence(named=True)
     assert support_of([new], known[:1]) is None
     assert support_of([row(frequency=7.0)], known) is None
     assert surprise(new, known) > max(surprise(known[0], known[1:]), 3.0)
@@ -161,6 +161,19 @@ def test_repeats_are_added_to_a_file_of_one_record() -> None:
     assert found.repeats['records'] == 3
     with pytest.raises(IdentificationError, match='no two records of the same drive'):
         ph.discover(run(11), model(1), repeats=run(0))
+
+
+@pytest.mark.component
+def test_repeats_that_are_none_are_refused() -> None:
+    again = replace(run(5), name='again')
+    with pytest.raises(IdentificationError, match='run_5 and again are one run'):
+        ph.discover(run(11), model(1), repeats=[run(5), again])
+    other = replace(run(6), displacement=1e-3 * run(6).displacement)
+    with pytest.raises(IdentificationError, match='another actuator, or another unit'):
+        ph.discover(run(11), model(1), repeats=[run(5), other])
+    fast = [run(k, frequency=4.0) for k in (5, 6)]
+    found = ph.discover(run(11), model(1), repeats=fast, recommend=False).verdict
+    assert 'The repeats are of other drives than these records' in found.summary
 
 
 @pytest.mark.component

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import piezo_hysteresis as ph
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.waveforms import Sine, Triangle
 from piezo_hysteresis.waveforms.sampled import Sampled
 
 DT = 1e-3
-TIME = np.arange(2000) * DT
+TIME: FloatArray = DT * np.arange(2000, dtype=np.float64)
 
 
 @pytest.mark.parametrize('frequency', [1.0, 25.0, 60.0])

@@ -77,21 +77,14 @@ class Support:
         """Return the row of ``verdict.json``."""
         return {'records': self.count, 'p_value': self.chance, 'attainable': self.attainable}
 
-    @property
-    def sentence(self) -> str:
-        """What was compared, in words."""
-        least = f'{self.attainable:.2g} is the least that so many can show'
-        if self.deviates:
-            return (
-                f'Of {self.count} untouched repeats '
-                f'{"none deviates" if self.chance <= self.attainable + 1e-9 else "few deviate"} '
-                f'as far (p = {self.chance:.2g}; {least}), so no name has a probability above '
-                f'{1.0 - self.chance:.2g}.'
-            )
-        return (
-            f'Untouched repeats deviate as far: p = {self.chance:.2g} from {self.count} of them '
-            f'({least}).'
-        )
+    def sentence(self, named: bool) -> str:
+        """Return what was compared, in words, and what follows for effects that are named."""
+        shown = f'p = {self.chance:.2g}; {self.attainable:.2g} is the least that so many can show'
+        if not self.deviates:
+            return f'Untouched repeats deviate as far: {self.count} of them, {shown}.'
+        which = 'none deviates' if self.chance <= self.attainable + 1e-9 else 'few deviate'
+        bound = f', so no name has a probability above {1.0 - self.chance:.2g}' if named else ''
+        return f'Of {self.count} untouched repeats {which} as far ({shown}){bound}.'
 
 
 def are_alike(one: Condition, other: Condition) -> bool:

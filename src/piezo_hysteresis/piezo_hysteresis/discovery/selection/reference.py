@@ -19,10 +19,13 @@ from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import Discrepancy, Model, ModelFile
-from piezo_hysteresis.models.repeats import Support, support_of
+from piezo_hysteresis.models.repeats import Support, kinds_of, support_of
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.records.fingerprint import fingerprints, recognised
+
+# Ratio of the strokes at one drive from which repeats are of two actuators.
+_STROKES = 2.0
 
 
 def as_on(
@@ -75,9 +78,11 @@ def with_repeats(
     Raises
     ------
     IdentificationError
-        If no two records are of one kind.
+        If no two records are of one kind, a run is given twice, or one of a kind has another
+        stroke than the others.
     """
     records = list(annotated(repeats))
+    _require_single(records)
     known = baseline.discrepancy if isinstance(baseline, ModelFile) else None
     if isinstance(baseline, ModelFile):
         own = recognised(records, baseline.provenance.records)
@@ -94,8 +99,31 @@ def with_repeats(
             'the repeats hold no two records of the same drive: give at least two of one '
             'experiment, with nothing changed in between'
         )
+    _require_one_actuator(missed)
     seen = (*file.provenance.records, *fingerprints(records))
     return replace(file, discrepancy=missed, provenance=replace(file.provenance, records=seen))
+
+
+def _require_single(records: Sequence[Record]) -> None:
+    """Reject a run that is given twice: p counts runs."""
+    seen = fingerprints(records)
+    for k, record in enumerate(records):
+        same = [records[j].name for j in range(k) if seen[j].is_of(record)]
+        if same:
+            raise IdentificationError(
+                f'the repeats {same[0]} and {record.name} are one run; give each once'
+            )
+
+
+def _require_one_actuator(missed: Discrepancy) -> None:
+    """Reject repeats of one drive whose strokes differ as those of two actuators or units do."""
+    for rows in kinds_of(missed.conditions):
+        least, most = (f(each.stroke for each in rows) for f in (min, max))
+        if most > _STROKES * least:
+            raise IdentificationError(
+                f'the repeats move {1e6 * least:.3g} and {1e6 * most:.3g} µm at the same drive: '
+                'another actuator, or another unit; give runs with nothing changed in between'
+            )
 
 
 def _missed(

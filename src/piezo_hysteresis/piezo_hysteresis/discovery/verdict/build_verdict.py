@@ -35,6 +35,9 @@ ONE_RECORD = (
     'The model file does not show how much unchanged records differ: repeat one and give the '
     'repeats to `identify`, or to `discover` with --repeats.'
 )
+OTHER_REPEATS = (
+    'The repeats are of other drives than these records: they do not show how much these differ.'
+)
 
 
 def build_verdict(
@@ -150,9 +153,17 @@ def build_verdict(
         missing = instead(base.joint.model)[:-1]
         verdict = replace(verdict, next_experiments=(*missing, *verdict.next_experiments))
     more = [coverage.outside]
-    if verdict.held_baseline and not nothing_else:
-        more.append(ONE_RECORD if support is None else support.sentence)
+    if isinstance(found.evaluator, HeldEvaluator) and not nothing_else:
+        more.append(_repeated(found.evaluator, support, named=bool(effects)))
     return replace(verdict, summary=' '.join(filter(None, [summary_of(verdict), *more])))
+
+
+def _repeated(evaluator: HeldEvaluator, support: Support | None, *, named: bool) -> str:
+    """Return what repeats say of the records, or what is missing for that."""
+    if support is not None:
+        return support.sentence(named)
+    others = any(each.records > 1 for each in evaluator.known.kinds)
+    return OTHER_REPEATS if others else ONE_RECORD
 
 
 def _circumstances(view: Target) -> dict[str, Any]:
