@@ -86,6 +86,24 @@ def test_the_command_writes_the_voltages_of_all_axes(
     assert 'with attenuation' in capsys.readouterr().out
 
 
+@pytest.mark.component
+@pytest.mark.parametrize(
+    ('reference', 'sentence'),
+    [
+        (FAST.replace('20', '20.5'), 'axis 1: the reference jumps by'),
+        (FAST + ',offset=3e-6', 'the mean of the reference, 3 µm, is left out'),
+        (FAST, ''),
+    ],
+)
+def test_what_of_a_reference_is_not_followed_is_stated(
+    files: list[str], capsys: pytest.CaptureFixture[str], reference: str, sentence: str
+) -> None:
+    assert main([*files, '--reference', reference.replace('triangle', 'sine')]) == 0
+    out = capsys.readouterr().out
+    assert sentence in out
+    assert sentence or 'axis 1: ' not in out
+
+
 @pytest.mark.parametrize(
     ('more', 'sentence'),
     [
@@ -95,6 +113,10 @@ def test_the_command_writes_the_voltages_of_all_axes(
         (['--reference', FAST, '--reference', SLOW.replace('0.5', '1')], 'one duration for all'),
         (['--reference', FAST, '--orders', '3'], '--orders: of one axis'),
         (['--reference', FAST, '--high', '1'], 'beyond --low and --high'),
+        (['--reference', FAST, '--slew', '10'], 'more than --slew'),
+        (['--reference', FAST, '--low', '5', '--high', '1'], 'must be below --high'),
+        (['--reference', FAST, '--noise=-1e-9'], '--noise must be 0 or more'),
+        (['--reference', FAST.replace('20', '1500')], 'cannot be sampled at 2000 Hz'),
     ],
 )
 def test_what_several_axes_cannot_do_is_one_sentence(

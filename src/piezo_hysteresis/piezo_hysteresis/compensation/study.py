@@ -200,8 +200,14 @@ def _value(text: str) -> Any:
         return plain_yaml.load(text.replace(' ', ', ')) if text.startswith('[') else text
 
 
-def _require_sampled(waveform: Waveform, rate: float) -> None:
-    """Refuse a reference that the rate cannot sample, and one without an end."""
+def require_sampled(waveform: Waveform, rate: float) -> None:
+    """Refuse a reference that the rate [Hz] cannot sample, and one without an end.
+
+    Raises
+    ------
+    CompensationError
+        If its frequency is half the rate or more, or it is too long.
+    """
     frequency = float(getattr(waveform, 'frequency', 0.0))
     if frequency >= 0.5 * rate:
         raise CompensationError(
@@ -262,7 +268,7 @@ def _runs(study: Study, plant: ResettablePlant) -> list[Run]:
 
 def _sampled(waveform: Waveform, dt: float) -> Samples:
     """Return all samples of a reference, refusing one that cannot be sampled."""
-    _require_sampled(waveform, 1.0 / dt)
+    require_sampled(waveform, 1.0 / dt)
     ticks = max(2, round(waveform.duration / dt))
     return waveform.sample(np.arange(ticks, dtype=np.float64) * dt)
 
