@@ -437,7 +437,10 @@ _KEYS = {
 def _from_dict(content: object) -> ModelFile:
     whole = mapping(content, 'a model file')
     if str(whole.get('schema')).startswith('piezo_hysteresis/modes/'):
-        raise ModelError('it is a model of several axes, which only `validate` and Python take')
+        raise ModelError(
+            'it is a model of several axes, which `validate`, `compensate` and Python take, but '
+            'nothing that needs a model of one axis'
+        )
     refuse_unknown(whole, _KEYS, 'the model file')
     if whole.get('schema') != SCHEMA:
         raise ModelError(f'schema is {whole.get("schema")!r}, expected {SCHEMA}; save it again')
