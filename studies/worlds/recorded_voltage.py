@@ -51,19 +51,14 @@ class Row:
     seconds: float
 
 
-def spoilt(record: Record, kind: str, share: float, rng: np.random.Generator) -> Record:
-    """Return a record with the voltage as it was recorded."""
-    return replace(record, voltage=recorded(record.voltage, record.dt, kind, share, rng))
-
-
 def recorded(
-    u: FloatArray, dt: float, kind: str, share: float, rng: np.random.Generator
+    u: FloatArray, dt: float, kind: str, share: float, mains: float, rng: np.random.Generator
 ) -> FloatArray:
     """Return a voltage with an error of a kind; `share` is its rms over the range."""
     size = share * float(np.ptp(u)) or share
     noise = size * rng.standard_normal(u.size)
     if kind == 'mains':
-        turn = 2.0 * np.pi * float(rng.choice([50.0, 60.0])) * dt * np.arange(u.size)
+        turn = 2.0 * np.pi * mains * dt * np.arange(u.size)
         hum = 2.0**0.5 * size * np.sin(turn + rng.uniform(-np.pi, np.pi))
         return np.asarray(u + hum + 0.1 * noise)
     if kind == 'quantised':
@@ -101,7 +96,11 @@ def examined(what: str, index: int, seed: int, limit: float) -> Row:
         share = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
     kind = KINDS[index % len(KINDS)]
     exact = records_of(hidden)
-    records = [spoilt(record, kind, share, rng) for record in exact]
+    mains = float(rng.choice([50.0, 60.0]))  # one instrument is at one mains
+    records = [
+        replace(each, voltage=recorded(each.voltage, each.dt, kind, share, mains, rng))
+        for each in exact
+    ]
     began = time.perf_counter()
     named, measured = names_in(records, hidden.world.baseline, limit)
     seconds = time.perf_counter() - began

@@ -234,3 +234,35 @@ def test_a_record_at_rest_with_a_noisy_recording_of_its_voltage_is_kept() -> Non
     assert [each.name for each in found] == ['sine', 'rest']
     assert np.ptp(found[1].voltage) < 0.02
     assert any(each.startswith('record rest: the voltage was measured') for each in remarks)
+
+
+@pytest.mark.parametrize('frequency', [10.0, 47.0])
+def test_hum_on_a_line_of_the_drive_is_known_from_another_record(frequency: float) -> None:
+    """A line of 50 Hz of a drive of 10 Hz looks like drive; other records show that it is hum."""
+    hum = 0.2 * np.sin(2 * np.pi * 50.0 * TIME + 1.0)
+    drives = [50.0 * (1.0 - np.cos(2 * np.pi * f * TIME)) for f in (3.0, frequency)]
+    noise = np.random.default_rng(3).standard_normal((2, COUNT))
+    records = [
+        Record(f'{k}', 1.0 / RATE, u + hum + 0.02 * noise[k], plays(u))
+        for k, u in enumerate(drives)
+    ]
+    found, remarks = as_measured(records)
+    for each, u in zip(found, drives, strict=True):
+        line = np.mean((each.voltage - u) * np.exp(-2j * np.pi * 50.0 * TIME))
+        assert 2.0 * abs(line) < 0.1 * 0.2
+    assert any('at 50 Hz, as in the other records, is hum' in each for each in remarks)
+    alone = as_measured(records[1:])[0][0].voltage - drives[1]
+    assert np.std(alone) > 0.5 * np.std(hum)
+
+
+def test_a_line_of_the_drive_itself_is_not_taken_for_hum() -> None:
+    hum = 0.2 * np.sin(2 * np.pi * 50.0 * TIME + 1.0)
+    noise = 0.02 * np.random.default_rng(3).standard_normal((2, COUNT))
+    slow = 50.0 * (1.0 - np.cos(2 * np.pi * 3.0 * TIME))
+    own = slow + 2.0 * np.sin(2 * np.pi * 50.0 * TIME)
+    records = [
+        Record('slow', 1.0 / RATE, slow + hum + noise[0], plays(slow)),
+        Record('own', 1.0 / RATE, own, plays(own)),
+    ]
+    found, _ = as_measured(records)
+    assert np.array_equal(found[1].voltage, own)

@@ -22,6 +22,8 @@ from piezo_hysteresis.records.input_uncertainty import InputUncertainty
 # Ranges over the largest below which a drive may be an error, and its share of the motion of a
 # drive; error over the range from which an input is unknown.
 _SMALL, _FOLLOWED, _UNKNOWN = 0.1, 0.3, 0.02
+# Ratio of the size of a line of a record to those of others, within which it is the same hum.
+_SIZE = 1.5
 _PARTS = 16  # whose means show the error of the mean
 _LEFT_OUT = (
     'record {record} is left out: its voltage was measured too slowly or with too much noise, and '
@@ -69,7 +71,10 @@ def _in_a_set(
     noises = [error.rms for error in errors if error.hold == 1]
     noise = float(np.median(noises)) if 2 * len(noises) > len(found) else 0.0
     kept, remarks = [], []
-    for record in found:
+    hum = _hum_of(errors)
+    for original, record in zip(records, found, strict=True):
+        record, removed = _without_hum(record, _error_of(original), hum)
+        remarks += removed
         rest, error = _at_rest(record, largest), record.input_uncertainty
         if rest is not None:
             remarks.append(_REST.format(record=record.name))
@@ -90,6 +95,46 @@ def _in_a_set(
                 rest = replace(record, input_uncertainty=InputUncertainty(min(noise, own)))
         kept.append(record if rest is None else rest)
     return (kept, remarks) if kept else (list(found), remarks)
+
+
+def _hum_of(errors: Sequence[InputError]) -> list[tuple[float, float, float]]:
+    """Return frequency, least and largest amplitude of each mains line of several records."""
+    lines: dict[int, list[tuple[float, float]]] = {}
+    for error in errors:
+        for frequency, size in error.hum:
+            lines.setdefault(round(frequency), []).append((frequency, size))
+    found = []
+    for each in lines.values():
+        sizes = [size for _, size in each]
+        found.append((float(np.median([f for f, _ in each])), min(sizes), max(sizes)))
+    return found
+
+
+def _without_hum(
+    record: Record, error: InputError | None, hum: Sequence[tuple[float, float, float]]
+) -> tuple[Record, list[str]]:
+    """Return a record without the lines that other records of its instrument have, and sentences.
+
+    Alone, hum at a harmonic of the drive or near it looks like drive. A line of a drive is of
+    another size.
+    """
+    own = {round(frequency) for frequency, _ in (error.hum if error is not None else ())}
+    remarks = []
+    for frequency, least, most in hum:
+        if round(frequency) in own or not frequency * record.dt < 0.5:
+            continue
+        u, window = record.voltage, np.hanning(len(record))
+        wave = np.exp(2j * np.pi * frequency * record.dt * np.arange(u.size))
+        line = 2.0 * complex(np.sum(window * (u - u.mean()) * wave.conj())) / float(window.sum())
+        if not least / _SIZE < abs(line) < _SIZE * most:
+            continue
+        record = replace(record, voltage=u - np.real(line * wave))
+        kind, unit = ('force', 'N') if record.info.input_unit == 'N' else ('voltage', 'V')
+        remarks.append(
+            f'record {record.name}: the {kind} was measured, not commanded: a line of '
+            f'{abs(line):.2g} {unit} at {frequency:.4g} Hz, as in the other records, is hum'
+        )
+    return record, remarks
 
 
 def _on_grid(u: FloatArray, step: float) -> bool:
