@@ -16,7 +16,13 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named
-from piezo_hysteresis.models.repeats import Support, kinds_of, support_of, surprise, together
+from piezo_hysteresis.models.repeated_records import (
+    Support,
+    kinds_of,
+    support_of,
+    surprise,
+    together,
+)
 from piezo_hysteresis.records import Record
 
 DT = 4e-3

@@ -131,8 +131,8 @@ def _without_hum(
         record = replace(record, voltage=u - np.real(line * wave))
         kind, unit = ('force', 'N') if record.info.input_unit == 'N' else ('voltage', 'V')
         remarks.append(
-            f'record {record.name}: the {kind} was measured, not commanded: a line of '
-            f'{abs(line):.2g} {unit} at {frequency:.4g} Hz, as in the other records, is hum'
+            f'record {record.name}: a line of {abs(line):.2g} {unit} at {frequency:.4g} Hz in the '
+            f'{kind}, as in the other records, is hum and is removed'
         )
     return record, remarks
 

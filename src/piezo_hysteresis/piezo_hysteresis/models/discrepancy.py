@@ -18,8 +18,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.plain import mapping, number, refuse_unknown
+from piezo_hysteresis.models.repeated_records import anew, are_alike, kinds_of, same_form, together
 from piezo_hysteresis.models.repeating import Repeating, of_orders, repeating
-from piezo_hysteresis.models.repeats import anew, are_alike, kinds_of, same_form, together
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 

@@ -15,7 +15,7 @@ from piezo_hysteresis.identification.model_discrepancy import waveform_of
 from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.models.repeats import form_name
+from piezo_hysteresis.models.repeated_records import form_name
 from piezo_hysteresis.records import Record
 
 FEWEST_SAMPLES = 200

@@ -19,7 +19,7 @@ from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import Discrepancy, Model, ModelFile
-from piezo_hysteresis.models.repeats import Support, kinds_of, support_of
+from piezo_hysteresis.models.repeated_records import Support, kinds_of, support_of
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.records.fingerprint import fingerprints, recognised

@@ -27,7 +27,7 @@ from piezo_hysteresis.discovery.verdict.naming import (
 from piezo_hysteresis.discovery.verdict.prove import Proof, ProofRow, over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import HeldOut, Unexplained, Verdict
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models.repeats import Support
+from piezo_hysteresis.models.repeated_records import Support
 
 _MOST_PLACES = 20
 # What a file without repeats leaves open.
