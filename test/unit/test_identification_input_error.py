@@ -252,8 +252,6 @@ def test_hum_on_a_line_of_the_drive_is_known_from_another_record(frequency: floa
         assert 2.0 * abs(line) < 0.1 * 0.2
     sentence = 'at 50 Hz in the voltage, as in the other records, is hum'
     assert any(sentence in each for each in remarks)
-        'at 50 Hz in the voltage, as in the other records, is hum' in each for each in remarks
-    )
     alone = as_measured(records[1:])[0][0].voltage - drives[1]
     assert np.std(alone) > 0.5 * np.std(hum)
 
