@@ -186,24 +186,23 @@ def _settled(
     settled = replace(nuisances, pull=shares, levels=known, explained=explained)
     if not known or not np.all(np.isfinite(error)):
         return settled
-    shift = explained(error, shares)[states : states + len(known)]
+    change = explained(error, shares)[states : states + len(known)]
     largest = float(np.max(np.abs(motion.target.voltage)))
-    levels = tuple(a + largest * float(b) for a, b in zip(known, shift, strict=True))
+    levels = tuple(a + largest * float(b) for a, b in zip(known, change, strict=True))
     settled = replace(settled, levels=levels)
-    limit = MISLEADS * _square(settled, error, weight)
+    most = MISLEADS * _square(settled, error, weight)
     held = replace(  # without rows for the levels
         settled, rows=nuisances.rows[moves], prior=prior[moves], pull=shares[moves],
         explained=BestFit(rows[moves], prior[moves]),
     )  # fmt: skip
-    alone = _square(held, error, weight)
-    if alone <= limit:
+    if _square(held, error, weight) <= most:
         return settled
     # a memory bounds its response to a level, its derivative does not
     change = left() - left(change_by_levels(motion, levels))
-    beyond = _square(held, error - change * weight, weight)
-    if beyond <= limit:
+    alone, moved = (_square(held, error - each * weight, weight) for each in (0.0, change))
+    if moved <= most:
         return settled
-    return replace(held, given=change) if beyond < alone else held
+    return replace(held, given=change) if moved < alone else held
 
 
 def _square(nuisances: Nuisances, error: FloatArray, weight: FloatArray | float) -> float:
