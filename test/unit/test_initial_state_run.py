@@ -11,7 +11,6 @@ from piezo_hysteresis.identification.initial_conditions.initial_state import (
     start_rows,
 )
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart, path_to
-from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.targets import Target, led_in, targets_of
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record
@@ -33,10 +32,6 @@ def prepared(name: str, level: float) -> tuple[Model, FloatArray, Target]:
     (target,) = targets_of([record], folded=False, start='estimate')
     values = {each.name: each.default for each in model.parameters}
     return model, model.pack(values), led_in(target, record, RecordStart('estimate', (level,)))
-
-
-def after(level: float) -> RecordStart:
-    return RecordStart('estimate', (level,))
 
 
 def drive_after(target: Target, level: float) -> FloatArray:
@@ -99,22 +94,3 @@ def test_rows_are_those_of_the_own_parameters() -> None:
         assert [each.tolist() for each in seen] == [each.tolist() for each in known]
     again = start_rows(InitialStateRun(model, packed, target))[0]
     assert [each.tolist() for each in first] == [each.tolist() for each in again]
-
-
-@pytest.mark.parametrize(('times', 'explained'), [(1.0, True), (-1.0, True), (40.0, False)])
-def test_a_level_explains_what_a_run_from_some_level_shows(times: float, explained: bool) -> None:
-    """A play forgets levels beyond its reach: its derivative by the level does not."""
-    model, packed, target = prepared('prandtl_ishlinskii', 0.8)
-
-    def run_after(level: float) -> FloatArray:
-        other = led_in(target, recorded(), after(level))
-        return target.pick(Prediction(model, packed, other).response)
-
-    usual = run_after(0.8)
-    change = times * (run_after(0.8 + STEP) - usual)
-    found = Prediction(model, packed, replace(target, measured=usual + change))
-    left = float(np.linalg.norm(found.residual))
-    levels = np.arange(-3.0, 3.0, 0.05)
-    best = min(float(np.linalg.norm(usual + change - run_after(level))) for level in levels)
-    assert left > 0.8 * best
-    assert (left < 0.5 * float(np.linalg.norm(change))) is explained

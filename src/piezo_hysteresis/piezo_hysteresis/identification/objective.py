@@ -182,10 +182,7 @@ class Objective:
         factor = np.zeros((q + p + 1, q + p + 1))
         for part in found.derivatives(self._own):
             inside, y, rows = self._placed(target, part)
-            wrong = y - target.measured[inside]
-            if nuisances.given is not None:
-                wrong += nuisances.given[inside]
-            seen = np.vstack([nuisances.rows[:, inside], rows, wrong])
+            seen = np.vstack([nuisances.rows[:, inside], rows, y - target.measured[inside]])
             if factors is not None:
                 seen *= factors[inside]
             extend(factor, seen)

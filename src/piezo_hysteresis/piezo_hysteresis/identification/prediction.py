@@ -127,8 +127,6 @@ class Prediction:
         nuisances, factors = self.nuisances, self._factors
         with _quiet():
             error, rows = self.target.measured - self.target.pick(self.response), nuisances.rows
-            if nuisances.given is not None:
-                error = error - nuisances.given
             if not len(rows) or not np.all(np.isfinite(error)):
                 return error, np.zeros(0)
             weight = 1.0 if factors is None else factors

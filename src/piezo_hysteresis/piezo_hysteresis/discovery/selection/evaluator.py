@@ -105,8 +105,7 @@ class Evaluator(ABC):
             if view.begins.kind != 'estimate':
                 return view
             known = Prediction(before.model, packed, view, late).nuisances
-            measured = view.measured if known.given is None else view.measured - known.given
-            return replace(view, measured=measured, shared=(known.rows, known.prior))
+            return replace(view, shared=(known.rows, known.prior))
 
         other = copy(self)
         other.screened, other.short = (

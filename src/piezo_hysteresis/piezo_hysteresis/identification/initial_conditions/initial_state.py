@@ -103,11 +103,6 @@ class InitialStateRun:
         if len(others) < len(moved):
             self.response = self.response + self._free_response.response(moved)
 
-    @property
-    def unmoved(self) -> FloatArray:
-        """Displacement from the states of the lead-in, shape (n,) [m]."""
-        return self._led[-1]
-
     def in_proportion(self, moved: StateOffset) -> bool:
         """Return whether the response is proportional to the offset of a state."""
         return self._free_response.holds(moved) or self._affine_from(moved.stage)
@@ -218,22 +213,16 @@ def start_rows(motion: InitialStateRun) -> tuple[list[FloatArray], list[StateOff
     return rows, moved
 
 
-def change_by_levels(motion: InitialStateRun, levels: tuple[float, ...]) -> FloatArray:
-    """Return the change of the displacement by other levels before a record [m], shape (n,)."""
-    target = motion.target
-    start = replace(target.begins, levels=levels)
-    before = path_to(target.voltage[target.origin : target.origin + 2], start, target.dt)
-    drive = np.concatenate([before, target.drive[target.origin :]])
-    return motion.driven(drive) - motion.unmoved
-
-
 def level_rows(motion: InitialStateRun) -> list[FloatArray]:
     """Return the derivatives by levels before a record, per largest voltage, each shape (n,)."""
-    known, rows = motion.target.begins.levels, []
-    largest = float(np.max(np.abs(motion.target.voltage)))
+    target, rows = motion.target, []
+    known, largest = target.begins.levels, float(np.max(np.abs(target.voltage)))
     for k, level in enumerate(known):
         other = (*known[:k], level + _LEVEL * largest, *known[k + 1 :])
-        rows.append(change_by_levels(motion, other) / _LEVEL)
+        start = replace(target.begins, levels=other)
+        before = path_to(target.voltage[target.origin : target.origin + 2], start, target.dt)
+        drive = np.concatenate([before, target.drive[target.origin :]])
+        rows.append((motion.driven(drive) - motion.response) / _LEVEL)
     return rows
 
 

@@ -18,7 +18,6 @@ from piezo_hysteresis.identification.free_run import samples_late, shifted
 from piezo_hysteresis.identification.initial_conditions.initial_state import (
     BestFit,
     InitialStateRun,
-    change_by_levels,
     level_rows,
     start_rows,
 )
@@ -35,8 +34,6 @@ _SMALL = 1e-6
 # Shares of a step of the states of a loop, tried until one reduces the error of the run: 0 moves
 # only states to which the response is linear.
 _PARTS = (1.0, 0.3, 0.0)
-#: Ratio of the squared error of a run to its linearised cost from which the latter misleads.
-MISLEADS = 1.5
 
 
 @dataclass(frozen=True)
@@ -58,8 +55,6 @@ class Nuisances:
         Estimated levels before the record, one Gauss-Newton step from those of the lead-in [V].
     explained : BestFit or None
         Least squares on the weighted rows.
-    given : ndarray, shape (m,), or None
-        Change of the displacement by the estimated levels where they have no rows [m].
     """
 
     rows: FloatArray
@@ -68,7 +63,6 @@ class Nuisances:
     pull: FloatArray = field(default_factory=lambda: np.empty(0))
     levels: tuple[float, ...] = ()
     explained: BestFit | None = None
-    given: FloatArray | None = None
 
 
 def nuisances_of(
@@ -95,8 +89,8 @@ def nuisances_of(
     late = samples_late(model, target.dt, sampling_offset)
     motion = InitialStateRun(model, packed, target)
 
-    def left(change: FloatArray | float = 0.0) -> FloatArray:
-        return target.measured - target.pick(shifted(motion.response + change, late))
+    def left() -> FloatArray:
+        return target.measured - target.pick(shifted(motion.response, late))
 
     error = left()
     if not np.all(np.isfinite(error)):
@@ -129,15 +123,13 @@ def _first_samples(target: Target, late: float) -> list[FloatArray]:
 def _settled(
     nuisances: Nuisances,
     most: Sequence[StateOffset],
-    left: Callable[..., FloatArray],
+    left: Callable[[], FloatArray],
     factors: FloatArray | None,
 ) -> Nuisances:
     """Iterate the initial states to their optimum by Gauss-Newton steps.
 
     A step counts by the error of the run that it leads to. Its linearisation is exact for a mode,
-    not for a loop. Levels before the record are not moved here, see `StartSearch`. Where no run
-    has about the error that their linearisation promises, they have no rows and the error of the
-    better run counts.
+    not for a loop. Levels before the record are not moved here, see `StartSearch`.
     """
     assert nuisances.motion is not None
     motion, weight = nuisances.motion, 1.0 if factors is None else factors
@@ -183,35 +175,12 @@ def _settled(
         shares[states:] = 0.0
         motion.go(_amounts(most, shares))
         error = left() * weight
-    settled = replace(nuisances, pull=shares, levels=known, explained=explained)
-    if not known or not np.all(np.isfinite(error)):
-        return settled
-    change = explained(error, shares)[states : states + len(known)]
-    largest = float(np.max(np.abs(motion.target.voltage)))
-    levels = tuple(a + largest * float(b) for a, b in zip(known, change, strict=True))
-    settled = replace(settled, levels=levels)
-    most = MISLEADS * _square(settled, error, weight)
-    held = replace(  # without rows for the levels
-        settled, rows=nuisances.rows[moves], prior=prior[moves], pull=shares[moves],
-        explained=BestFit(rows[moves], prior[moves]),
-    )  # fmt: skip
-    if _square(held, error, weight) <= most:
-        return settled
-    # a memory bounds its response to a level, its derivative does not
-    change = left() - left(change_by_levels(motion, levels))
-    alone, moved = (_square(held, error - each * weight, weight) for each in (0.0, change))
-    if moved <= most:
-        return settled
-    return replace(held, given=change) if moved < alone else held
-
-
-def _square(nuisances: Nuisances, error: FloatArray, weight: FloatArray | float) -> float:
-    """Return the weighted squared error that the nuisances leave, infinite if not finite [m^2]."""
-    assert nuisances.explained is not None
-    if not np.all(np.isfinite(error)):
-        return float('inf')
-    left = error - (nuisances.explained(error, nuisances.pull) @ nuisances.rows) * weight
-    return inner(left, left)
+    levels: tuple[float, ...] = ()
+    if known and np.all(np.isfinite(error)):
+        largest = float(np.max(np.abs(motion.target.voltage)))
+        more = explained(error, shares)[states : states + len(known)]
+        levels = tuple(a + largest * float(b) for a, b in zip(known, more, strict=True))
+    return replace(nuisances, pull=shares, levels=levels or known, explained=explained)
 
 
 def _amounts(most: Sequence[StateOffset], shares: FloatArray) -> tuple[StateOffset, ...]:

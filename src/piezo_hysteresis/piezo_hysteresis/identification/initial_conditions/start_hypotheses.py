@@ -19,7 +19,6 @@ from piezo_hysteresis.identification.initial_conditions.initial_state import (
     InitialStateRun,
     start_rows,
 )
-from piezo_hysteresis.identification.initial_conditions.nuisances import MISLEADS
 from piezo_hysteresis.identification.initial_conditions.record_start import (
     SETTLED,
     STEP,
@@ -68,6 +67,8 @@ _WORTH_A_TRY = 100.0
 # number of Gauss-Newton steps afterwards.
 _STEPS = (0.12, 0.06, 0.03, 0.015)
 _TURNS = 3
+# Ratio of the squared error of a run to its linearised cost from which runs are compared.
+_MISLEADS = 1.5
 # Largest number of steps of the levels of the selected start, and their tolerance as a share of
 # the largest voltage.
 _SETTLING_TURNS = 10
@@ -296,7 +297,7 @@ class StartSearch:
             return target
         found = self._predicted(target)
         least = square_of(found.valid_error)
-        if least <= MISLEADS * square_of(found.residual):
+        if least <= _MISLEADS * square_of(found.residual):
             return target
         search = StartSearch(
             self._model, self._values, self._late, list(self._records.values()), self._wanted,
