@@ -11,20 +11,14 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
 from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.models.modelfile import MODAL_SCHEMA
 from piezo_hysteresis.models.plain import mapping, number, read_yaml, refuse_unknown, write_yaml
 
-SCHEMA = 'piezo_hysteresis/modes/1'
 _PARTS = {
     'schema', 'inputs', 'outputs', 'interval_s', 'full_level_V', 'delay_s', 'level_power',
     'modes', 'voltage', 'elongation', 'displacement', 'found',
 }  # fmt: skip
 _TWO_PI = 2.0 * np.pi
-
-
-def is_modal(path: str | Path) -> bool:
-    """Return whether a file is that of a modal model."""
-    found = read_yaml(path)
-    return isinstance(found, dict) and found.get('schema') == SCHEMA
 
 
 def save(model: ModalModel, path: str | Path) -> None:
@@ -42,7 +36,7 @@ def content_of(model: ModalModel, found: Mapping[str, Any] | None = None) -> dic
     """Return a model as plain types; `found` states how it was found."""
     layout, parameters = model.layout, model.parameters
     return {
-        'schema': SCHEMA,
+        'schema': MODAL_SCHEMA,
         'inputs': layout.inputs,
         'outputs': layout.outputs,
         'interval_s': model.dt,
@@ -92,7 +86,7 @@ def load(path: str | Path) -> ModalModel:
         If the file is not that of a modal model, or a part of it is missing or not a number.
     """
     content = mapping(read_yaml(path), f'the model file {path}')
-    if content.get('schema') != SCHEMA:
+    if content.get('schema') != MODAL_SCHEMA:
         raise ModelError(
             f'{path} is no model of several axes (schema {content.get("schema")!r}); identify one '
             'with `identify DATA --model modes`'

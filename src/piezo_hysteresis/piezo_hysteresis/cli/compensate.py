@@ -13,9 +13,7 @@ import math
 import time
 from pathlib import Path
 
-from piezo_hysteresis.axes.modal_file import is_modal
 from piezo_hysteresis.cli import compensate_links as links
-from piezo_hysteresis.cli.compensate_axes import compensate_several
 from piezo_hysteresis.cli.shared_options import add_out, add_statements, statements_of
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.operating_limits import rate_of
@@ -24,7 +22,7 @@ from piezo_hysteresis.drivers import open_controller
 from piezo_hysteresis.drivers.addresses import FORMS, TAKE_OVER
 from piezo_hysteresis.drivers.tracking import Learning, LearntRun
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.models.modelfile import ModelFile, is_modal
 from piezo_hysteresis.reporting.folder import check_folder
 from piezo_hysteresis.waveforms import Sine
 
@@ -102,6 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
     started = time.perf_counter()
     _require_used(arguments, several=False)
     if is_modal(arguments.model):
+        from piezo_hysteresis.cli.compensate_axes import compensate_several
+
         _require_used(arguments, several=True)
         return compensate_several(arguments)
     arguments.reference = _only(arguments.reference)

@@ -41,11 +41,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate every record and write the errors."""
-    from piezo_hysteresis.axes.modal_file import is_modal
     from piezo_hysteresis.discovery import limits_of
     from piezo_hysteresis.identification.method_settings import warmed
     from piezo_hysteresis.identification.validate import validate
     from piezo_hysteresis.models import ModelFile
+    from piezo_hysteresis.models.modelfile import is_modal
     from piezo_hysteresis.records.load import loaded
     from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.folder import check_folder

@@ -95,7 +95,7 @@ def require_consistent(records: Sequence[Record]) -> None:
 
 
 def _require_motion(records: Sequence[Record]) -> None:
-    kind = _kind(records[0])
+    kind = records[0].info.input_name
     driven = [r for r in records if float(np.ptp(r.voltage)) > 0]
     if not driven:
         raise IdentificationError(
@@ -113,10 +113,6 @@ def _require_motion(records: Sequence[Record]) -> None:
                 f'record {record.name}: the {kind} is constant but the displacement moves by '
                 f'{1e6 * moved:.3g} µm; check that the {kind} was recorded, or leave it out'
             )
-
-
-def _kind(record: Record) -> str:
-    return 'force' if record.info.input_unit == 'N' else 'voltage'
 
 
 def require_usable(records: Sequence[Record]) -> list[str]:
@@ -156,7 +152,7 @@ def _uncertain(sentence: str) -> list[tuple[bool, str]]:
 
 def _judge(record: Record) -> list[tuple[bool, str]]:
     u, y = record.voltage, measured_without_outliers(record)
-    kind = _kind(record)
+    kind = record.info.input_name
     if len(record) < 20:
         return _fatal(f'only {len(record)} samples; record more of the excitation')
     if float(np.ptp(u)) == 0.0:

@@ -314,8 +314,10 @@ def _hum(
 def _without_jumps(u: FloatArray, reach: float) -> FloatArray:
     """Return a signal without its single large changes."""
     change = np.diff(u)
-    usual = _FAR * median_filter(np.abs(change), 2 * _NEAR + 1)
-    jumps = np.abs(change) > np.maximum(usual, _LARGE * reach)
+    jumps = np.abs(change) > _LARGE * reach
+    if not np.any(jumps):
+        return u
+    jumps &= np.abs(change) > _FAR * median_filter(np.abs(change), 2 * _NEAR + 1)
     return np.asarray(u - np.concatenate([[0.0], np.cumsum(np.where(jumps, change, 0.0))]))
 
 

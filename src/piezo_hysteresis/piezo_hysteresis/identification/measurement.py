@@ -129,7 +129,7 @@ def _without_hum(
         if not least / _SIZE < abs(line) < _SIZE * most:
             continue
         record = replace(record, voltage=u - np.real(line * wave))
-        kind, unit = ('force', 'N') if record.info.input_unit == 'N' else ('voltage', 'V')
+        kind, unit = record.info.input_name, record.info.input_unit
         remarks.append(
             f'record {record.name}: a line of {abs(line):.2g} {unit} at {frequency:.4g} Hz in the '
             f'{kind}, as in the other records, is hum and is removed'
@@ -195,8 +195,7 @@ def _input(record: Record) -> list[str]:
     error = _error_of(record)
     if error is None:
         return []
-    force = record.info.input_unit == 'N'
-    kind, unit = ('force', 'N') if force else ('voltage', 'V')
+    kind, unit = record.info.input_name, record.info.input_unit
     reach = float(np.ptp(error.voltage))
     sentence = f'the {kind} was measured, not commanded: its error is {error.words(unit)}; '
     if not reach > 0.0:
@@ -232,7 +231,7 @@ def _steps(record: Record) -> list[str]:
         for each in steps[:3]
     )
     more = '' if len(steps) <= 3 else f' and {len(steps) - 3} more'
-    kind = 'force' if record.info.input_unit == 'N' else 'voltage'
+    kind = record.info.input_name
     sentence = (
         f'the reading jumps by {where}{more} and stays, but the {kind} does not jump: the counter '
         'of the sensor slipped or was set to zero; `import --without-steps` writes the record '

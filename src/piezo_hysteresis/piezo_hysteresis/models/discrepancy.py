@@ -18,7 +18,14 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.plain import mapping, number, refuse_unknown
-from piezo_hysteresis.models.repeated_records import anew, are_alike, kinds_of, same_form, together
+from piezo_hysteresis.models.repeated_records import (
+    anew,
+    are_alike,
+    kinds_of,
+    root_mean_square,
+    same_form,
+    together,
+)
 from piezo_hysteresis.models.repeating import Repeating, of_orders, repeating
 from piezo_hysteresis.models.trace import Trace
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
@@ -236,17 +243,17 @@ class Discrepancy:
     @property
     def rms(self) -> float:
         """Rms over all conditions with equal weight [m], noise included."""
-        return _rms(c.rms for c in self.conditions)
+        return root_mean_square(c.rms for c in self.conditions)
 
     @property
     def missed(self) -> float:
         """Rms over all conditions in excess of the noise [m]."""
-        return _rms(c.missed for c in self.conditions)
+        return root_mean_square(c.missed for c in self.conditions)
 
     @property
     def share(self) -> float:
         """Discrepancy relative to the stroke of each condition."""
-        return _rms(c.share for c in self.conditions)
+        return root_mean_square(c.share for c in self.conditions)
 
     def by_frequency(self) -> dict[float, float]:
         """Return the rms [m] at each frequency of the drive [Hz], over all amplitudes."""
@@ -260,11 +267,11 @@ class Discrepancy:
         """Return the rms [m] at each harmonic, over all conditions with a periodic drive."""
         periodic = [c for c in self.conditions if c.frequency > 0.0]
         orders = sorted({order for c in periodic for order in c.harmonics})
-        return {n: _rms(c.harmonics.get(n, 0.0) for c in periodic) for n in orders}
+        return {n: root_mean_square(c.harmonics.get(n, 0.0) for c in periodic) for n in orders}
 
     def _by(self, key: Callable[[Condition], float]) -> dict[float, float]:
         keys = sorted({key(c) for c in self.conditions})
-        return {k: _rms(c.rms for c in self.conditions if key(c) == k) for k in keys}
+        return {k: root_mean_square(c.rms for c in self.conditions if key(c) == k) for k in keys}
 
     def expected(
         self, frequency: float, amplitude: float, stroke: float, noise: float | None = None
@@ -292,7 +299,7 @@ class Discrepancy:
     @property
     def noise(self) -> float:
         """Rms of the noise over all conditions [m]; 0 if unknown."""
-        return _rms(c.noise or 0.0 for c in self.conditions)
+        return root_mean_square(c.noise or 0.0 for c in self.conditions)
 
     def has_form(self, drive: Mapping[int, float]) -> bool:
         """Return whether a periodic waveform is among the known ones, or none of them is known."""
@@ -408,11 +415,6 @@ class Discrepancy:
 
 def _short(value: float) -> float:
     return float(f'{value:.{_DIGITS}g}')
-
-
-def _rms(values: Any) -> float:
-    squares = [float(value) ** 2 for value in values]
-    return sqrt(sum(squares) / len(squares)) if squares else 0.0
 
 
 def _apart(one: float, other: float) -> float:

@@ -35,6 +35,9 @@ from piezo_hysteresis.models.schedule import BY_FREQUENCY, Schedule
 from piezo_hysteresis.records.fingerprint import Fingerprint
 
 SCHEMA = 'piezo_hysteresis/model/2'
+_OF_SEVERAL = 'piezo_hysteresis/modes/'
+#: Schema of the models of several axes, see `axes.modal_file`.
+MODAL_SCHEMA = f'{_OF_SEVERAL}1'
 #: Earlier schemas, without correlation and discrepancy. Note on the delay of the displacement
 #: samples of the fitted data [s].
 OFFSET_NOTE = 'sampling_offset_s'
@@ -434,9 +437,21 @@ _KEYS = {
 }  # fmt: skip
 
 
+def is_modal(path: str | Path) -> bool:
+    """Return whether a file is that of a model of several axes.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read.
+    """
+    found = read_yaml(path)
+    return isinstance(found, dict) and found.get('schema') == MODAL_SCHEMA
+
+
 def _from_dict(content: object) -> ModelFile:
     whole = mapping(content, 'a model file')
-    if str(whole.get('schema')).startswith('piezo_hysteresis/modes/'):
+    if str(whole.get('schema')).startswith(_OF_SEVERAL):
         raise ModelError(
             'it is a model of several axes, which `validate`, `compensate` and Python take, but '
             'nothing that needs a model of one axis'

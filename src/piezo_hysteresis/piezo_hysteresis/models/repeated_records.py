@@ -169,9 +169,9 @@ def together(rows: Sequence[Condition]) -> Condition:
         rows[0],
         frequency=frequency,
         amplitude=_geometric(c.amplitude for c in rows),
-        stroke=_rms(c.stroke for c in rows),
-        rms=_rms(c.rms for c in rows),
-        noise=_rms(noises) if noises else None,
+        stroke=root_mean_square(c.stroke for c in rows),
+        rms=root_mean_square(c.rms for c in rows),
+        noise=root_mean_square(noises) if noises else None,
         harmonics=harmonics,
         bands=_octaves(rows, frequency),
         phases=phases,
@@ -270,11 +270,13 @@ def _by_octave(row: Condition, frequency: float) -> dict[float, float]:
 
 def _joined(tables: Sequence[Mapping[int, float]]) -> dict[int, float]:
     keys = sorted({key for table in tables for key in table})
-    return {key: _rms(table.get(key, 0.0) for table in tables) for key in keys}
+    return {key: root_mean_square(table.get(key, 0.0) for table in tables) for key in keys}
 
 
-def _rms(sizes: Iterable[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(list(sizes)))))
+def root_mean_square(sizes: Iterable[float]) -> float:
+    """Return the root of the mean square, 0 of nothing."""
+    squares = [float(size) ** 2 for size in sizes]
+    return sqrt(sum(squares) / len(squares)) if squares else 0.0
 
 
 def _geometric(sizes: Iterable[float]) -> float:

@@ -45,6 +45,11 @@ class RecordInfo:
     input_unit: str = 'V'
     start: str = 'auto'
 
+    @property
+    def input_name(self) -> str:
+        """What the input is: voltage or force."""
+        return 'force' if self.input_unit == 'N' else 'voltage'
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(Plottable):
