@@ -27,6 +27,7 @@ class World:
         self.sweep = Sweep([10.0, 20.0], [1.0], TICKS / RATE, RATE)
         self.said: list[tuple[str, str, int]] = []
         self.tick = 0
+        self.moves = True
         self.voltages: list[float] = []
         self.run = SweepRun(self.sweep, self, recorded=recorded)
         self.sweep.start(0)
@@ -44,7 +45,7 @@ class World:
         if voltage is not None:
             self.voltages.append(voltage)
             if heard:
-                self.run.add_state(self.tick, kept=kept)
+                self.run.add_state(self.tick, voltage if self.moves else 0.0, kept=kept)
             self.tick += 1
         return voltage
 
@@ -59,7 +60,7 @@ class World:
         raise AssertionError('it does not end')
 
     def message(self, bag: str = '') -> str:
-        return kept_message(self.run.kept, self.sweep, bag)
+        return kept_message(self.run, bag)
 
 
 @pytest.mark.parametrize('recorded', [False, True])
@@ -75,6 +76,22 @@ def test_a_sweep_is_as_planned_and_its_markers_are_at_its_ticks(recorded: bool) 
     ]  # fmt: skip
     assert world.message() == '2 records'
     assert world.message('/bags/a') == '2 records in /bags/a'
+
+
+@pytest.mark.parametrize('recorded', [False, True])
+def test_a_record_that_moved_nothing_is_run_again_and_does_not_count(recorded: bool) -> None:
+    world = World(recorded=recorded)
+    world.moves = False
+    assert world.finish() == []
+    assert world.message() == (
+        '0 records; in sine_10Hz_1V, sine_20Hz_1V the actuator did not change its voltage: check '
+        'that it takes voltage/command'
+    )
+    late = World(recorded=recorded)
+    late.moves = False
+    late.to(TICKS + 1)
+    late.moves = True
+    assert sorted(late.finish()) == NAMES
 
 
 @pytest.mark.parametrize('lost', [{'heard': False}, {'kept': False}])

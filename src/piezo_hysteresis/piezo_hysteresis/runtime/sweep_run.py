@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+import numpy as np
+
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REPEATED
 from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord
 
@@ -61,6 +64,8 @@ class SweepRun:
     ----------
     kept : list of Running
         Records that count so far.
+    unmoved : list of str
+        Records during which the actuator did not change its voltage: no command reached it.
     """
 
     def __init__(self, sweep: Sweep, markers: Markers, *, recorded: bool = False) -> None:
@@ -74,9 +79,14 @@ class SweepRun:
         self._stepped: int | None = None
         # the newest complete run of states: `_since` to `_newest`
         self._since, self._newest = 0, -1
+        # the voltage of the newest state, and the tick at which it changed last
+        self._voltage, self._moved = math.nan, -1
+        self.unmoved: list[str] = []
 
-    def add_state(self, sample: int, *, kept: bool = True) -> None:
+    def add_state(self, sample: int, voltage: float, *, kept: bool = True) -> None:
         """Add the state of tick `sample`; it is in the bag unless it was dropped."""
+        if voltage != self._voltage:
+            self._voltage, self._moved = voltage, sample
         if not kept:
             self._since = sample + 1
         elif sample != self._newest + 1:
@@ -158,17 +168,29 @@ class SweepRun:
             return True
         else:
             self._markers.end(closed.record.name, FAILED, sample)
+            if not self._has_moved(closed):
+                self.unmoved.append(closed.record.name)
         return False
 
     def _is_whole(self, record: Running) -> bool:
         held = self._since <= record.first and self._newest >= record.last - 1
-        return held or not self._recorded
+        return (held or not self._recorded) and self._has_moved(record)
+
+    def _has_moved(self, record: Running) -> bool:
+        """Return whether the actuator changed its voltage in a record that asks for it."""
+        return self._moved > record.first or not np.ptp(record.record.voltages)
 
 
-def kept_message(kept: Iterable[Running], sweep: Sweep, bag: str = '') -> str:
-    """Return how many records there are, where, and which of a sweep were lost."""
-    names = [each.record.name for each in kept]
-    lost = [each.name for each in sweep.records if each.name not in names]
-    message = f'{len(names)} record{"" if len(names) == 1 else "s"}'
+def kept_message(run: SweepRun, bag: str = '') -> str:
+    """Return how many records of a sweep there are, where, and which were lost and why."""
+    names = [each.record.name for each in run.kept]
+    lost = [each.name for each in run.sweep.records if each.name not in (*names, *run.unmoved)]
+    message = counted(len(names), 'record')
     message += f' in {bag}' if bag else ''
-    return f'{message}; states of {", ".join(lost)} were lost' if lost else message
+    message += f'; states of {", ".join(lost)} were lost' if lost else ''
+    if run.unmoved:
+        message += (
+            f'; in {", ".join(run.unmoved)} the actuator did not change its voltage: check that '
+            'it takes voltage/command'
+        )
+    return message

@@ -108,7 +108,12 @@ class Excitation(GuardedNode):
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._neighbours = Neighbours(self)
         self._sweeps = SweepServer(
-            self, self._params, self._begin, self._answer, self._times.edge_at
+            self,
+            self._params,
+            self._voltage_publisher,
+            self._begin,
+            self._answer,
+            self._times.edge_at,
         )
         self._params.serve(self._apply, self._refuse)
         self._health = ExcitationHealth()

@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.action import GoalResponse
+from rclpy.publisher import Publisher
 from rclpy.task import Future
 
+from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.excitation.sweep_markers import SweepMarkers
+from piezo_hysteresis.nodes.excitation.sweep_markers import SweepMarkers, missing_subscribers
 from piezo_hysteresis.nodes.paths import new_inside
+from piezo_hysteresis.nodes.recording.listeners import subscribers
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
 from piezo_hysteresis.records.recorder import RecorderStatus
 from piezo_hysteresis.ros.guarded import Guarded, serve_action
@@ -42,6 +45,8 @@ class SweepServer:
         Node that offers the action.
     parameters : NodeParameters
         Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``, ``folder``.
+    commands : Publisher
+        Of the voltage: a sweep waits until whoever takes commands is connected.
     begin : callable
         Called when a sweep is accepted, so that the node starts to publish.
     resume : callable
@@ -59,6 +64,7 @@ class SweepServer:
         self,
         node: Guarded,
         parameters: NodeParameters,
+        commands: Publisher,
         begin: Callable[[], None],
         resume: Callable[[], None],
         edge_at: Callable[[int], int],
@@ -67,6 +73,7 @@ class SweepServer:
         self.last = ''
         self._counts = dict.fromkeys(('sweeps', 'sweeps_refused', 'sweeps_failed'), 0)
         self._parameters = parameters
+        self._commands, self._topic = commands, commands.topic_name
         self._rate = parameters.number('rate')
         self._ticks_to_report = max(1, round(FEEDBACK_EVERY * self._rate))
         self._begin, self._resume = begin, resume
@@ -114,7 +121,9 @@ class SweepServer:
             return 'loop/status: what was refused of the sweep before is not known yet'
         if not self._bag and time.monotonic() - self._accepted < DISCOVERY:
             return 'recorders that have just started'
-        return self._markers.missing()
+        return self._markers.missing() or missing_subscribers(
+            self._commands, topics.VOLTAGE_COMMAND, max(1, subscribers(self._node, self._topic))
+        )
 
     @property
     def doing(self) -> str:
@@ -188,7 +197,7 @@ class SweepServer:
         """Process and record a received state."""
         self._voltage = voltage
         if self._run is not None and self._first >= 0:
-            self._run.add_state(sample, kept=self._markers.state(payload))
+            self._run.add_state(sample, voltage, kept=self._markers.state(payload))
 
     def give_up(self, reason: str) -> None:
         """End the sweep because the actuator does not respond."""
@@ -307,7 +316,7 @@ class SweepServer:
         else:
             goal.succeed()
             result.success = bool(kept)
-            result.message = kept_message(kept, self._ended.sweep, self._bag)
+            result.message = kept_message(self._ended, self._bag)
         self._counts['sweeps_failed'] += bool(self._reason) and not self._refuses
         self.last = result.message
         return result
