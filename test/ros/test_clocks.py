@@ -61,7 +61,10 @@ def test_the_loop_runs_by_its_own_time(
     assert finished.result().result.success
     served(lambda: states and 'simulator' in health and 'recorder' in health)
     for node in ('simulator', *nodes):
-        assert health[node].level < DiagnosticStatus.ERROR, health[node].message
+        status = health[node]
+        # after the sweep nobody commands, which the simulator reports on a slow machine
+        at_rest = node == 'simulator' and status.message.startswith('no commands')
+        assert at_rest or status.level < DiagnosticStatus.ERROR, status.message
     assert loop.stop(60.0) == 0
 
     (swept,) = read_bag(tmp_path / 'swept')
