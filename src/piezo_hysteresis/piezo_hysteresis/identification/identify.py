@@ -28,6 +28,7 @@ from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
 from piezo_hysteresis.identification.options import require_options
+from piezo_hysteresis.identification.output_error import with_held_levels
 from piezo_hysteresis.identification.prediction import with_mean_zero
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.simulate import FreeRuns, free_runs
@@ -279,6 +280,10 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+# Options of `output_error` that a further fit of its result takes.
+_OF_FIT = 'priors', 'weights', 'max_evaluations', 'stopped'
+
+
 def identify(
     records: Record | Sequence[Record],
     model: ModelLike,
@@ -357,6 +362,9 @@ def identify(
         )
         left_out = ()
     choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
+    if base == 'output_error':
+        more = {name: options[name] for name in _OF_FIT if name in options}
+        fit = with_held_levels(fit, records, choices, workers=workers, progress=progress, **more)
     remarks = [*remarks, *left_out]
     found = from_fit(fit, method, records, remarks, started, choices, workers)
     return replace(found, left_out=left_out)

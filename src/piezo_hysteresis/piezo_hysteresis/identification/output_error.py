@@ -47,6 +47,8 @@ _SAME = 1.01
 _ENOUGH = 4
 #: Ratio of the mean square of the residual to that of the noise up to which only noise remains.
 _NOISE = 1.1
+#: Largest number of fits with held levels, and the relative gain that makes another one useful.
+_HELD_TURNS, _BETTER = 4, 0.02
 
 
 def suited(model: Model, records: Sequence[Record]) -> Model:
@@ -334,6 +336,49 @@ def refined(
         if trusted.cost <= enough:
             return trusted
     return result
+
+
+def with_held_levels(
+    found: FitResult, records: Sequence[Record], choices: Choices, **options: Any
+) -> FitResult:
+    """Return a fit that gains nothing from levels before a record that no run reaches.
+
+    A fit removes the linearised response to these levels. A play bounds that response, its
+    derivative does not. Where the run from the best levels leaves much more than that promises,
+    they are held in a further fit, which counts if its runs have the smaller error.
+
+    Parameters
+    ----------
+    found : FitResult
+        Fit with estimated levels.
+    records : sequence of Record
+        The fitted records.
+    choices : Choices
+        Initial condition and zero stated by the user.
+    **options
+        Of `fit`: how `found` was fitted.
+    """
+    clock = True if SAMPLING_OFFSET in found.std else found.sampling_offset
+    for _ in range(_HELD_TURNS):
+        held = _search(found, records, choices).held(found.targets, choices.zero)
+        if not any(each.begins.held for each in held):
+            break
+        other = fit(
+            found.model, (), _with_offset(found), targets=held, sampling_offset=clock, **options
+        )
+        before, after = (
+            _search(each, records, choices).square_of_runs(held) for each in (found, other)
+        )
+        if not after < before:
+            break
+        found = other
+        if after > (1.0 - _BETTER) * before:
+            break
+    return found
+
+
+def _search(found: FitResult, records: Sequence[Record], choices: Choices) -> StartSearch:
+    return StartSearch(found.model, found.values, found.sampling_offset, records, choices.start)
 
 
 def _alike(one: Target, other: Target, error: FloatArray) -> bool:

@@ -215,8 +215,9 @@ def start_rows(motion: InitialStateRun) -> tuple[list[FloatArray], list[StateOff
 
 def level_rows(motion: InitialStateRun) -> list[FloatArray]:
     """Return the derivatives by levels before a record, per largest voltage, each shape (n,)."""
-    target, rows = motion.target, []
-    known, largest = target.begins.levels, float(np.max(np.abs(target.voltage)))
+    target, rows = motion.target, list[FloatArray]()
+    known = () if target.begins.held else target.begins.levels
+    largest = float(np.max(np.abs(target.voltage)))
     for k, level in enumerate(known):
         other = (*known[:k], level + _LEVEL * largest, *known[k + 1 :])
         start = replace(target.begins, levels=other)

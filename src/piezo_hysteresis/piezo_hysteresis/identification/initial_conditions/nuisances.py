@@ -134,7 +134,8 @@ def _settled(
     assert nuisances.motion is not None
     motion, weight = nuisances.motion, 1.0 if factors is None else factors
     rows = nuisances.rows if factors is None else nuisances.rows * factors
-    prior, known, states = nuisances.prior, motion.target.begins.levels, len(most)
+    begins, prior, states = motion.target.begins, nuisances.prior, len(most)
+    known = () if begins.held else begins.levels
     straight = np.array([motion.in_proportion(each) for each in most], bool)
     moves = np.ones(len(rows), bool)
     moves[states : states + len(known)] = False
@@ -180,7 +181,7 @@ def _settled(
         largest = float(np.max(np.abs(motion.target.voltage)))
         more = explained(error, shares)[states : states + len(known)]
         levels = tuple(a + largest * float(b) for a, b in zip(known, more, strict=True))
-    return replace(nuisances, pull=shares, levels=levels or known, explained=explained)
+    return replace(nuisances, pull=shares, levels=levels or begins.levels, explained=explained)
 
 
 def _amounts(most: Sequence[StateOffset], shares: FloatArray) -> tuple[StateOffset, ...]:

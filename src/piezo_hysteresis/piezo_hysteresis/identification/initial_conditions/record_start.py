@@ -56,10 +56,14 @@ class RecordStart:
         ``estimate``: in motion after the `levels`, with unknown dynamic states.
     levels : tuple of float
         Extremes of the voltage before the record, in order [V].
+    held : bool
+        Whether a fit takes the levels as they are, because a run from others is not linear in
+        them.
     """
 
     kind: str
     levels: tuple[float, ...] = ()
+    held: bool = False
 
     def __str__(self) -> str:
         if not self.levels:

@@ -299,13 +299,38 @@ class StartSearch:
         least = square_of(found.valid_error)
         if least <= _MISLEADS * square_of(found.residual):
             return target
-        search = StartSearch(
-            self._model, self._values, self._late, list(self._records.values()), self._wanted,
-            lasting=self._lasting, by_run=True,
-        )  # fmt: skip
+        search = self._as_runs()
         other = search.best_start(given, zero)
         other = search.settled(replace(other, own_zero=target.own_zero))
         return other if search.square(other) < least else target
+
+    def held(self, targets: Sequence[Target], zero: str) -> list[Target]:
+        """Return the targets with levels held where their linearised cost misleads.
+
+        The parameters see the run from levels that are held, so that they fit nothing that no
+        level reaches.
+        """
+        changed = []
+        for target in targets:
+            other = self.as_run(target, target, zero)
+            if target.begins.held:
+                free = replace(target, begins=replace(target.begins, held=False))
+                other = self._as_runs().settled(free)
+            if (other is not target or target.begins.held) and other.begins.levels:
+                other = replace(other, begins=replace(other.begins, held=True))
+            changed.append(other)
+        return changed
+
+    def square_of_runs(self, targets: Sequence[Target]) -> float:
+        """Return the sum of squares of the errors of runs, weighted as in a fit [m^2]."""
+        search = self._as_runs()
+        return sum(target.precision**2 * search.square(target) for target in targets)
+
+    def _as_runs(self) -> StartSearch:
+        return StartSearch(
+            self._model, self._values, self._late, list(self._records.values()), self._wanted,
+            lasting=self._lasting, by_run=True,
+        )  # fmt: skip
 
     def _stepped(self, found: Prediction, record: Record) -> Prediction | None:
         """Return the prediction after a Gauss-Newton step of the levels, None out of reach."""
