@@ -134,6 +134,8 @@ def _print_result(verdict: Any, out: str) -> None:
             print(f'    or {other.name} (probability {other.probability:.3g})')
         for near in effect.look_alikes:
             print(f'    or {near.name} (within {near.distance:.2g} standard deviations)')
+    for lag in verdict.two_way:
+        print(f'  up and down differ in {lag}')
     if verdict.unexplained.significant:
         print(f'  remaining residual: {verdict.unexplained.description}')
     if verdict.detection_limits:

@@ -31,6 +31,11 @@ class Recipe:
 _SYMMETRIC = {'A0': 0.0}
 
 RECIPES: dict[str, Recipe] = {
+    'gain': Recipe(
+        ('gain', 'offset'),
+        'A gain and an offset: what a lag or a loop of a scan is measured against.',
+        'Fujii 2018 (2) without h',
+    ),
     'linear_mode': Recipe(
         ('gain', 'mode', 'offset'),
         'No hysteresis: a gain, one mode and an offset.',

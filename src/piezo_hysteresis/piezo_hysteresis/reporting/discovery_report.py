@@ -41,6 +41,7 @@ def discovery_page(found: Discovery) -> str:
     sections = [
         _gaps(found),
         _effects(verdict),
+        _two_way(verdict),
         _plots(found),
         _next(verdict, found.check),
         _records(found),
@@ -53,6 +54,7 @@ def discovery_page(found: Discovery) -> str:
     shown = (
         'Gap between model and measurement',
         'Effects',
+        'Up and down',
         'Residual',
         'Held-out data',
         'Next experiment',
@@ -269,6 +271,29 @@ def _effects(verdict: Verdict) -> PageSection | None:
     )
     header = ('effect', 'probability', 'p-value')
     return PageSection('Effects', '\n\n'.join(parts), (), (table(header, rows, caption),))
+
+
+def _two_way(verdict: Verdict) -> PageSection | None:
+    """Return by how much the way down lies above the way up in each record."""
+    if not verdict.two_way:
+        return None
+    rows = [
+        (
+            each.record,
+            MICRO * each.difference_m,
+            100.0 * each.share,
+            1e3 * each.delay_s,
+            None if each.first_cycle_m is None else MICRO * each.first_cycle_m,
+        )
+        for each in verdict.two_way
+    ]
+    header = ('record', 'difference [µm]', '[% of stroke]', 'as a delay [ms]', 'first cycle [µm]')
+    caption = (
+        'Way down above way up at equal voltage, over the middle half of the range. At all speeds '
+        'the same as a delay: delay or lag. The same in µm: hysteresis or play. Smaller at speed: '
+        'creep. In the first cycle only: the way from the initial state.'
+    )
+    return PageSection('Up and down', '', (), (table(header, rows, caption),))
 
 
 def _parameters(verdict: Verdict) -> PageSection | None:

@@ -27,7 +27,10 @@ from piezo_hysteresis.discovery.verdict.naming import (
 from piezo_hysteresis.discovery.verdict.prove import Proof, ProofRow, over_frequency
 from piezo_hysteresis.discovery.verdict.verdict import HeldOut, Unexplained, Verdict
 from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.two_way_lag import TwoWayLag, two_way_lag
+from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.repeated_records import Support
+from piezo_hysteresis.records import Record
 
 _MOST_PLACES = 20
 # What a file without repeats leaves open.
@@ -145,6 +148,7 @@ def build_verdict(
         held_baseline=isinstance(found.evaluator, HeldEvaluator),
         detection_limits=tuple(limits),
         repeats=None if support is None else support.to_dict(),
+        two_way=_two_way(base.joint.model, data.records),
     )
     nothing_else = {view.name for view in (*data.training, *data.held_out)} <= set(own)
     if nothing_else:
@@ -164,6 +168,13 @@ def _repeated(evaluator: HeldEvaluator, support: Support | None, *, named: bool)
         return support.sentence(named)
     others = any(each.records > 1 for each in evaluator.known.kinds)
     return OTHER_REPEATS if others else ONE_RECORD
+
+
+def _two_way(baseline: Model, records: Sequence[Record]) -> tuple[TwoWayLag, ...]:
+    """Return by how much the ways of each record differ, for a baseline without a memory."""
+    if any(block.has_memory for block in baseline.blocks):
+        return ()
+    return tuple(lag for lag in map(two_way_lag, records) if lag is not None)
 
 
 def _circumstances(view: Target) -> dict[str, Any]:

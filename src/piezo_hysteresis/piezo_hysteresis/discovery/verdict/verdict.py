@@ -10,6 +10,7 @@ from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
 from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
 from piezo_hysteresis.discovery.selection.policy import POLICY
+from piezo_hysteresis.identification.two_way_lag import TwoWayLag
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,7 @@ class Verdict(Guided):
     held_baseline: bool = False
     detection_limits: tuple[DetectionLimit, ...] = ()
     repeats: dict[str, float] | None = None
+    two_way: tuple[TwoWayLag, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain types for JSON; numbers that are not finite become None."""
