@@ -32,6 +32,7 @@ WORLDS = {
     'false_alarms': 'unchanged blocks of measured records',
     'repeats': 'the same experiment again, unchanged and with a hidden effect',
     'recorded_voltage': 'voltages that were measured and not commanded',
+    'scans': 'triangles at two speeds: why does a scan lag?',
     'mirror': 'a measured mirror of three piezos, its model found step by step',
     'story': 'the mode at 68 Hz that the models of Fujii 2018 lack',
 }

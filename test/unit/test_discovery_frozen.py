@@ -204,9 +204,14 @@ def test_a_finalist_that_explains_the_records_from_rest_begins_there(
     module = 'piezo_hysteresis.discovery.selection.free_evaluator'
     other = evaluator.data.with_each(lambda view: replace(view, begins=SETTLED))
     monkeypatch.setattr(f'{module}.with_renewed_starts', lambda *_: evaluator.data)
-    for found, factor, better in ((other, 0.5, True), (other, 2.0, False), (None, 0.5, False)):
+    for found, factor, better in (
+        ([(other, 1.0)], 0.5, True),
+        ([(other, 1.0)], 2.0, False),
+        ([(other, 0.2)], 0.5, False),  # worth less than a state of its own costs
+        ([], 0.5, False),
+    ):
         again = replace(fit, errors=tuple(factor * each for each in fit.errors))
-        monkeypatch.setattr(f'{module}.with_step_starts', lambda *_, found=found: found)
+        monkeypatch.setattr(f'{module}.with_other_starts', lambda *_, found=found: found)
         monkeypatch.setattr(FreeEvaluator, 'fit', lambda self, spec, again=again: again)
         chosen, kept = evaluator.with_own_starts(fit)
         assert (kept is again) == better

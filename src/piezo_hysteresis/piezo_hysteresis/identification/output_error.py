@@ -329,6 +329,10 @@ def refined(
         plain = attempt(other[0], _with_offset(result), sampling_offset, enough)
         if plain.cost <= enough:
             targets, result = other[0], plain
+    elif (moving := search.in_motion(targets)) is not None:
+        found = attempt(moving[0], _with_offset(result), sampling_offset)
+        if found.cost < moving[1] * result.cost:
+            targets, result = moving[0], found
     if sampling_offset is True and result.sampling_offset != 0.0:
         samples = sum(left.size for left in result.residuals.values())
         enough = (1.0 + max(_NO_WORSE, _CHANCE / samples)) * result.cost

@@ -241,15 +241,21 @@ def with_renewed_starts(
     return _as_weighted(data, with_revised_starts(fit, data, choices, workers))
 
 
-def with_step_starts(fit: CandidateFit, data: Dataset, choices: Choices) -> Dataset | None:
-    """Return the data with starts from rest at 0 V where an estimated one could be such a start.
+def with_other_starts(
+    fit: CandidateFit, data: Dataset, choices: Choices
+) -> list[tuple[Dataset, float]]:
+    """Return the data with starts at rest at 0 V or in motion, where the others could be such.
 
     An initial condition estimated without an effect imitates it, and the effect is then fitted to
-    the remaining residual; from rest, the effect alone may explain the record.
+    the remaining residual; from rest, the effect alone may explain the record. Conversely an
+    effect fitted from rest adapts to that, although the record begins in motion. With each comes
+    the sum of squares below which it is preferred, relative to that of the given fit.
     """
     search = StartSearch(fit.model, fit.values, fit.sampling_offset, data.records, choices.start)
-    found = search.with_steps(data.training)
-    return None if found is None else _as_weighted(data, beginning_like(data, found[0]))
+    steps, motion = search.with_steps(data.training), search.in_motion(data.training)
+    found = [(steps[0], 1.0)] if steps else []
+    found += [motion] if motion else []
+    return [(_as_weighted(data, beginning_like(data, seen)), most) for seen, most in found]
 
 
 def _as_weighted(data: Dataset, renewed: Dataset) -> Dataset:

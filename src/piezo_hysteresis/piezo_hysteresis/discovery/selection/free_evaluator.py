@@ -15,8 +15,8 @@ from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import (
     first_values,
     same_initial_conditions,
+    with_other_starts,
     with_renewed_starts,
-    with_step_starts,
 )
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
@@ -82,18 +82,24 @@ class FreeEvaluator(Evaluator):
         """Return the parameter values of a baseline from the scan of starting values."""
         return first_values(before, self.data, self.policy.screening_samples)
 
+    def starts_may_differ(self, fit: CandidateFit) -> bool:
+        """Return whether a model may estimate other initial conditions of the records."""
+        return super().starts_may_differ(fit) or bool(
+            with_other_starts(fit, self.data, self.choices)
+        )
+
     def with_own_starts(self, fit: CandidateFit) -> tuple[FreeEvaluator, CandidateFit]:
         """Return the fit with initial conditions that the model estimates, if it is better."""
         renewed = with_renewed_starts(fit, self.data, self.choices, self.workers)
         best: tuple[FreeEvaluator, CandidateFit] = self, fit
         tried = [self.data]
-        for seen in (renewed, with_step_starts(fit, self.data, self.choices)):
-            if seen is None or any(same_initial_conditions(each, seen) for each in tried):
+        for seen, most in ((renewed, 1.0), *with_other_starts(fit, self.data, self.choices)):
+            if any(same_initial_conditions(each, seen) for each in tried):
                 continue
             tried.append(seen)
             other = self.with_data(seen)
             again = other.fit(fit)
-            if again is not None and again.square < best[1].square:
+            if again is not None and again.square < min(best[1].square, most * fit.square):
                 best = other, again
         return best
 

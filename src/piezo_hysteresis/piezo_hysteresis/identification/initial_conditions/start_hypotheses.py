@@ -42,6 +42,8 @@ Hypothesis = tuple[float, RecordStart]
 # noise: five standard deviations.
 _SHARE = 0.1
 _SHOWN = 0.3
+# Share from which a start is tried in a fit of its own.
+_HINTED = 0.05
 _SURE = 25.0
 # Part of a record, and share of the rms residual by which starts may still differ after it, where
 # the effect of the initial condition has decayed.
@@ -364,6 +366,33 @@ class StartSearch:
                 changed[-1] = step
                 worth += self._numbers(target.begins) * log(target.measured.size) / samples
         return (changed, worth) if worth > 0.0 else None
+
+    def in_motion(self, targets: Sequence[Target]) -> tuple[list[Target], float] | None:
+        """Return targets that may begin in motion although they begin with a step at 0 V.
+
+        Parameters fitted together with a wrong start adapt to it, so that another start promises
+        little before a fit with it.
+
+        Returns
+        -------
+        targets : list of Target
+            The targets, some with an estimated initial state.
+        enough : float
+            Relative cost of a fit up to which these targets are preferred, as in `best_start`.
+        """
+        changed, noise, before = list(targets), 0.0, 0.0
+        for k, target in enumerate(targets):
+            record, own = self._record_of(target), self.square(target)
+            floor = target.noise**2 * target.measured.size if isfinite(target.noise) else 0.0
+            noise, before = noise + min(floor, own), before + own
+            if record is None or target.begins != STEP or not self._is_free(record):
+                continue
+            other = led_in(target, record, RecordStart('estimate'))
+            if own - self.square(other) > _HINTED * max(own - floor, 0.0):
+                changed[k] = other
+        if all(map(Target.begins_like, changed, targets)):
+            return None
+        return changed, 1.0 - _SHOWN * (before - noise) / before
 
     @cached_property
     def _levels(self) -> bool:
