@@ -55,7 +55,7 @@ class Row:
 
     @property
     def right(self) -> bool:
-        """Whether the first name is the cause, and the first cycle is told apart."""
+        """Whether the first name is the cause, and the first cycle is distinguished."""
         named = self.names[:1] == (CAUSES[self.cause][0],)
         return named and (self.cause != 'first_cycle' or self.first_cycle)
 

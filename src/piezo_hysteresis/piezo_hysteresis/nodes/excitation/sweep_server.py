@@ -46,7 +46,7 @@ class SweepServer:
     parameters : NodeParameters
         Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``, ``folder``.
     commands : Publisher
-        Of the voltage: a sweep waits until whoever takes commands is connected.
+        Of the voltage: a sweep waits until the node that takes commands is connected.
     begin : callable
         Called when a sweep is accepted, so that the node starts to publish.
     resume : callable
