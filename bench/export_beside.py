@@ -20,9 +20,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.main import main as verb
 from piezo_hysteresis.compensation.controllers import Controllers
-from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
-    AttenuationSettings,
-)
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import AttenuationSettings
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.offline_loop import closed_loop
 from piezo_hysteresis.compensation.process_plant import ProcessPlant, simulated

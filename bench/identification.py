@@ -337,9 +337,7 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=100.0, help='of each of 50 records')
     parser.add_argument('--seeds', type=int, default=10, help='of each search')
     parser.add_argument(
-        '--measured',
-        type=Path,
-        default=Path('../shared/data/piezo_150v_1hz/piezo_150V_1Hz.csv'),
+        '--measured', type=Path, default=Path('../shared/data/piezo_150v_1hz/piezo_150V_1Hz.csv')
     )
     arguments = parsed(parser, samples=10_000, seconds=2.0, seeds=1)
     rls_speed(arguments.samples)

@@ -23,11 +23,7 @@ setup(
             [str(f) for f in sorted(Path('config/presets').glob('*.yaml'))],
         ),
     ],
-    install_requires=[
-        'numpy>=1.26,<3',
-        'piezo_hysteresis>=0.1,<1',
-        'PyYAML>=6,<7',
-    ],
+    install_requires=['numpy>=1.26,<3', 'piezo_hysteresis>=0.1,<1', 'PyYAML>=6,<7'],
     python_requires='>=3.11',
     zip_safe=True,
     maintainer='The piezo_hysteresis maintainers',

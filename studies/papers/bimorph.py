@@ -208,11 +208,7 @@ def tracked(frequency: float, kind: str, length: Length) -> LoopResult:
     """Return a run of Fujii 2018 (24), (25): a sine of the amplitude that 1 V gives."""
     wave = Sine(amplitude(frequency), frequency, length.track, ramp=1.0)
     return runs.run(
-        wave,
-        lambda: links(frequency, kind, length.identify),
-        runs.plant(NAME, 3),
-        LIMITS,
-        DT,
+        wave, lambda: links(frequency, kind, length.identify), runs.plant(NAME, 3), LIMITS, DT
     )
 
 

@@ -45,11 +45,7 @@ def plant(name: str, seed: int = 1, overrides: Mapping[str, float | bool] | None
 
 
 def run(
-    waveform: Waveform,
-    links: Links,
-    actuator: Plant,
-    limits: Limits,
-    dt: float,
+    waveform: Waveform, links: Links, actuator: Plant, limits: Limits, dt: float
 ) -> LoopResult:
     """Run a reference through fresh links on an actuator."""
     time = np.arange(round(waveform.duration / dt), dtype=np.float64) * dt

@@ -42,13 +42,7 @@ def tracked(kind: str, frequency: float) -> LoopResult:
     def links() -> list[Link]:
         return stack.chain(kind, selector)
 
-    return runs.run(
-        stack.reference(frequency),
-        links,
-        stack.plant(),
-        stack.LIMITS,
-        stack.DT,
-    )
+    return runs.run(stack.reference(frequency), links, stack.plant(), stack.LIMITS, stack.DT)
 
 
 def errors(kind: str, frequency: float) -> TrackingMetrics:

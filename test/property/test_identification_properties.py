@@ -64,10 +64,7 @@ def test_the_triangle_keeps_the_inner_products(rows: np.ndarray) -> None:
 
 
 @quick
-@given(
-    cubic=arrays(np.float64, 4, elements=st.floats(-2, 2)),
-    samples=st.floats(-1.0, 1.0),
-)
+@given(cubic=arrays(np.float64, 4, elements=st.floats(-2, 2)), samples=st.floats(-1.0, 1.0))
 def test_shifts_are_exact_for_cubics(cubic: np.ndarray, samples: float) -> None:
     k = np.arange(20.0)
     inner = slice(3, -3)

@@ -137,22 +137,12 @@ def test_exact_step_does_not_care_where_it_is_cut(
 
 
 @SETTINGS
-@given(
-    x=inputs(),
-    a=st.floats(-5e3, 3e3),
-    beta=st.floats(1e2, 1e5),
-    share=st.floats(-0.9, 1.0),
-)
+@given(x=inputs(), a=st.floats(-5e3, 3e3), beta=st.floats(1e2, 1e5), share=st.floats(-0.9, 1.0))
 def test_inverse_law_is_solved_exactly(x: Any, a: Any, beta: Any, share: Any) -> None:
     """Putting the answer into the printed law of Xiao 2014 returns the voltage."""
     block = BLOCKS['inverse_bouc_wen']
     gamma = share * beta
-    values = {
-        'inverse_gain': 7e3,
-        'inverse_A': a,
-        'inverse_beta': beta,
-        'inverse_gamma': gamma,
-    }
+    values = {'inverse_gain': 7e3, 'inverse_A': a, 'inverse_beta': beta, 'inverse_gamma': gamma}
     try:
         p = block.pack(values)
     except ModelError:

@@ -86,11 +86,7 @@ class ForkedNode(NodeProcess):
     """
 
     def __init__(
-        self,
-        executable: str,
-        arguments: Sequence[str],
-        environment: Mapping[str, str],
-        log: Path,
+        self, executable: str, arguments: Sequence[str], environment: Mapping[str, str], log: Path
     ) -> None:
         self.name = executable
         self.log = log

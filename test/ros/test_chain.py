@@ -165,8 +165,7 @@ def test_a_changed_parameter_of_the_model_goes_over_too(chain: Chain) -> None:
 
 
 @pytest.mark.parametrize(
-    ('change', 'words'),
-    [({'A1': -1e-4}, 'A1'), ({'c1': math.nan}, 'c1'), ({'beta': 1e9}, 'beta')],
+    ('change', 'words'), [({'A1': -1e-4}, 'A1'), ({'c1': math.nan}, 'c1'), ({'beta': 1e9}, 'beta')]
 )
 def test_a_model_that_cannot_be_inverted_is_refused(
     chain: Chain, change: dict[str, Any], words: str

@@ -70,12 +70,7 @@ def test_the_gap_closes_in_running_nodes(
     processes.start(
         'piezo_hysteresis',
         'excitation',
-        {
-            'mode': 'reference',
-            'frequency': 23.0,
-            'reference.amplitude': 8e-5,
-            'wait_for': 2,
-        },
+        {'mode': 'reference', 'frequency': 23.0, 'reference.amplitude': 8e-5, 'wait_for': 2},
     )
     # The simulator lacks the effect: the model that has it is far away.
     without = settled_gap(listener)

@@ -79,9 +79,7 @@ def online(
         'piezo_hysteresis', 'excitation', {'actuator': 'bender', 'marker_listeners': 3}
     )
     processes.start(
-        'piezo_hysteresis',
-        'identification',
-        {**IDENTIFICATION, 'model_folder': str(folder)},
+        'piezo_hysteresis', 'identification', {**IDENTIFICATION, 'model_folder': str(folder)}
     )
     closed = processes.start('piezo_hysteresis', 'recorder', {'out': str(folder / 'sweep')})
     killed = processes.start(

@@ -29,10 +29,7 @@ def secured(started_processes: NodeProcesses, tmp_path: Path) -> NodeProcesses:
     if importlib.util.find_spec('sros2') is None:
         pytest.skip('sros2 is not installed: no keystore can be made')
     keystore, enclave = str(tmp_path / 'keystore'), '/piezo/feedforward'
-    for words in (
-        ['create_keystore', keystore],
-        ['create_enclave', keystore, enclave],
-    ):
+    for words in (['create_keystore', keystore], ['create_enclave', keystore, enclave]):
         subprocess.run(
             [
                 sys.executable,
@@ -47,9 +44,7 @@ def secured(started_processes: NodeProcesses, tmp_path: Path) -> NodeProcesses:
             timeout=120,
         )
     started_processes.environment.update(
-        ROS_SECURITY_KEYSTORE=keystore,
-        ROS_SECURITY_ENABLE='true',
-        ROS_SECURITY_STRATEGY='Enforce',
+        ROS_SECURITY_KEYSTORE=keystore, ROS_SECURITY_ENABLE='true', ROS_SECURITY_STRATEGY='Enforce'
     )
     return started_processes
 

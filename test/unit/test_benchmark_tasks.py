@@ -117,9 +117,7 @@ def test_measured_records_are_omitted_without_their_data(tmp_path: Path) -> None
     assert found == ([], [])
 
 
-def test_a_resolution_of_measured_records_does_not_show_that_nothing_hides(
-    tmp_path: Path,
-) -> None:
+def test_a_resolution_of_measured_records_does_not_show_that_nothing_hides(tmp_path: Path) -> None:
     """Steps of the sensor are in untouched records and would be lost in changed ones."""
     time = 5e-3 * np.arange(50000)
     volts = 5.0 * np.sin(2 * np.pi * time)

@@ -61,9 +61,7 @@ def test_mass_spring_and_full_share_are_the_same_mode() -> None:
     w = 2 * np.pi * 68.0
     k = 8e5
     mass = respond(
-        'mass_spring',
-        x,
-        {'mass': k / w**2, 'damping': 2 * 0.02 * k / w, 'stiffness': k},
+        'mass_spring', x, {'mass': k / w**2, 'damping': 2 * 0.02 * k / w, 'stiffness': k}
     )
     share = respond(
         'resonance',

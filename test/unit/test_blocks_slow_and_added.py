@@ -91,10 +91,7 @@ def test_harmonics_are_locked_to_the_drive_and_silent_without_one(order: int) ->
 
 @pytest.mark.parametrize(
     ('block', 'order', 'names'),
-    [
-        ('exogenous3', 3, ('c3', 'c4', 'al1', 'al2')),
-        ('exogenous5', 5, ('c5', 'c6', 'al3', 'al4')),
-    ],
+    [('exogenous3', 3, ('c3', 'c4', 'al1', 'al2')), ('exogenous5', 5, ('c5', 'c6', 'al3', 'al4'))],
 )
 def test_exogenous_harmonics_follow_the_printed_recursion(
     block: str, order: int, names: tuple[str, ...]

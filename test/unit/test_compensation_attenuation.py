@@ -137,9 +137,7 @@ def test_afc_reaches_a_tenth_a_second_after_the_start_has_settled(frequency: flo
 
 @pytest.mark.component
 @pytest.mark.parametrize('frequency', [14.0, 22.0, 23.0, 28.0])
-def test_afc_finds_a_wrong_sign_two_seconds_after_the_start_has_settled(
-    frequency: float,
-) -> None:
+def test_afc_finds_a_wrong_sign_two_seconds_after_the_start_has_settled(frequency: float) -> None:
     order = 5 if frequency == 14.0 else 3
     wrong = ModeGain(-115e-6, 68.0, 0.015, DT)
     _, ratio, settled, _ = run(frequency, AttenuationSettings(orders=(order,)), wrong)

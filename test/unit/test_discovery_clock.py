@@ -159,9 +159,7 @@ def test_a_fit_gives_a_delay_to_the_delay_and_not_to_the_clock(late: float) -> N
 
 
 @pytest.mark.parametrize('delay', [2.36, 2.5, 2.8])
-def test_the_fraction_of_a_delay_by_ticks_is_a_sampling_offset_without_price(
-    delay: float,
-) -> None:
+def test_the_fraction_of_a_delay_by_ticks_is_a_sampling_offset_without_price(delay: float) -> None:
     """Samples that are read earlier show a response that comes later."""
     spec, truth = with_effect('transport_delay', {'delay': 2.0 * DT})
     records = measured(spec.model, truth, (2.0 - delay) * DT, noise=NOISE)

@@ -11,11 +11,7 @@ import pytest
 from frozen_rounds import FREE, FROZEN, HELD, free, held, unpacked
 
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
-from piezo_hysteresis.discovery.selection.candidate_fit import (
-    Added,
-    CandidateFit,
-    evaluated_on,
-)
+from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD as HELD_POLICY

@@ -208,10 +208,7 @@ def test_words_that_would_be_ignored_are_refused(
 
 
 def test_an_address_of_another_kind_is_reported() -> None:
-    with (
-        served('serial') as (address, _),
-        pytest.raises(DriverError, match='no answer'),
-    ):
+    with served('serial') as (address, _), pytest.raises(DriverError, match='no answer'):
         open_controller(address.replace('gcs', 'nv200'), timeout=0.1)
 
 

@@ -127,10 +127,7 @@ def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(
     module: Callable[..., Any], tmp_path: Path
 ) -> None:
     # Python takes an edit of equal length within one second for no edit: no .pyc, for both runs.
-    environment = {
-        'NUMBA_CACHE_DIR': str(tmp_path / 'kept'),
-        'PYTHONDONTWRITEBYTECODE': '1',
-    }
+    environment = {'NUMBA_CACHE_DIR': str(tmp_path / 'kept'), 'PYTHONDONTWRITEBYTECODE': '1'}
     assert python(CALL, tmp_path, '1.0', **environment)[0] == ['3.0 1']
     module(factor=5.0)
     assert python(CALL, tmp_path, '1.0', **environment)[0] == ['6.0 1']

@@ -113,11 +113,7 @@ def test_a_second_mode_gets_its_own_names() -> None:
     resonance = models.described('resonance')[0]
     once = models.add_effect(models.named('classical'), resonance)
     twice = models.add_effect(once.model, resonance)
-    assert twice.added == (
-        'resonance_frequency_2',
-        'resonance_damping_2',
-        'resonance_share_2',
-    )
+    assert twice.added == ('resonance_frequency_2', 'resonance_damping_2', 'resonance_share_2')
     values = twice.values(once.values(once.model.defaults(), once.starts[0]), twice.starts[0])
     assert values['resonance_share'] == once.starts[0]['resonance_share']
     assert values['resonance_share_2'] == twice.starts[0]['resonance_share_2']

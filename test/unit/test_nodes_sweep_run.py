@@ -207,10 +207,7 @@ def test_a_record_beyond_what_was_written_does_not_count() -> None:
 
 @pytest.mark.parametrize(
     ('changes', 'word'),
-    [
-        ({'frequencies': [1.0] * 2000}, 'records'),
-        ({'warm_up': 5.0}, 'warm-up'),
-    ],
+    [({'frequencies': [1.0] * 2000}, 'records'), ({'warm_up': 5.0}, 'warm-up')],
 )
 def test_a_goal_that_cannot_be_planned_is_refused(changes: dict[str, object], word: str) -> None:
     goal = {'frequencies': [1.0], 'amplitudes': [1.0], 'seconds': 2.0, 'rate': 1000.0, **changes}

@@ -250,9 +250,7 @@ def refused(path: Path) -> str | None:
 
 @pytest.mark.parametrize('ending', WRITTEN)
 @given(
-    damage=st.sampled_from([cut, shortened]),
-    place=st.floats(0.0, 1.0),
-    length=st.integers(1, 300),
+    damage=st.sampled_from([cut, shortened]), place=st.floats(0.0, 1.0), length=st.integers(1, 300)
 )
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_damaged_file_is_refused_in_a_sentence(

@@ -131,10 +131,7 @@ def generate_launch_description():
         [
             *(
                 DeclareLaunchArgument(
-                    name,
-                    default_value=default,
-                    description=description,
-                    choices=CHOICES.get(name),
+                    name, default_value=default, description=description, choices=CHOICES.get(name)
                 )
                 for name, (default, description) in ARGUMENTS.items()
             ),

@@ -18,7 +18,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
 ARGUMENTS = {
-    'stages': ('stage_x,stage_y', 'Namespaces, each with =preset behind it where it has its own.'),
+    'stages': ('stage_x,stage_y', 'Namespaces, each with =preset behind it where it has its own.')
 }
 
 

@@ -38,8 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
     parser = OneLineParser(
-        prog='piezo_sim',
-        description='Simulate records of piezo actuators, faster than real time.',
+        prog='piezo_sim', description='Simulate records of piezo actuators, faster than real time.'
     )
     parser.add_argument('--version', action='version', version=__version__)
     verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)

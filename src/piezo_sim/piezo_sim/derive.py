@@ -84,12 +84,7 @@ def propagators(omega: float, zeta: float, steps: npt.NDArray[np.float64]) -> Re
         decay = np.exp(-zeta * omega * steps)
         cosine, sine = decay * np.cos(root * steps), decay * np.sin(root * steps) / root
     return np.stack(
-        [
-            cosine + zeta * omega * sine,
-            sine,
-            -(omega**2) * sine,
-            cosine - zeta * omega * sine,
-        ],
+        [cosine + zeta * omega * sine, sine, -(omega**2) * sine, cosine - zeta * omega * sine],
         axis=-1,
     )
 

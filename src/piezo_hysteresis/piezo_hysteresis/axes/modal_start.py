@@ -8,12 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
-from piezo_hysteresis.axes.frequency_response import (
-    FrequencyResponse,
-    Poles,
-    response,
-    vector_fit,
-)
+from piezo_hysteresis.axes.frequency_response import FrequencyResponse, Poles, response, vector_fit
 from piezo_hysteresis.axes.modal_model import ModalLayout
 from piezo_hysteresis.errors import IdentificationError
 

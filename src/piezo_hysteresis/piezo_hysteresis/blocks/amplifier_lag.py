@@ -36,13 +36,7 @@ def approach(p: FloatArray) -> Approach:
     return Approach(float(p[0]), inf)
 
 
-def _block(
-    name: str,
-    parameter: str,
-    slot: Slot,
-    what: str,
-    description: str,
-) -> Block:
+def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -> Block:
     return Block(
         name=name,
         slot=slot,

@@ -143,10 +143,7 @@ EFFECTS = (
         holds={'power_reference': 100.0},
         neutral={'power_widening': 0.0},
         start={'power_widening': 0.1, 'widening_power': 0.5, 'power_memory': 3e-3},
-        alternatives=(
-            {'widening_power': 0.2},
-            {'widening_power': 1.0, 'power_memory': 1e-2},
-        ),
+        alternatives=({'widening_power': 0.2}, {'widening_power': 1.0, 'power_memory': 1e-2}),
         physics=(
             'The coercive field grows with a power of the voltage rate, so the loop widens '
             'and keeps its shape.'

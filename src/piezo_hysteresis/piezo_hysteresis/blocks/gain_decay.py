@@ -52,10 +52,7 @@ EFFECTS = (
         block=BLOCK,
         neutral={'gain_loss': 0.0},
         start={'gain_loss': 0.02},
-        alternatives=(
-            {'gain_loss_time': 1.0},
-            {'gain_loss_time': 1e3, 'gain_loss': 0.5},
-        ),
+        alternatives=({'gain_loss_time': 1.0}, {'gain_loss_time': 1e3, 'gain_loss': 0.5}),
         physics=(
             'The ceramic depolarises, heats up or fatigues, so the displacement per volt '
             'decreases.'

@@ -101,10 +101,7 @@ _MISTAKEN = {
     'stiffness': ('hysteresis_exponent', 'saturation', 'sensor_nonlinearity', 'odd_harmonic'),
     'friction': ('nonlocal_memory', 'hysteresis_exponent', 'hysteresis'),
 }
-_OWN = {
-    'stiffness': {'mode_cubic': 1e6},
-    'friction': {'mode_friction': 1e-6, 'presliding': 2e-6},
-}
+_OWN = {'stiffness': {'mode_cubic': 1e6}, 'friction': {'mode_friction': 1e-6, 'presliding': 2e-6}}
 _ALTERNATIVES = {
     'stiffness': ({'mode_cubic': -1e6},),
     # from a larger distance a fit converges to a force that reverses immediately

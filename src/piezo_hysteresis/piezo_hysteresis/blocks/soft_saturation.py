@@ -45,11 +45,7 @@ EFFECTS = (
         block=BLOCK,
         neutral={'soft_high': 1e5, 'soft_low': 1e5, 'knee': 10.0},
         start={'soft_high': 2.0, 'soft_low': 2.0, 'knee': 2.0},
-        alternatives=(
-            {'soft_high': 4.0, 'soft_low': 4.0},
-            {'soft_low': 1e5},
-            {'soft_high': 1e5},
-        ),
+        alternatives=({'soft_high': 4.0, 'soft_low': 4.0}, {'soft_low': 1e5}, {'soft_high': 1e5}),
         physics=(
             'The gain of the amplifier decreases before it reaches its rails, or the polarisation '
             'of the ceramic approaches its limit: the drive is rounded, and the loop follows it.'

@@ -8,11 +8,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, get_type_hints
 
-from piezo_hysteresis.compensation.controllers import (
-    ATTENUATIONS,
-    Controllers,
-    Feedback,
-)
+from piezo_hysteresis.compensation.controllers import ATTENUATIONS, Controllers, Feedback
 from piezo_hysteresis.compensation.feedback.feedback_settings import (
     FEEDBACKS,
     HInfinityWeights,

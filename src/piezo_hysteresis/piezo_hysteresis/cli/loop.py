@@ -28,11 +28,7 @@ EXAMPLE = 'loop --model out/model/model.yaml'
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
-    add(
-        '--model',
-        metavar='YAML',
-        help='model file of identify (default: no compensation)',
-    )
+    add('--model', metavar='YAML', help='model file of identify (default: no compensation)')
     add('--preset', default='fdk_pzba_00030', help='preset of the simulated actuator')
     add(
         '--frequency',

@@ -25,16 +25,10 @@ VERBS = {
     'sweep': ('sweep', 'measure a sweep on a controller (PI, GCS 2; piezosystem jena, NV200)'),
     'identify': ('identify', 'identify a model from records'),
     'validate': ('validate', 'compare a saved model with records that were not fitted'),
-    'compensate': (
-        'compensate',
-        'simulate a compensation, or run it on a controller',
-    ),
+    'compensate': ('compensate', 'simulate a compensation, or run it on a controller'),
     'linear': ('linear', 'fit a transfer function to records, for H-infinity'),
     'discover': ('discover', 'find the effects that a model lacks in recorded data'),
-    'investigate': (
-        'investigate',
-        'find them by experiments on the running actuator',
-    ),
+    'investigate': ('investigate', 'find them by experiments on the running actuator'),
     'batch': ('batch', 'identify or discover in many data sets; continues after a kill'),
     'record': ('record', 'record topics of a running ROS 2 system into a bag'),
     'play': ('play', 'publish the topics of a bag'),

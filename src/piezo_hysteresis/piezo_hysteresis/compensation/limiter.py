@@ -113,11 +113,7 @@ class Limiter:
     """
 
     def __init__(
-        self,
-        limits: Limits,
-        dt: float,
-        voltage: float = 0.0,
-        energy: EnergyLimits | None = None,
+        self, limits: Limits, dt: float, voltage: float = 0.0, energy: EnergyLimits | None = None
     ) -> None:
         if not (math.isfinite(dt) and dt > 0):
             raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')

@@ -45,11 +45,7 @@ class LoopResult(Guided):
         Counters of each link, by place and class, and of the ``limiter``.
     """
 
-    _INSTEAD: ClassVar = {
-        'voltage': 'u',
-        'displacement': 'y',
-        'time': 't',
-    }
+    _INSTEAD: ClassVar = {'voltage': 'u', 'displacement': 'y', 'time': 't'}
 
     dt: float
     reference: FloatArray
@@ -84,11 +80,7 @@ class TrackingMetrics(Guided):
         Amplitude of the error by order [m].
     """
 
-    _INSTEAD: ClassVar = {
-        'rms': 'rmse',
-        'rms_without_mean': 'std',
-        'largest': 'max peak',
-    }
+    _INSTEAD: ClassVar = {'rms': 'rmse', 'rms_without_mean': 'std', 'largest': 'max peak'}
 
     rms: float
     rms_without_mean: float

@@ -25,11 +25,7 @@ from piezo_hysteresis.compensation.offline_loop import (
     closed_loop,
     tracking_metrics,
 )
-from piezo_hysteresis.compensation.operating_limits import (
-    above_nyquist,
-    limited,
-    operating_limits,
-)
+from piezo_hysteresis.compensation.operating_limits import above_nyquist, limited, operating_limits
 from piezo_hysteresis.compensation.process_plant import simulated
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile

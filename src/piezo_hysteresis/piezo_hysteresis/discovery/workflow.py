@@ -11,13 +11,7 @@ from typing import Any, ClassVar
 
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.discovery.data.annotate import annotated
-from piezo_hysteresis.discovery.data.check import (
-    Check,
-    Outside,
-    beyond_the_fit,
-    check,
-    outside_of,
-)
+from piezo_hysteresis.discovery.data.check import Check, Outside, beyond_the_fit, check, outside_of
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
 from piezo_hysteresis.discovery.detection.better_experiments import with_better_experiments
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
@@ -26,11 +20,7 @@ from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.final_evaluation import without_names
-from piezo_hysteresis.discovery.selection.reference import (
-    as_on,
-    support_for,
-    with_repeats,
-)
+from piezo_hysteresis.discovery.selection.reference import as_on, support_for, with_repeats
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 from piezo_hysteresis.discovery.selection.start import Searching, find, unsearched
 from piezo_hysteresis.discovery.selection.time_limit import Deadline

@@ -20,12 +20,7 @@ from piezo_hysteresis.compensation.energy import EnergyLimits, energy_numbers
 from piezo_hysteresis.compensation.feedback import feedback_link as feedback
 from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink, reset_link
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid
-from piezo_hysteresis.compensation.feedback.pid import (
-    PROPORTIONAL,
-    Pid,
-    PidGains,
-    take_gains,
-)
+from piezo_hysteresis.compensation.feedback.pid import PROPORTIONAL, Pid, PidGains, take_gains
 from piezo_hysteresis.compensation.harmonics import attenuation_settings as places
 from piezo_hysteresis.compensation.harmonics import harmonic_attenuation as attenuation
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (

@@ -159,10 +159,7 @@ def _unknowns(
 
 
 def _box(
-    model: Model,
-    names: Sequence[str],
-    bounds: Mapping[str, tuple[float, float]] | None,
-    dt: float,
+    model: Model, names: Sequence[str], bounds: Mapping[str, tuple[float, float]] | None, dt: float
 ) -> tuple[FloatArray, FloatArray]:
     limits = {q.name: (q.low, q.high) for q in model.parameters}
     limits[SAMPLING_OFFSET] = (-FARTHEST * dt, FARTHEST * dt)

@@ -55,8 +55,7 @@ def _with_error(target: Target, generator: np.random.Generator) -> Target:
     if error is None:
         return target
     return replace(
-        target,
-        voltage=target.voltage + error.draw(target.voltage.size, target.repeats, generator),
+        target, voltage=target.voltage + error.draw(target.voltage.size, target.repeats, generator)
     )
 
 

@@ -43,9 +43,7 @@ def _selects(model: Model) -> bool:
 
 
 def start_of(
-    model: Model,
-    records: Sequence[Record],
-    solver: Solver = by_least_squares,
+    model: Model, records: Sequence[Record], solver: Solver = by_least_squares
 ) -> tuple[Model, dict[str, float]]:
     """Return a chain with the inverse of Xiao 2014 scaled to the records, and start values.
 
@@ -153,10 +151,7 @@ def _one_row(
 
 
 def _selector(
-    model: Model,
-    records: Sequence[Record],
-    start: Mapping[str, float],
-    options: Mapping[str, Any],
+    model: Model, records: Sequence[Record], start: Mapping[str, float], options: Mapping[str, Any]
 ) -> FitResult:
     """Fit a selector, starting from the data or from one row for all slopes.
 

@@ -235,9 +235,7 @@ def selector_table(rows: Sequence[InverseBoucWen]) -> dict[str, float]:
 
 
 def inverse_parameters(
-    records: Sequence[Record],
-    selector: bool,
-    solver: Solver = by_least_squares,
+    records: Sequence[Record], selector: bool, solver: Solver = by_least_squares
 ) -> dict[str, float]:
     """Return the parameters of the law of Xiao 2014 from records, without its offset.
 

@@ -21,12 +21,7 @@ _VARIANT, _OFFSET, _HARMONIC, OMEGA, FORGETTING, PHASE = range(6)
 
 @leaf
 def _gain(
-    x: FloatArray,
-    theta: FloatArray,
-    p: FloatArray,
-    g: FloatArray,
-    error: float,
-    forgetting: float,
+    x: FloatArray, theta: FloatArray, p: FloatArray, g: FloatArray, error: float, forgetting: float
 ) -> None:
     """Update theta and P in place by one RLS step, with g as work space."""
     n = theta.size

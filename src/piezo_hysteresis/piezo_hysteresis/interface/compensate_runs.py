@@ -14,11 +14,7 @@ from numpy.typing import ArrayLike
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import choices
-from piezo_hysteresis.compensation.controllers import (
-    ATTENUATIONS,
-    Controllers,
-    Feedback,
-)
+from piezo_hysteresis.compensation.controllers import ATTENUATIONS, Controllers, Feedback
 from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
     AttenuationSettings,

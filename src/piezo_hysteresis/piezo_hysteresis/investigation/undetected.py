@@ -110,10 +110,7 @@ def _lacking(base: ModelSpec, amplitude: float, span: float) -> Iterator[tuple[s
         if each.effect.refines:  # detectable wherever the simpler variant is
             continue
         for start in each.starts[:STARTS]:
-            yield (
-                each.effect.name,
-                base.with_candidate(each, each.values(base.values, start)),
-            )
+            yield (each.effect.name, base.with_candidate(each, each.values(base.values, start)))
 
 
 def _smallest(spec: ModelSpec, seen: Outlook, sure: float) -> float:

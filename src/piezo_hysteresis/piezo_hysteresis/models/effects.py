@@ -11,12 +11,7 @@ from piezo_hysteresis.blocks.parameter_shift import PARAMETER_SHIFT
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.chain import Model
-from piezo_hysteresis.models.scaling import (
-    REFERENCE_DISPLACEMENT,
-    REFERENCE_INPUT,
-    factor,
-    suited,
-)
+from piezo_hysteresis.models.scaling import REFERENCE_DISPLACEMENT, REFERENCE_INPUT, factor, suited
 
 EFFECT_NAMES: tuple[str, ...] = tuple(sorted({effect.name for effect in EFFECTS}))
 

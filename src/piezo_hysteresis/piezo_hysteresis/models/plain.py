@@ -30,8 +30,7 @@ _Dumper.add_representer(
     _Line, lambda d, v: d.represent_sequence('tag:yaml.org,2002:seq', list(v), flow_style=True)
 )
 _Dumper.add_representer(
-    _LineMap,
-    lambda d, v: d.represent_mapping('tag:yaml.org,2002:map', dict(v), flow_style=True),
+    _LineMap, lambda d, v: d.represent_mapping('tag:yaml.org,2002:map', dict(v), flow_style=True)
 )
 
 

@@ -85,18 +85,12 @@ def for_range(
     ModelError
         If an amplitude is not positive.
     """
-    for what, amplitude in (
-        ('input', input_amplitude),
-        ('displacement', displacement_amplitude),
-    ):
+    for what, amplitude in (('input', input_amplitude), ('displacement', displacement_amplitude)):
         if not (np.isfinite(amplitude) and amplitude > 0):
             raise ModelError(
                 f'the {what} amplitude is {amplitude:g}; give a record in which the {what} moves'
             )
-    ratios = (
-        input_amplitude / REFERENCE_INPUT,
-        displacement_amplitude / REFERENCE_DISPLACEMENT,
-    )
+    ratios = (input_amplitude / REFERENCE_INPUT, displacement_amplitude / REFERENCE_DISPLACEMENT)
     swing = ((input_swing or input_amplitude) / REFERENCE_INPUT, ratios[1])
     own = [q for block in model.blocks for q in block.parameters]
     held = {

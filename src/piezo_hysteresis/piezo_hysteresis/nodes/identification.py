@@ -59,10 +59,7 @@ class IdentificationNode(GuardedNode):
         self._params.serve(self._apply, self._refuse)
         value = self._params
         self._course = RecordSegmenter(
-            self._new_method(),
-            value.number('rate'),
-            value.flag('only_records'),
-            self._renewing(),
+            self._new_method(), value.number('rate'), value.flag('only_records'), self._renewing()
         )
         self._message = ModelEstimate()
         self._publisher = self.create_publisher(ModelEstimate, topics.ESTIMATE, LATCHED)

@@ -39,10 +39,7 @@ DASHBOARD = ParameterTable(
             read_only=True,
         ),
         ParameterSpec(
-            'origins',
-            [''],
-            'Additional HOST:PORT names of the page for browsers.',
-            read_only=True,
+            'origins', [''], 'Additional HOST:PORT names of the page for browsers.', read_only=True
         ),
         ParameterSpec(
             'token',
@@ -62,8 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the words of the verb and of the executable ``dashboard``."""
     parser.add_argument('--namespace', help='namespace of the actuator (default: all)')
     parser.add_argument(
-        '--folder',
-        help='folder for sweeps, discoveries and reports (default: ~/piezo_hysteresis)',
+        '--folder', help='folder for sweeps, discoveries and reports (default: ~/piezo_hysteresis)'
     )
     parser.add_argument(
         '--port', type=int, help='port of the page, 0 for a free one (default: 5006)'

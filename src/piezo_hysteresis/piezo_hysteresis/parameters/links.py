@@ -137,10 +137,7 @@ LINK = (
 
 PLANT = (
     ParameterSpec(
-        'model_file',
-        '',
-        'Model file for the plant, used if plant.gain is 0.',
-        read_only=True,
+        'model_file', '', 'Model file for the plant, used if plant.gain is 0.', read_only=True
     ),
     MODEL_FOLDER,
     ParameterSpec(

@@ -10,13 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import BagContent
-from piezo_hysteresis.records.bags import (
-    TopicRun,
-    no_states,
-    on_one_clock,
-    origin_of,
-    runs_of,
-)
+from piezo_hysteresis.records.bags import TopicRun, no_states, on_one_clock, origin_of, runs_of
 from piezo_hysteresis.records.columns import in_order
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import STATE

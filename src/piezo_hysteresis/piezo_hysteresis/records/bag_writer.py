@@ -15,13 +15,7 @@ from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
 from piezo_hysteresis.records.bags import MARKER_NAME, REFERENCE_NAME, STATE_NAME
-from piezo_hysteresis.records.definitions import (
-    MARKER,
-    REFERENCE,
-    STATE,
-    definition_of,
-    typestore,
-)
+from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of, typestore
 from piezo_hysteresis.records.load import listed
 from piezo_hysteresis.records.mcap_format import MESSAGE, MESSAGE_HEAD
 from piezo_hysteresis.records.mcap_writer import McapWriter

@@ -18,12 +18,7 @@ from piezo_hysteresis.errors import DataNote, RecordError, SeveralAxesError
 from piezo_hysteresis.records.array_pairs import refuse_arrays
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
 from piezo_hysteresis.records.bags import bag_records
-from piezo_hysteresis.records.damage import (
-    Damage,
-    DamageLog,
-    DamageWarning,
-    LeftOutWarning,
-)
+from piezo_hysteresis.records.damage import Damage, DamageLog, DamageWarning, LeftOutWarning
 from piezo_hysteresis.records.folder_content import content_of, is_csv, is_of_columns, matching
 from piezo_hysteresis.records.foreign import foreign_records
 from piezo_hysteresis.records.formats.column_table import ColumnTable

@@ -194,12 +194,7 @@ def _has_table(lines: Sequence[str], k: int) -> bool:
 
 
 def _columns(
-    path: Path,
-    rows: _Rows,
-    layout: TextLayout,
-    width: int,
-    log: DamageLog,
-    options: ReadOptions,
+    path: Path, rows: _Rows, layout: TextLayout, width: int, log: DamageLog, options: ReadOptions
 ) -> list[Column]:
     """Return the numbers of all columns; wrong rows and cells are damage.
 

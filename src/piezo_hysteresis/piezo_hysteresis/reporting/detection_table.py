@@ -38,13 +38,7 @@ def detection_section(
     """
     if not limits:
         return None
-    header = (
-        'effect',
-        'detection limit',
-        'better experiment',
-        'rms change',
-        'similar effect',
-    )
+    header = ('effect', 'detection limit', 'better experiment', 'rms change', 'similar effect')
     rows = [
         (
             each.effect,

@@ -223,10 +223,7 @@ def _where(found: Discovery) -> PageSection:
     sizes = [float(np.std(e)) for e in found.baselines.joint.errors]
     worst = int(np.argmax(sizes))
     spectrum = spectrum_figure(
-        [
-            ('before', found.baselines.joint.errors[worst]),
-            ('after', found.final.errors[worst]),
-        ],
+        [('before', found.baselines.joint.errors[worst]), ('after', found.final.errors[worst])],
         views[worst].dt,
         f'Spectrum of the error, {views[worst].name}, fitted',
         'Amplitude of measured minus simulated displacement.',

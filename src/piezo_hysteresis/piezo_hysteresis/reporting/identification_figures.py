@@ -131,10 +131,7 @@ def _over_frequency(
     frequency = [record.info.frequency for record in records]
     known = any(f > 0 for f in frequency)
     place = frequency if known else list(range(1, len(records) + 1))
-    for label, colour, marker in (
-        ('free run', _ERROR, 'o'),
-        ('one step', GREY, 'x'),
-    ):
+    for label, colour, marker in (('free run', _ERROR, 'o'), ('one step', GREY, 'x')):
         rms = [
             by_name[r.name].free_run_rms if label == 'free run' else by_name[r.name].one_step_rms
             for r in records

@@ -211,10 +211,7 @@ def _spread(records: Sequence[Record]) -> list[Record]:
 
 def _loop(record: Record, simulated: FloatArray) -> Plot:
     cut = last_periods(len(record), record.info.frequency, record.dt, 2, record.warm_up_samples)
-    responses = [
-        ('measured', record.displacement[cut], ''),
-        ('model', simulated[cut], 'model'),
-    ]
+    responses = [('measured', record.displacement[cut], ''), ('model', simulated[cut], 'model')]
     part = 'its last periods' if record.info.frequency > 0 else 'the whole record'
     caption = f'Input and displacement of {record.name}, {part}.'
     drive, unit = record.voltage[cut], record.info.input_unit
@@ -244,12 +241,7 @@ def write_identification(
         not a valid model.
     """
     saved = found.model_file(data, records[0].rate)
-    drawn = figures(
-        records,
-        found.runs.simulated,
-        found.records,
-        noise_floor=found.noise_floor,
-    )
+    drawn = figures(records, found.runs.simulated, found.records, noise_floor=found.noise_floor)
     ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
     write_folder(
         out,

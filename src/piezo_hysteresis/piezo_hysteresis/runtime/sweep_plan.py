@@ -118,12 +118,7 @@ class Sweep:
                     excitation=waveform, frequency=frequency, amplitude=amplitude, warm_up=warm_up
                 )
                 name = f'{waveform}_{frequency:g}Hz_{amplitude:g}V'
-                record = SweepRecord(
-                    name,
-                    info,
-                    first,
-                    _voltages(shape, seconds, rate),
-                )
+                record = SweepRecord(name, info, first, _voltages(shape, seconds, rate))
                 self.records.append(record)
                 first = record.last + gap
         self.length = first

@@ -40,7 +40,4 @@ class Decay(Shaped):
 
     def fundamental(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return frequency and phase."""
-        return (
-            np.full_like(time, self.frequency),
-            2.0 * np.pi * self.frequency * time,
-        )
+        return (np.full_like(time, self.frequency), 2.0 * np.pi * self.frequency * time)

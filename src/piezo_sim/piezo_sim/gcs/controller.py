@@ -119,10 +119,7 @@ class SimulatedController:
     """
 
     def __init__(
-        self,
-        plant: Plant,
-        speed: float = 1.0,
-        now: Callable[[], float] = time.monotonic,
+        self, plant: Plant, speed: float = 1.0, now: Callable[[], float] = time.monotonic
     ) -> None:
         self.plant, self.speed, self._now = plant, speed, now
         self.low = float(plant.parameters['amplifier.range_low'])

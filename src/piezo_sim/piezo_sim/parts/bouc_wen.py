@@ -34,9 +34,7 @@ PARAMETERS = (
 EFFECTS = (
     PlantEffect('bouc_wen', 'Hysteresis with local memory (Bouc-Wen).'),
     PlantEffect(
-        'hysteresis_exponent',
-        'The Bouc-Wen exponent differs from 1.',
-        {'bouc_wen.exponent': 1.0},
+        'hysteresis_exponent', 'The Bouc-Wen exponent differs from 1.', {'bouc_wen.exponent': 1.0}
     ),
 )
 

@@ -26,11 +26,7 @@ class PidGains:
     integral: float = setting(3e4, 'Integral gain.', 'V/(m s)', low=0.0, high=1e12)
     derivative: float = setting(0.0, 'Derivative gain.', 'V s/m', low=0.0, high=1e12)
     derivative_filter: float = setting(
-        2e-3,
-        'Time constant of the low-pass filter on the derivative.',
-        's',
-        above=0.0,
-        high=60.0,
+        2e-3, 'Time constant of the low-pass filter on the derivative.', 's', above=0.0, high=60.0
     )
     tracking_time: float = setting(
         0.05,

@@ -146,12 +146,7 @@ class FuzzyPid(Pid):
     kernel = staticmethod(stepping(LAW))
 
     def __init__(
-        self,
-        gains: PidGains,
-        rules: FuzzyRules,
-        dt: float,
-        *,
-        limits: Limits | None = None,
+        self, gains: PidGains, rules: FuzzyRules, dt: float, *, limits: Limits | None = None
     ) -> None:
         self._rules = rules
         super().__init__(gains, dt, limits=limits)

@@ -256,12 +256,7 @@ class HInfinity(FeedbackLink):
     kernel = staticmethod(stepping(LAW))
 
     def __init__(
-        self,
-        controller: StateSpace,
-        dt: float,
-        *,
-        limits: Limits | None = None,
-        words: str = '',
+        self, controller: StateSpace, dt: float, *, limits: Limits | None = None, words: str = ''
     ) -> None:
         k = controller
         super().__init__(dt, limits, len(k.a))

@@ -122,11 +122,7 @@ def _central(plant: GeneralizedPlant, gamma: float) -> StateSpace | None:
 
 
 def hinf_synthesis(
-    plant: GeneralizedPlant,
-    *,
-    tolerance: float = 1e-3,
-    margin: float = 1.02,
-    highest: float = 1e6,
+    plant: GeneralizedPlant, *, tolerance: float = 1e-3, margin: float = 1.02, highest: float = 1e6
 ) -> tuple[StateSpace, float]:
     """Design the controller ``u = K y`` that makes the gain from w to z as small as possible.
 

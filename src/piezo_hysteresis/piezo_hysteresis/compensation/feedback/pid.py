@@ -93,13 +93,7 @@ class Pid(FeedbackLink):
 
     kernel = staticmethod(stepping(LAW))
 
-    def __init__(
-        self,
-        gains: PidGains,
-        dt: float,
-        *,
-        limits: Limits | None = None,
-    ) -> None:
+    def __init__(self, gains: PidGains, dt: float, *, limits: Limits | None = None) -> None:
         super().__init__(dt, limits, PID_SIZE)
         self._gains = gains
         self.packed = self._pack()

@@ -111,12 +111,7 @@ def from_rest(block: Block, p: FloatArray, x: float, dt: float, joined: bool) ->
 def _step(numbers: FloatArray, n: int) -> tuple[FloatArray, ...]:
     """Return the step of a linear block from its packed values, see `state_space.Step`."""
     phi, gamma, rows, gains = np.split(numbers, np.cumsum([n * n, 3 * n, 3 * n]))
-    return (
-        phi.reshape(n, n),
-        gamma.reshape(n, 3),
-        rows.reshape(3, n),
-        gains.reshape(3, 3),
-    )
+    return (phi.reshape(n, n), gamma.reshape(n, 3), rows.reshape(3, n), gains.reshape(3, 3))
 
 
 @functools.cache

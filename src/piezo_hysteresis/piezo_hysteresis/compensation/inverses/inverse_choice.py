@@ -23,12 +23,7 @@ from piezo_hysteresis.compensation.inverses.physical import (
     structure_coefficients,
 )
 from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
-from piezo_hysteresis.compensation.linear_gain import (
-    LinearGain,
-    ModeGain,
-    gain_at,
-    packed_pulse,
-)
+from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain, gain_at, packed_pulse
 from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
@@ -157,12 +152,7 @@ def _called(part: Part) -> str:
 
 
 def _by_law(
-    model: Model,
-    values: Mapping[str, float],
-    dt: float,
-    law: str,
-    scale: float,
-    options: _Options,
+    model: Model, values: Mapping[str, float], dt: float, law: str, scale: float, options: _Options
 ) -> InverseLink:
     """Return the inverse by a named law; Fang 2019 (feedforward) is one of them."""
     named = model.unpack(model.pack(values))

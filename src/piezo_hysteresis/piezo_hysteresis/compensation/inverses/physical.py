@@ -24,10 +24,7 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, scratch
 
 Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
-_Kernel = Callable[
-    [FloatArray, FloatArray, FloatArray, FloatArray, float, float, float],
-    None,
-]
+_Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
 
 _KERNELS: dict[str, _Kernel] = {
     'exact': hysteresis.invert_exact,

@@ -237,10 +237,7 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
     if total <= samples:
         return tuple(views)
     least = [
-        min(
-            v.voltage.size,
-            max(v.first + _shortest(v, periods.get(v.name, 0)), _fastest(v)),
-        )
+        min(v.voltage.size, max(v.first + _shortest(v, periods.get(v.name, 0)), _fastest(v)))
         for v in views
     ]
     slowest = int(np.argmax([v.voltage.size * v.dt / (1.0 + v.frequency) for v in views]))

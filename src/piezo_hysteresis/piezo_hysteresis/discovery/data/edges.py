@@ -6,11 +6,7 @@ from collections.abc import Sequence
 
 
 def block_edges(
-    sizes: Sequence[int],
-    periods: Sequence[int],
-    dts: Sequence[float],
-    seconds: float,
-    fewest: int,
+    sizes: Sequence[int], periods: Sequence[int], dts: Sequence[float], seconds: float, fewest: int
 ) -> list[list[int]]:
     """Return the edges of blocks of whole periods, at least `seconds` long, per view.
 

@@ -213,9 +213,7 @@ class Records:
         """
         end = self._evaluator.deadline
 
-        def found(
-            size: tuple[Candidate, Mapping[str, float], float],
-        ) -> Signature | None:
+        def found(size: tuple[Candidate, Mapping[str, float], float]) -> Signature | None:
             return None if end.skips('some detection limits') else self._at_limit(*size)
 
         return self._evaluator.map(found, sizes)

@@ -51,13 +51,7 @@ from piezo_hysteresis.identification.noise import measured_without_outliers, rea
 from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.models import (
-    Candidate,
-    Discrepancy,
-    Model,
-    ModelFile,
-    shifted,
-)
+from piezo_hysteresis.models import Candidate, Discrepancy, Model, ModelFile, shifted
 from piezo_hysteresis.models.simulation.plan import free_states
 
 
@@ -471,10 +465,7 @@ def without_repeated(data: Dataset, known: Discrepancy, policy: SelectionPolicy)
 
 
 def _with_repeated(
-    data: Dataset,
-    training: Sequence[Expectation],
-    held_out: Sequence[Expectation],
-    times: float,
+    data: Dataset, training: Sequence[Expectation], held_out: Sequence[Expectation], times: float
 ) -> Dataset:
     """Return the data plus `times` the known discrepancy signal of each view."""
 

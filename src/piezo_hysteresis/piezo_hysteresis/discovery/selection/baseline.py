@@ -109,12 +109,7 @@ def _first_fit(
 
 
 def _converged(
-    fit: CandidateFit,
-    seen: Dataset,
-    data: Dataset,
-    choices: Choices,
-    workers: int,
-    end: Deadline,
+    fit: CandidateFit, seen: Dataset, data: Dataset, choices: Choices, workers: int, end: Deadline
 ) -> tuple[CandidateFit, Dataset]:
     """Return the converged fit to all samples and the data with its initial conditions."""
     fit = _fitted(fit, seen.training, workers, end) or evaluated_on(fit, seen.training)

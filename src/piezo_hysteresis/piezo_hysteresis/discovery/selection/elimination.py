@@ -12,11 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
-from piezo_hysteresis.discovery.selection.candidate_fit import (
-    Added,
-    CandidateFit,
-    ModelSpec,
-)
+from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound, select
 

@@ -27,11 +27,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
-from piezo_hysteresis.discovery.selection.significance import (
-    Improvement,
-    improvement,
-    win_shares,
-)
+from piezo_hysteresis.discovery.selection.significance import Improvement, improvement, win_shares
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Candidate

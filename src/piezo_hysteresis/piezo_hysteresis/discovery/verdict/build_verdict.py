@@ -96,13 +96,7 @@ def build_verdict(
         clock = f'A delay of up to {short} cannot be distinguished from a clock offset.'
         description = f'{description} {clock} {sentence(statements(limits))}'.strip()
     effects = named_effects(
-        found.steps,
-        base.joint,
-        final,
-        data.records,
-        floor,
-        outcome.certainty,
-        alike,
+        found.steps, base.joint, final, data.records, floor, outcome.certainty, alike
     )
     if isinstance(found.evaluator, HeldEvaluator):
         effects = with_fractions(effects, final, data.training[0].dt, found.evaluator.late)

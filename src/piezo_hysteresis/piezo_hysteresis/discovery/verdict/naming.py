@@ -120,9 +120,7 @@ def _with_fraction(named: NamedEffect, final: CandidateFit, dt: float, late: flo
 def _joined(first: NamedEffect, more: NamedEffect) -> NamedEffect:
     """Return one named effect from several elements of the same effect."""
     return replace(
-        first,
-        gap_after_rms_m=more.gap_after_rms_m,
-        evidence=(*first.evidence, *more.evidence[1:]),
+        first, gap_after_rms_m=more.gap_after_rms_m, evidence=(*first.evidence, *more.evidence[1:])
     )
 
 

@@ -67,14 +67,7 @@ def prove(data: Dataset, before: CandidateFit, after: CandidateFit) -> Proof:
     limit = 10.0 * data.span
     stable = all(bool(np.all(np.abs(e) < limit)) for e in new)
     ordered = sorted(rows, key=lambda r: (r.frequency, r.amplitude, r.record))
-    return Proof(
-        tuple(ordered),
-        before.rms,
-        after.rms,
-        before.floors,
-        after.floors,
-        stable,
-    )
+    return Proof(tuple(ordered), before.rms, after.rms, before.floors, after.floors, stable)
 
 
 def over_frequency(

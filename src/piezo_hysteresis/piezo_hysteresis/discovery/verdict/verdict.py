@@ -61,10 +61,7 @@ class NamedEffect(Guided):
         Changes of the baseline, most significant first: ``natural_frequency 800 to 650 Hz``.
     """
 
-    _INSTEAD: ClassVar = {
-        'p_value': 'p pvalue',
-        'probability': 'p_present',
-    }
+    _INSTEAD: ClassVar = {'p_value': 'p pvalue', 'probability': 'p_present'}
 
     name: str
     variant: str

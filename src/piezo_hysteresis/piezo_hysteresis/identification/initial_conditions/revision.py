@@ -137,10 +137,7 @@ def with_explained(search: StartSearch, target: Target) -> Target:
 
 
 def _zeroed(
-    targets: Sequence[Target],
-    choices: Choices,
-    search: StartSearch,
-    fewest: int = 1,
+    targets: Sequence[Target], choices: Choices, search: StartSearch, fewest: int = 1
 ) -> list[Target]:
     """Return the targets, with a zero per record where they need one.
 

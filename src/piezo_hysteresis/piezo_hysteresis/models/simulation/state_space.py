@@ -58,10 +58,7 @@ def in_series(systems: Sequence[System]) -> System:
     whole = System(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0)
     for each in systems:
         a = np.block(
-            [
-                [whole.a, np.zeros((whole.b.size, each.b.size))],
-                [np.outer(each.b, whole.c), each.a],
-            ]
+            [[whole.a, np.zeros((whole.b.size, each.b.size))], [np.outer(each.b, whole.c), each.a]]
         )
         b = np.concatenate([whole.b, whole.d * each.b])
         c = np.concatenate([each.d * whole.c, each.c])

@@ -22,13 +22,7 @@ from piezo_hysteresis.dashboard.live_state import Counters, Gap, Live, LogLine, 
 from piezo_hysteresis.ros.diagnostics import state_of
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.readiness import WORKS
-from piezo_interfaces.msg import (
-    ActuatorState,
-    LoopStatus,
-    ModelEstimate,
-    RecordMarker,
-    Reference,
-)
+from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker, Reference
 from piezo_interfaces.msg import Gap as GapMessage
 
 Message = TypeVar('Message')

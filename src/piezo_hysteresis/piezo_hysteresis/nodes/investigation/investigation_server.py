@@ -14,11 +14,7 @@ from rclpy.task import Future
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.nodes.investigation.node_requests import (
-    Cancelled,
-    Neighbourhood,
-    Unanswered,
-)
+from piezo_hysteresis.nodes.investigation.node_requests import Cancelled, Neighbourhood, Unanswered
 from piezo_hysteresis.nodes.investigation.sweeper import Circumstances, Sweeper
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.process_setup import number_of_workers
@@ -174,10 +170,7 @@ class InvestigationServer:
             self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
     def _setup(self, request: Investigate.Goal, stopped: Callable[[], bool]) -> Setup:
-        from piezo_hysteresis.experiments.experiment_limits import (
-            ExperimentLimits,
-            granted_range,
-        )
+        from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, granted_range
         from piezo_hysteresis.investigation.journal import Setup
         from piezo_hysteresis.investigation.session import Rules
 

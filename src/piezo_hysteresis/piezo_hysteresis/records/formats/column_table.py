@@ -194,10 +194,7 @@ def _columns(key: str, value: Any, alone: bool) -> list[Column]:
     if rows.shape[0] < 2:
         return []
     return [
-        Column(
-            str(k) if alone else f'{key}_{k}',
-            np.asarray(rows[:, k - 1], np.float64),
-        )
+        Column(str(k) if alone else f'{key}_{k}', np.asarray(rows[:, k - 1], np.float64))
         for k in range(1, rows.shape[1] + 1)
     ]
 
