@@ -33,21 +33,11 @@ PACKAGES = ('piezo_sim', 'piezo_hysteresis')
 
 @dataclass(frozen=True)
 class Case:
-    """Records to be made, and how `discover` is asked.
+    """Records to be made, and how `discover` is asked."""
 
-    Attributes
-    ----------
-    name : str
-        In the table.
-    sweep : tuple of str
-        Words for `piezo_sim sweep`.
-    words : tuple of str
-        More words for `discover`.
-    """
-
-    name: str
-    sweep: tuple[str, ...]
-    words: tuple[str, ...] = ()
+    name: str  # in the table
+    sweep: tuple[str, ...]  # words for `piezo_sim sweep`
+    words: tuple[str, ...] = ()  # more words for `discover`
 
 
 def _sweep(

@@ -37,24 +37,12 @@ RUNS = 5
 
 
 class Row(NamedTuple):
-    """How a loop went.
+    """How a loop went."""
 
-    Attributes
-    ----------
-    name : str
-        What runs it.
-    rate : float
-        Samples per second.
-    cpu : float
-        CPU time per sample, the plant included [us].
-    rms : float or None
-        Of the tracking error in the second half [m], where the actuator is the same.
-    """
-
-    name: str
-    rate: float
-    cpu: float
-    rms: float | None
+    name: str  # what runs it
+    rate: float  # samples per second
+    cpu: float  # CPU time per sample, the plant included [us]
+    rms: float | None  # of the tracking error in the second half [m]
 
 
 def wanted(ticks: int) -> Samples:

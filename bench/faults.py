@@ -56,40 +56,19 @@ TIMEOUT = 90.0
 
 @dataclass
 class Trial:
-    """What one fault did.
+    """What one fault did."""
 
-    Attributes
-    ----------
-    target, fault : str
-        The node or topic, and what happened to it.
-    beyond : float
-        How far the applied voltage left its limits [V].
-    jump, command_jump : float
-        Largest change of the applied voltage in a tick, and largest distance of a command from
-        the voltage applied before, in multiples of what the slew allows.
-    received, back : float or None
-        Time from the restart until the node was received, and until the loop tracked again [s].
-    code : int or None
-        Exit code of a node that was asked to end.
-    traceback : bool
-        Whether it printed one.
-    lost : int
-        Samples that a recorder lost, its last unflushed moment after SIGKILL left out.
-    unflushed : float
-        That moment [s].
-    """
-
-    target: str
-    fault: str
-    beyond: float = 0.0
+    target: str  # the node or topic
+    fault: str  # what happened to it
+    beyond: float = 0.0  # how far the applied voltage left its limits [V]
     jump: float = 0.0
     command_jump: float = 0.0
-    received: float | None = None
-    back: float | None = None
-    code: int | None = None
-    traceback: bool = False
-    lost: int = 0
-    unflushed: float = 0.0
+    received: float | None = None  # time from the restart until the node was received [s]
+    back: float | None = None  # until the loop tracked again [s]
+    code: int | None = None  # exit code of a node that was asked to end
+    traceback: bool = False  # whether it printed one
+    lost: int = 0  # samples that a recorder lost, its last unflushed moment after SIGKILL left out
+    unflushed: float = 0.0  # that moment [s]
 
     @property
     def faults(self) -> list[str]:
@@ -108,24 +87,14 @@ class Trial:
 
 @dataclass
 class Campaign:
-    """Runs trials one after the other on one loop.
+    """Runs trials one after the other on one loop."""
 
-    Attributes
-    ----------
-    loop, observer, rogue, watch
-        What runs, who listens, who disturbs, who judges.
-    random : numpy Generator
-        Chooses every moment and length.
-    trials : list of Trial
-        What was done so far.
-    """
-
-    loop: Loop
-    observer: Observer
-    rogue: Rogue
-    watch: Watch
-    random: np.random.Generator
-    trials: list[Trial] = field(default_factory=list)
+    loop: Loop  # what runs
+    observer: Observer  # who listens
+    rogue: Rogue  # who disturbs
+    watch: Watch  # who judges
+    random: np.random.Generator  # chooses every moment and length
+    trials: list[Trial] = field(default_factory=list)  # what was done so far
 
     def run(self, target: str, fault: str) -> Trial:
         """Disturb the running loop once, at a random moment, and say what it did."""
@@ -194,13 +163,7 @@ class Campaign:
         self.begin()
 
     def begin(self) -> None:
-        """Start every node and wait until the loop tracks.
-
-        Raises
-        ------
-        SystemExit
-            If it never does.
-        """
+        """Start every node and wait until the loop tracks."""
         started = time.monotonic()
         for name in self.random.permutation(list(NODES)):
             self.loop.start(str(name))

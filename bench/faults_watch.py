@@ -25,15 +25,7 @@ TRACKS = 0.5
 
 
 class Watch:
-    """Answers questions about the loop.
-
-    Parameters
-    ----------
-    seen : Observed
-        Received messages; updated while the loop runs.
-    setting : Setting
-        Limits, slew and reference of the loop.
-    """
+    """Answers questions about the loop."""
 
     def __init__(self, seen: Observed, setting: Setting) -> None:
         self._seen = seen
@@ -123,14 +115,7 @@ class Watch:
         return False
 
     def back(self, since: float, target: str, timeout: float) -> tuple[float | None, float | None]:
-        """Wait until the loop tracks as before, on samples that are all newer than `since`.
-
-        Returns
-        -------
-        back, received : float or None
-            Seconds after `since` at which the period began over which the error was as small as
-            before, and at which `target` was received; None if it did not happen.
-        """
+        """Wait until the loop tracks as before, on samples that are all newer than `since`."""
         received: list[float] = []
         back: list[float] = []
 
@@ -178,16 +163,8 @@ def missing(held: Sequence[Key], seen: Sequence[State], killed: bool) -> tuple[i
     Samples before the connection of the recorder are not counted: those before its first sample in
     the run in which it started, and in every later run of the actuator. Nor is the last tick of a
     run: an actuator that is killed while it publishes may have reached only some subscribers.
-
-    Parameters
-    ----------
-    held : sequence of (sample, voltage, displacement)
-        What the bag holds.
-    seen : sequence of State
-        What was published until the recorder was asked to end.
-    killed : bool
-        Leave out what is missing at the end, and return how long that is [s] instead.
     """
+    # killed [s]
     have = {_key(*each) for each in held}
     there = [_key(s.sample, s.voltage, s.displacement) in have for s in seen]
     if not any(there):

@@ -29,31 +29,16 @@ NODES = tuple(VOICES)
 
 @dataclass(frozen=True)
 class Setting:
-    """How the loop is run.
+    """How the loop is run."""
 
-    Attributes
-    ----------
-    rate : float
-        Sampling rate [Hz].
-    low, high, slew : float
-        Limits of every link and of the simulator's input [V], [V], [V/s].
-    frequency, amplitude : float
-        The reference, a sinusoid [Hz], [m].
-    patience : float
-        Silence after which links and simulator go to the safe voltage [s]; so long that a machine
-        that is busy with other things is not taken for a fault.
-    clock : str
-        Of the simulator: ``real_time`` or ``lock_step``.
-    """
-
-    rate: float = 100.0
-    low: float = -1.0
-    high: float = 1.0
-    slew: float = 20.0
-    frequency: float = 1.0
-    amplitude: float = 6e-5
-    patience: float = 0.5
-    clock: str = 'real_time'
+    rate: float = 100.0  # sampling rate [Hz]
+    low: float = -1.0  # [V]
+    high: float = 1.0  # [V]
+    slew: float = 20.0  # [V/s]
+    frequency: float = 1.0  # [Hz]
+    amplitude: float = 6e-5  # [m]
+    patience: float = 0.5  # silence after which links and simulator go to the safe voltage [s]
+    clock: str = 'real_time'  # of the simulator: ``real_time`` or ``lock_step``
 
     @property
     def period(self) -> int:
@@ -62,19 +47,7 @@ class Setting:
 
 
 class Loop:
-    """Eight processes: five of the chain, and those that identify, compare and record.
-
-    Parameters
-    ----------
-    processes : NodeProcesses
-        Owner of the processes.
-    folder : Path
-        Where the model and the bags go.
-    setting : Setting
-        How the loop is run.
-    more : mapping of str to mapping, optional
-        Further parameters of a node.
-    """
+    """Eight processes: five of the chain, and those that identify, compare and record."""
 
     def __init__(
         self,
@@ -179,15 +152,7 @@ class Loop:
 
 
 class Crowd:
-    """More subscribers of the state of the actuator, each a node, all served by one thread.
-
-    Parameters
-    ----------
-    processes : NodeProcesses
-        In whose domain they listen.
-    count : int
-        How many.
-    """
+    """More subscribers of the state of the actuator, each a node, all served by one thread."""
 
     def __init__(self, processes: NodeProcesses, count: int) -> None:
         self._context = joined(processes.domain)

@@ -52,49 +52,23 @@ EVERY = 0.01
 
 
 class State(NamedTuple):
-    """One tick of the actuator as it was observed.
+    """One tick of the actuator as it was observed."""
 
-    Attributes
-    ----------
-    arrived : float
-        When it was published [s], on the monotonic clock.
-    life : int
-        How often the actuator was restarted before.
-    sample : int
-        Number of the tick.
-    voltage, displacement : float
-        Published values [V], [m].
-    """
-
-    arrived: float
-    life: int
-    sample: int
-    voltage: float
-    displacement: float
+    arrived: float  # when it was published [s], on the monotonic clock
+    life: int  # how often the actuator was restarted before
+    sample: int  # number of the tick
+    voltage: float  # published values [V]
+    displacement: float  # [m]
 
 
 @dataclass
 class Observed:
-    """All received messages.
+    """All received messages."""
 
-    Attributes
-    ----------
-    states : list of State
-        Every tick of the actuator.
-    references : dict
-        Displacement wanted at a tick [m], of the newest run.
-    commands : dict
-        Voltage commanded for a tick [V], of the newest run.
-    received : dict
-        Time of the last message of each node [s].
-    counts : dict
-        Messages of each node.
-    """
-
-    states: list[State] = field(default_factory=list)
-    references: dict[int, float] = field(default_factory=dict)
-    commands: dict[int, float] = field(default_factory=dict)
-    received: dict[str, float] = field(default_factory=dict)
+    states: list[State] = field(default_factory=list)  # every tick of the actuator
+    references: dict[int, float] = field(default_factory=dict)  # displacement wanted at a tick [m]
+    commands: dict[int, float] = field(default_factory=dict)  # voltage commanded for a tick [V]
+    received: dict[str, float] = field(default_factory=dict)  # [s]
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(NODES, 0))
 
     def discard(self) -> None:
@@ -110,18 +84,6 @@ class Observer:
 
     Messages are taken from the middleware without an executor, which would cost more, and dated
     by the time stamps of the writers: a machine that is busy makes the observer late, not wrong.
-
-    Parameters
-    ----------
-    processes : NodeProcesses
-        Whose domain it joins.
-
-    Attributes
-    ----------
-    node : Node
-        For publishers; it is never spun.
-    hooks : dict of str to callable
-        Called with every genuine message of a topic.
     """
 
     def __init__(self, processes: NodeProcesses) -> None:

@@ -171,21 +171,11 @@ def relays(hops: int, rounds: int, environment: dict[str, str]) -> Iterator[list
 
 
 class Run(NamedTuple):
-    """What a ring or a loop did.
+    """What a ring or a loop did."""
 
-    Attributes
-    ----------
-    times : ndarray
-        When each round was over [s].
-    errors : ndarray
-        Measured minus desired displacement of each [m]; 0 in a ring.
-    cpu : float
-        CPU time of all processes per round [s].
-    """
-
-    times: FloatArray
-    errors: FloatArray
-    cpu: float
+    times: FloatArray  # when each round was over [s]
+    errors: FloatArray  # measured minus desired displacement of each [m]; 0 in a ring
+    cpu: float  # CPU time of all processes per round [s]
 
 
 def clock(command: Sequence[str], environment: dict[str, str], others: Sequence[int]) -> Run:

@@ -32,15 +32,6 @@ def parsed(
     """Add `--quick` to a parser and return what is asked for.
 
     A quick run keeps its files in a temporary folder, unless `--out` names another.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        With every other option.
-    words : sequence of str, optional
-        Of the command line; those of this process where they are not given.
-    **small : object
-        Defaults of a quick run; an option that is given wins over them.
     """
     numbers = ', '.join(f'{name.replace("_", "-")} {value}' for name, value in small.items())
     parser.add_argument(

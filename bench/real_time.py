@@ -62,48 +62,22 @@ SAYS_EVERY = 15.0
 
 @dataclass(frozen=True)
 class Figures:
-    """What a run showed.
+    """What a run showed."""
 
-    Attributes
-    ----------
-    seconds, samples : float, int
-        Length of the run, and ticks of the actuator in it.
-    lost : int
-        Samples without a command, or that the observer did not receive.
-    given_up : int
-        Commands that came so late that the watchdog of a link had answered for them.
-    late : int
-        Samples whose command came too late.
-    late_percent : float
-        Of all samples.
-    overruns : int
-        Ticks that the actuator itself took late, because it was not scheduled in time.
-    p50, p99, p999 : float
-        Latency from the state to the command that answers it [us].
-    cpu : float
-        CPU time of all processes per sample [us].
-    load : float
-        Load of the machine during the run, without this loop where it was idle before.
-    sleeper_percent : float
-        Ticks that a bare sleeping loop woke for more than a period late, of all.
-    ring_percent : float
-        Ticks that bare relays did not bring around within a period, of all.
-    """
-
-    seconds: float
-    samples: int
-    lost: int
-    given_up: int
-    late: int
-    late_percent: float
-    overruns: int
-    p50: float
-    p99: float
-    p999: float
-    cpu: float
-    load: float
+    seconds: float  # length of the run
+    samples: int  # ticks of the actuator in it
+    lost: int  # samples without a command, or that the observer did not receive
+    given_up: int  # commands that came so late that the watchdog of a link had answered for them
+    late: int  # samples whose command came too late
+    late_percent: float  # of all samples
+    overruns: int  # ticks that the actuator itself took late, because it was not scheduled in time
+    p50: float  # [us]
+    p99: float  # [us]
+    p999: float  # [us]
+    cpu: float  # CPU time of all processes per sample [us]
+    load: float  # load of the machine during the run, without this loop where it was idle before
     sleeper_percent: float = math.nan
-    ring_percent: float = math.nan
+    ring_percent: float = math.nan  # ticks that bare relays did not bring around within a period
 
 
 class Stopwatch(Node):

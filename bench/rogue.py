@@ -76,13 +76,7 @@ FAULTS: dict[str, Callable[[Spoilt, str], None]] = {
 
 
 class Rogue:
-    """Publishes corrupted copies of the messages of an observer.
-
-    Parameters
-    ----------
-    observer : Observer
-        In the domain of the loop.
-    """
+    """Publishes corrupted copies of the messages of an observer."""
 
     def __init__(self, observer: Observer) -> None:
         self._left: dict[str, tuple[str, int]] = {}

@@ -40,33 +40,17 @@ _SIZES = ('VmRSS', 'RssAnon', 'RssShmem')
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the memory and the handles of one node did.
+    """What the memory and the handles of one node did."""
 
-    Attributes
-    ----------
-    rss : float
-        Mean resident memory after the first quarter [byte].
-    slope, low, high : float
-        Growth and its 95 % interval [byte/h].
-    private, shared : float
-        Growth of the heap and of what is shared with other processes [byte/h]: a leak is private,
-        the buffers of the middleware are shared and touched one by one until all have been used.
-    handles_first, handles_last : int
-        Handles open in the second quarter and in the last one, the median: a recorder has its
-        metadata open for a moment every second.
-    flat : bool
-        Whether both stay where they are.
-    """
-
-    rss: float
-    slope: float
-    low: float
-    high: float
+    rss: float  # mean resident memory after the first quarter [byte]
+    slope: float  # [byte/h]
+    low: float  # [byte/h]
+    high: float  # [byte/h]
     private: float
     shared: float
     handles_first: int
     handles_last: int
-    flat: bool
+    flat: bool  # whether both stay where they are
 
 
 class Sample(NamedTuple):
@@ -104,16 +88,8 @@ def slope_of(time: np.ndarray, values: np.ndarray, blocks: int = 12) -> tuple[fl
     return float(fit.slope), float(fit.slope) - half, float(fit.slope) + half
 
 
-def judge(seconds: np.ndarray, samples: np.ndarray) -> Verdict:
-    """Say what one node did.
-
-    Parameters
-    ----------
-    seconds : ndarray, shape (n,)
-        Time [s].
-    samples : ndarray, shape (n, 4)
-        What it held then, as in `Sample`.
-    """
+def judge(seconds: np.ndarray, samples: np.ndarray) -> Verdict:  # seconds [s] (n,); samples (n, 4)
+    """Say what one node did."""
     late = seconds >= seconds[0] + 0.25 * (seconds[-1] - seconds[0])
     rss, private, shared, after = samples[late].T
     slope, low, high = (3600.0 * each for each in slope_of(seconds[late], rss))
@@ -128,16 +104,8 @@ def judge(seconds: np.ndarray, samples: np.ndarray) -> Verdict:
 
 def soak(
     seconds: float, setting: Setting, folder: Path, every: float = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Run the loop for so long.
-
-    Returns
-    -------
-    seconds : ndarray, shape (n,)
-        When the nodes were looked at [s].
-    samples : ndarray, shape (n, nodes, 4)
-        What each of `NODES` held then, as in `Sample`.
-    """
+) -> tuple[np.ndarray, np.ndarray]:  # -> seconds [s] (n,), samples (n, nodes, 4)
+    """Run the loop for so long."""
     with NodeProcesses() as processes, closing(Observer(processes)) as observer:
         loop = Loop(processes, folder, setting)
         for name in NODES:

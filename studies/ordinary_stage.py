@@ -24,38 +24,19 @@ _DEEPEST = 4096
 
 @dataclass(frozen=True)
 class Draw:
-    """What distinguishes one stage from another.
+    """What distinguishes one stage from another."""
 
-    Attributes
-    ----------
-    low, high : float
-        Range of the voltage [V].
-    stroke : float
-        Displacement of the whole range [m].
-    rate : float
-        Sampling rate [Hz].
-    mode, damping : float
-        Natural frequency [Hz] and damping ratio.
-    hysteresis, skew : float
-        Share of the displacement that the relays carry, and how much their density rises with
-        the mean voltage, -1 to 1.
-    creep, growth : float
-        Creep of a decade of time as a share of the displacement, and its power of time.
-    noise : float
-        Rms noise of the sensor [m].
-    """
-
-    low: float = 0.0
-    high: float = 100.0
-    stroke: float = 14e-6
-    rate: float = 10e3
-    mode: float = 800.0
-    damping: float = 0.012
+    low: float = 0.0  # [V]
+    high: float = 100.0  # [V]
+    stroke: float = 14e-6  # displacement of the whole range [m]
+    rate: float = 10e3  # sampling rate [Hz]
+    mode: float = 800.0  # natural frequency [Hz]
+    damping: float = 0.012  # damping ratio
     hysteresis: float = 0.25
     skew: float = 0.2
-    creep: float = 0.02
-    growth: float = 0.0
-    noise: float = 3.6e-9
+    creep: float = 0.02  # creep of a decade of time as a share of the displacement
+    growth: float = 0.0  # its power of time
+    noise: float = 3.6e-9  # rms noise of the sensor [m]
 
     @property
     def middle(self) -> float:

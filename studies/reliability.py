@@ -36,23 +36,13 @@ _NAME = re.compile(r'([a-z_]+) ([01]\.\d+)')
 
 @dataclass(frozen=True)
 class Class:
-    """Reported names with similar probability.
+    """Reported names with similar probability."""
 
-    Attributes
-    ----------
-    low, high : float
-        Bounds of the probability [1].
-    named, right : int
-        Number of reported names, and of right ones.
-    mean : float
-        Mean reported probability [1].
-    """
-
-    low: float
-    high: float
-    named: int
-    right: int
-    mean: float
+    low: float  # [1]
+    high: float  # [1]
+    named: int  # number of reported names
+    right: int  # of right ones
+    mean: float  # mean reported probability [1]
 
     @property
     def share(self) -> float:

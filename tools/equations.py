@@ -6,21 +6,11 @@ from typing import NamedTuple
 
 
 class Equation(NamedTuple):
-    """One equation.
+    """One equation."""
 
-    Attributes
-    ----------
-    about : str
-        What it is.
-    command : str
-        What a user types to use it; '' where the code has it in a larger step.
-    figures : str
-        Figures and tables of the paper that it stands behind, or ''.
-    """
-
-    about: str
-    command: str = ''
-    figures: str = ''
+    about: str  # what it is
+    command: str = ''  # what a user types to use it; '' where the code has it in a larger step
+    figures: str = ''  # figures and tables of the paper that it stands behind, or ''
 
 
 _RLS = 'identify --method fujii2018'

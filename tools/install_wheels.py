@@ -42,13 +42,7 @@ SAME = {
 
 
 def uv_settings(config: str) -> dict[str, str] | None:
-    """Return the environment in which uv does what pip does, None where it cannot.
-
-    Parameters
-    ----------
-    config : str
-        What ``pip config list`` prints, one ``section.key='value'`` a line; later ones win.
-    """
+    """Return the environment in which uv does what pip does, None where it cannot."""
     # pip looks at all its indexes
     environment = {'UV_INDEX_STRATEGY': 'unsafe-best-match'}
     for line in config.split('\n'):

@@ -63,20 +63,12 @@ FIFTH = (14.0,)
 
 @dataclass(frozen=True)
 class Length:
-    """Durations and frequencies of the runs.
+    """Durations and frequencies of the runs."""
 
-    Attributes
-    ----------
-    identify, track, begin : float
-        Durations of identification and tracking, and time from which errors are evaluated [s].
-    frequencies : tuple of float
-        Frequencies of the sweeps [Hz].
-    """
-
-    identify: float = 100.0
-    track: float = 40.0
-    begin: float = 20.0
-    frequencies: tuple[float, ...] = tuple(float(f) for f in range(1, 51))
+    identify: float = 100.0  # durations of identification [s]
+    track: float = 40.0  # tracking [s]
+    begin: float = 20.0  # time from which errors are evaluated [s]
+    frequencies: tuple[float, ...] = tuple(float(f) for f in range(1, 51))  # [Hz]
 
 
 FULL = Length()

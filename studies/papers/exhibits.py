@@ -27,45 +27,18 @@ Builders = Sequence[tuple[Sequence[str], Callable[[bool], Sequence['Exhibit']]]]
 
 @dataclass(frozen=True)
 class Exhibit:
-    """One figure or table of a paper, reproduced.
+    """One figure or table of a paper, reproduced."""
 
-    Attributes
-    ----------
-    paper : str
-        Fujii 2018 to Fang 2019.
-    name : str
-        ``Figure 10``, ``Table 1``.
-    shows : str
-        Subject.
-    stated : str
-        Statement or numbers of the paper; quotation marks enclose its text.
-    ours : str
-        Result here.
-    reason : str
-        Reason of a difference, or '' if they agree.
-    draw : callable
-        Draws it on a figure.
-    numbers : dict of str to float
-        The numbers in `ours`, for tests.
-    deviating : str
-        Results of methods that are not those of the paper, or '' if there are none.
-    compared : sequence of tuple of float
-        Errors printed in the paper, each with the one obtained here by its method.
-    holds : bool, optional
-        Whether a statement of the paper without a printed error holds here; by default the paper
-        states nothing that can be compared.
-    """
-
-    paper: str
-    name: str
-    shows: str
-    stated: str
-    ours: str
-    draw: Draw
-    reason: str = ''
-    numbers: dict[str, float] = field(default_factory=dict)
-    deviating: str = ''
-    compared: Sequence[tuple[float, float]] = ()
+    paper: str  # fujii 2018 to Fang 2019
+    name: str  # ``Figure 10``, ``Table 1``
+    shows: str  # subject
+    stated: str  # statement or numbers of the paper; quotation marks enclose its text
+    ours: str  # result here
+    draw: Draw  # draws it on a figure
+    reason: str = ''  # reason of a difference, or '' if they agree
+    numbers: dict[str, float] = field(default_factory=dict)  # the numbers in `ours`, for tests
+    deviating: str = ''  # results of methods that are not those of the paper
+    compared: Sequence[tuple[float, float]] = ()  # errors printed in the paper
     holds: bool | None = None
 
     @property

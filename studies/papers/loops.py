@@ -53,14 +53,8 @@ def width(curve: tuple[FloatArray, FloatArray]) -> float:
     return 100.0 * gap / float(np.ptp(y))
 
 
-def late(curve: tuple[FloatArray, FloatArray]) -> float:
-    """Return by how much the maximum of the last displacement follows that of the input [deg].
-
-    Parameters
-    ----------
-    curve : tuple of ndarray, shape (n,)
-        Input and displacement of two whole periods.
-    """
+def late(curve: tuple[FloatArray, FloatArray]) -> float:  # curve (n,)
+    """Return by how much the maximum of the last displacement follows that of the input [deg]."""
     u, y = (part[-(part.size // 2) :] for part in curve)
     return 360.0 * float((np.argmax(y) - np.argmax(u)) % u.size) / u.size
 

@@ -54,17 +54,7 @@ STACKS: dict[str, Changes] = {
 
 @functools.cache
 def flap_errors(changes: Changes, *, known: bool, quick: bool = False) -> dict[str, float]:
-    """Return the largest errors at 10 Hz and ±200 µm on a changed flap actuator [µm].
-
-    Parameters
-    ----------
-    changes : tuple of (str, float or bool)
-        Parameters and effects of the preset.
-    known : bool
-        Whether the model is identified from the changed actuator; otherwise from the preset.
-    quick : bool
-        Whether the swarm and the run are short.
-    """
+    """Return the largest errors at 10 Hz and ±200 µm on a changed flap actuator [µm]."""
     overrides = dict(changes) if known else {}
     records = [
         _record(flap.NAME, Sine(60.0, f, s), flap.DT, f, 60.0, 0.5 * s, overrides)

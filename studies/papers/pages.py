@@ -114,21 +114,11 @@ REMARKS: dict[str, tuple[str, ...]] = {
 
 
 class Command(NamedTuple):
-    """One command.
+    """One command."""
 
-    Attributes
-    ----------
-    words : str
-        ``piezo_sim`` is a program of its own; everything else is a verb of ``piezo``.
-    figures : str
-        Figures and tables that it contributes to, or ''.
-    outcome : str
-        Expected result in the form of test/docs/expectations.py, or ''.
-    """
-
-    words: str
-    figures: str = ''
-    outcome: str = ''
+    words: str  # ``piezo_sim`` is a program of its own; everything else is a verb of ``piezo``
+    figures: str = ''  # figures and tables that it contributes to, or ''
+    outcome: str = ''  # expected result in the form of test/docs/expectations.py, or ''
 
 
 _BIMORPH = '--plant preset:fdk_pzba_00030'

@@ -95,16 +95,7 @@ def slow_by_least_squares() -> Found:
 
 
 def chain(kind: str, model: Found | None = None) -> list[Link]:
-    """Return the chain called `kind` for the stage.
-
-    Parameters
-    ----------
-    kind : str
-        ``PID``, or ``inverse`` and ``switched inverse``, alone or with ``+ PID`` and
-        ``+ fuzzy PID``; the latter also with ``, integral gain fixed``.
-    model : tuple of Model and mapping, optional
-        What is inverted.
-    """
+    """Return the chain called `kind` for the stage."""
     links: list[Link] = []
     if model is not None and 'inverse' in kind:
         links.append(inverse_for(*model, DT, limits=LIMITS, scale=5.0))

@@ -25,31 +25,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Task:
-    """What a peer knows.
+    """What a peer knows."""
 
-    Attributes
-    ----------
-    dt : float
-        Sampling interval [s].
-    period : int
-        Samples in one cycle of the training voltage; 0 if it is no sine.
-    voltage, displacement : sequence of ndarray
-        Training record first, then the tests; centred and in units of half the range of what is
-        known of the training record.
-    quick : bool
-        Whether iterations are few.
-    periods : int
-        Steady periods that the training record consists of; 0 if unknown.
-    """
-
-    dt: float
-    period: int
+    dt: float  # sampling interval [s]
+    period: int  # samples in one cycle of the training voltage; 0 if it is no sine
     voltage: Sequence[Array]
     displacement: Sequence[Array]
     half_ranges: tuple[float, float]
     middles: tuple[float, float]
-    quick: bool
-    periods: int
+    quick: bool  # whether iterations are few
+    periods: int  # steady periods that the training record consists of; 0 if unknown
 
     @property
     def known(self) -> tuple[Array, Array]:

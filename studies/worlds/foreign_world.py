@@ -109,21 +109,11 @@ def _held(slope: Slope, voltage: Array, last: float, state: Array) -> Array:
 
 @dataclass(frozen=True)
 class World:
-    """Equations of an actuator.
+    """Equations of an actuator."""
 
-    Attributes
-    ----------
-    states : int
-        Number of states.
-    slope : callable
-        One of the functions above.
-    output : callable
-        Displacement in strokes, from the states as columns.
-    """
-
-    states: int
-    slope: Slope
-    output: Callable[[Array], Array]
+    states: int  # number of states
+    slope: Slope  # one of the functions above
+    output: Callable[[Array], Array]  # displacement in strokes, from the states as columns
 
     def follow(self, drive: Drive, times: Array) -> Array:
         """Return the displacement at times from 0 [s], from rest [m]."""
@@ -142,17 +132,8 @@ class World:
         return np.asarray(STROKE * self.output(found.y))
 
     def held(self, voltage: Array, last: float, state: Array) -> tuple[Array, Array]:
-        """Return the displacement [m] at the ends of the parts of ticks, and the states there.
-
-        Parameters
-        ----------
-        voltage : ndarray, shape (n,)
-            Levels of the converter, one per tick [V].
-        last : float
-            Level before the first [V].
-        state : ndarray, shape (states,)
-            States before the first tick.
-        """
+        """Return the displacement [m] at the ends of the parts of ticks, and the states there."""
+        # voltage [V] (n,); last [V]; state (states,)
         states = _held(self.slope, voltage, last, state)
         return np.asarray(STROKE * self.output(states)), states
 

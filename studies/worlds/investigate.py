@@ -175,17 +175,8 @@ def _line(kind: str, way: str, rows: Rows) -> str:
 
 
 def goals(rows: Rows, budget: float, limits: tuple[float, float, float]) -> str:
-    """Return the goals with the results.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        Results of the study.
-    budget : float
-        Actuator time that might be spent [s].
-    limits : (float, float, float)
-        Least and greatest voltage [V], and fastest change [V/s], that were allowed.
-    """
+    """Return the goals with the results."""
+    # budget [s]; limits [V] [V/s]
     chosen, fixed = (
         {row['key']: row for row in rows if row['way'] == way and row['kind'] == 'single'}
         for way in ('designed', 'battery')

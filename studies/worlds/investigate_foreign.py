@@ -48,24 +48,12 @@ BUDGET = 200.0  # [s]
 
 @dataclass
 class Stage:
-    """An actuator that keeps its state between experiments.
-
-    Attributes
-    ----------
-    world : World
-        Its equations.
-    effect : str
-        Key of `HIDDEN`.
-    size : float
-        Size of the effect, 0.25 to 1.
-    random : numpy.random.Generator
-        Source of the noise.
-    """
+    """An actuator that keeps its state between experiments."""
 
     world: World
-    effect: str
-    size: float
-    random: np.random.Generator
+    effect: str  # key of `HIDDEN`
+    size: float  # size of the effect, 0.25 to 1
+    random: np.random.Generator  # source of the noise
     _state: Array = field(init=False)
     _level: float = 0.0
     _moved: list[Array] = field(default_factory=list)

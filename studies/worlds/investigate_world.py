@@ -27,33 +27,15 @@ EFFECTS = tuple(name for name in KNOBS if name not in OTHER_LAWS)
 
 @dataclass(frozen=True)
 class Changed:
-    """An actuator whose model was identified before something changed.
+    """An actuator whose model was identified before something changed."""
 
-    Attributes
-    ----------
-    key : str
-        What it is called in the results.
-    model : ModelFile
-        Of the actuator as it was, with what it misses.
-    effects : tuple of str
-        What changed, in the words of the simulator; empty where nothing did.
-    names : tuple of tuple of str
-        By which names each may be called.
-    overrides : mapping
-        The actuator as it is.
-    rate : float
-        Ticks per second [Hz].
-    seed : int
-        Of its noise.
-    """
-
-    key: str
-    model: ModelFile
-    effects: tuple[str, ...]
-    names: tuple[tuple[str, ...], ...]
-    overrides: Mapping[str, float | bool]
-    rate: float
-    seed: int
+    key: str  # what it is called in the results
+    model: ModelFile  # of the actuator as it was, with what it misses
+    effects: tuple[str, ...]  # what changed, in the words of the simulator
+    names: tuple[tuple[str, ...], ...]  # by which names each may be called
+    overrides: Mapping[str, float | bool]  # the actuator as it is
+    rate: float  # ticks per second [Hz]
+    seed: int  # of its noise
 
     def right(self, found: tuple[str, ...]) -> bool:
         """Return whether what was named is what changed, and nothing else."""
@@ -66,18 +48,6 @@ class Bench:
     """An actuator that runs experiments in sequence and keeps its state between them.
 
     It moved before the first experiment, and no record shows that motion.
-
-    Parameters
-    ----------
-    changed : Changed
-        Which.
-
-    Attributes
-    ----------
-    seconds : float
-        Time for which it was driven [s].
-    extremes : list of float
-        Least and greatest command [V] and the fastest change [V/s].
     """
 
     def __init__(self, changed: Changed) -> None:

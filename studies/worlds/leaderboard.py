@@ -46,25 +46,13 @@ PEERS = Path(__file__).resolve().parents[1] / 'peers' / 'run.py'
 
 @dataclass(frozen=True)
 class Test:
-    """What is run freely.
+    """What is run freely."""
 
-    Attributes
-    ----------
-    file : str
-        File in the folder of the training record.
-    known : float
-        Fraction of it whose displacement is known and not scored.
-    start, zero : str
-        Its initial condition and zero, as `identify` takes them.
-    periodic : bool
-        Whether it is one period of a steady state.
-    """
-
-    file: str
-    known: float = 0.0
+    file: str  # file in the folder of the training record
+    known: float = 0.0  # fraction of it whose displacement is known and not scored
     start: str = 'auto'
     zero: str = 'auto'
-    periodic: bool = False
+    periodic: bool = False  # whether it is one period of a steady state
 
 
 @dataclass(frozen=True)

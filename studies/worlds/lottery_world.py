@@ -46,69 +46,32 @@ _ALL = (*EFFECTS, *UNKNOWN_EFFECTS)
 
 @dataclass(frozen=True)
 class Conditions:
-    """How the records were taken.
+    """How the records were taken."""
 
-    Attributes
-    ----------
-    rate : float
-        Sampling rate [Hz].
-    start : str
-        ``rest``, ``step``, ``mid-period`` or ``remanent``.
-    noise : float
-        Rms over the stroke of the largest record [1].
-    grows : bool
-        Whether noise follows the amplitude of the record.
-    coloured : bool
-        Whether noise has a memory of some samples.
-    zeros : float
-        Spread of the zeros of records over the stroke [1].
-    bits : int
-        Of the converter of the displacement.
-    kinds : tuple of str
-        Waveform of each record.
-    drives : tuple of (float, float)
-        Amplitude over the largest [1] and frequency over the sampling rate [1] of each record.
-    """
-
-    rate: float
-    start: str
-    noise: float
-    grows: bool
-    coloured: bool
-    zeros: float
-    bits: int
-    kinds: tuple[str, ...]
-    drives: tuple[tuple[float, float], ...]
+    rate: float  # sampling rate [Hz]
+    start: str  # ``rest``, ``step``, ``mid-period`` or ``remanent``
+    noise: float  # rms over the stroke of the largest record [1]
+    grows: bool  # whether noise follows the amplitude of the record
+    coloured: bool  # whether noise has a memory of some samples
+    zeros: float  # spread of the zeros of records over the stroke [1]
+    bits: int  # of the converter of the displacement
+    kinds: tuple[str, ...]  # waveform of each record
+    drives: tuple[tuple[float, float], ...]  # [1]
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """What is the same in all records; lengths in strokes, times in ticks, voltages in ranges.
+    """What is the same in all records; lengths in strokes, times in ticks, voltages in ranges."""
 
-    Attributes
-    ----------
-    volts, metres : float
-        Largest voltage [V], and stroke at it, about [m].
-    loop, beta, gamma : float
-        Share of the hysteresis [1] and its shape [1/range].
-    frequency, damping : float
-        Of the mode [1/tick], [1].
-    sizes : dict of str to float
-        Of what hides; absent is nothing.
-    other : float
-        Second number of an effect that has two: time of creep [ticks], frequency of a tone or
-        mode [1/tick].
-    """
-
-    volts: float
-    metres: float
+    volts: float  # [V]
+    metres: float  # [m]
     loop: float
     beta: float
     gamma: float
-    frequency: float
-    damping: float
-    sizes: dict[str, float] = field(default_factory=dict)
-    other: dict[str, float] = field(default_factory=dict)
+    frequency: float  # of the mode [1/tick]
+    damping: float  # [1]
+    sizes: dict[str, float] = field(default_factory=dict)  # of what hides; absent is nothing
+    other: dict[str, float] = field(default_factory=dict)  # [ticks] [1/tick]
 
 
 @numba.njit(cache=False)

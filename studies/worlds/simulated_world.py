@@ -29,23 +29,11 @@ Overrides = dict[str, float | bool]
 
 @dataclass(frozen=True)
 class World:
-    """An actuator without anything hidden.
+    """An actuator without anything hidden."""
 
-    Attributes
-    ----------
-    name : str
-        Kind of world.
-    baseline : str
-        Named model that describes it.
-    overrides : dict
-        Parameters and switches of the simulator.
-    absorbed : tuple of str
-        Parameters of the simulator that a refit of the baseline stands for.
-    """
-
-    name: str
-    baseline: str
-    overrides: Overrides
+    name: str  # kind of world
+    baseline: str  # named model that describes it
+    overrides: Overrides  # parameters and switches of the simulator
     absorbed: tuple[str, ...]
 
 
@@ -328,39 +316,19 @@ EXOTIC: dict[str, Knob] = {
 
 @dataclass(frozen=True)
 class Hidden:
-    """One set: everything needed to make it again, and the answer.
+    """One set: everything needed to make it again, and the answer."""
 
-    Attributes
-    ----------
-    key, kind, design : str
-        What it is called in the results; single, pair, null or unknown; careful or poor.
-    world : World
-        The actuator with everything that is hidden.
-    effects : tuple of str
-        What is hidden, in the words of the simulator.
-    names : tuple of tuple of str
-        By which names of the vocabulary each may be called.
-    specs : tuple of mapping
-        The experiments.
-    rate, noise_db : float
-        Sampling rate [Hz]; rms of the slowest record over that of the noise [dB].
-    seed : int
-        Of the noise.
-    floors : tuple of float
-        Size of each effect, estimated [noise floors].
-    """
-
-    key: str
-    kind: str
-    design: str
-    world: World
-    effects: tuple[str, ...]
-    names: tuple[tuple[str, ...], ...]
+    key: str  # what it is called in the results; single
+    kind: str  # pair
+    design: str  # null or unknown; careful or poor
+    world: World  # the actuator with everything that is hidden
+    effects: tuple[str, ...]  # what is hidden, in the words of the simulator
+    names: tuple[tuple[str, ...], ...]  # by which names of the vocabulary each may be called
     specs: tuple[Mapping[str, Any], ...]
-    rate: float
-    noise_db: float
-    seed: int
-    floors: tuple[float, ...] = field(default=())
+    rate: float  # [Hz]
+    noise_db: float  # [dB]
+    seed: int  # of the noise
+    floors: tuple[float, ...] = field(default=())  # size of each effect, estimated [noise floors]
 
 
 def experiments(design: str, rng: Generator, mode: float) -> tuple[Mapping[str, Any], ...]:

@@ -16,17 +16,8 @@ FREQUENCY = 5.0
 
 @contextmanager
 def records_in(data: Path | None, files: Sequence[str], seconds: float = 2.0) -> Iterator[Path]:
-    """Yield the folder of measured records, or one of stand-ins where there is none.
-
-    Parameters
-    ----------
-    data : Path or None
-        Folder of the measured records.
-    files : sequence of str
-        Names of the stand-ins; each is a sine of the simulated bimorph with noise of its own.
-    seconds : float
-        Length of each [s].
-    """
+    """Yield the folder of measured records, or one of stand-ins where there is none."""
+    # seconds [s]
     if data is not None:
         yield data
         return

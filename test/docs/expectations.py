@@ -68,13 +68,7 @@ class Outcome:
     value: str = ''
 
     def check(self, folder: Path, code: int, output: str) -> None:
-        """Compare.
-
-        Raises
-        ------
-        AssertionError
-            With what was there in place of what is expected.
-        """
+        """Compare."""
         if self.kind == 'output':
             assert re.search(self.value, output), f'{self.value!r} is not in {output[-2000:]!r}'
         elif self.kind == 'refused':
@@ -121,13 +115,7 @@ FORMS: tuple[tuple[str, Callable[..., Expectation]], ...] = (
 
 
 def parse(line: str, where: str = '') -> Expectation:
-    """Return the expectation that a line states.
-
-    Raises
-    ------
-    ValueError
-        If it has none of the forms above; names the place.
-    """
+    """Return the expectation that a line states."""
     for form, make in FORMS:
         if found := re.fullmatch(form, line):
             expectation = make(*found.groups())
@@ -145,13 +133,7 @@ def parse(line: str, where: str = '') -> Expectation:
 
 
 def values_at(content: Any, path: str) -> list[Any]:
-    """Return what stands at a path; `[*]` stands for every entry.
-
-    Raises
-    ------
-    AssertionError
-        If there is no such place.
-    """
+    """Return what stands at a path; `[*]` stands for every entry."""
     found = [content]
     for index, name in STEP.findall(path):
         try:

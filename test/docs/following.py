@@ -69,13 +69,7 @@ class Terminal:
         return Path(self._said.name).read_text(encoding='utf-8', errors='replace')
 
     def ctrl_c(self) -> None:
-        """Press Ctrl-C and wait.
-
-        Raises
-        ------
-        AssertionError
-            If it ended by itself, with another exit code, or not at all.
-        """
+        """Press Ctrl-C and wait."""
         self.check()
         os.killpg(self._process.pid, signal.SIGINT)
         try:
@@ -96,15 +90,7 @@ class Terminal:
 
 
 class Follower:
-    """Runs the blocks of a page in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Where a reader would type.
-    env : mapping
-        Its environment, of `prepare`.
-    """
+    """Runs the blocks of a page in a folder."""
 
     def __init__(self, folder: Path, env: Mapping[str, str]) -> None:
         self._folder, self._env = folder, env
@@ -121,13 +107,7 @@ class Follower:
                 each.kill()
 
     def follow(self, blocks: list[Block]) -> None:
-        """Run blocks in order.
-
-        Raises
-        ------
-        AssertionError
-            If one has another outcome than its page states.
-        """
+        """Run blocks in order."""
         for block in blocks:
             if block.ctrl_c:
                 self.ctrl_c()

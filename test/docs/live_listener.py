@@ -91,13 +91,7 @@ assert MEASURES.keys() == QUANTITIES.keys()
 
 
 def listen(expected: Live, domain: int, check: Callable[[], None]) -> None:
-    """Wait until what is expected is heard.
-
-    Raises
-    ------
-    AssertionError
-        If it is not, with what was heard in place of it.
-    """
+    """Wait until what is expected is heard."""
     if expected.quantity == 'serves':
         _served(expected.value, check)
         return

@@ -29,30 +29,14 @@ GENERATED = ('docs/reference', 'docs/effects')
 
 @dataclass
 class Block:
-    """A block of a page.
+    """A block of a page."""
 
-    Attributes
-    ----------
-    language : str
-        Behind the fence; empty where nothing is, and for an indented block.
-    text : str
-        Its lines, without the indentation.
-    line : int
-        Its first line in the page.
-    given : list of str
-        Commands that make what a reader has at hand.
-    expected : list of Expectation
-        What its outcome is compared with.
-    ctrl_c : bool
-        Whether the terminals before it have been ended.
-    """
-
-    language: str
-    text: str
-    line: int
-    given: list[str] = field(default_factory=list)
-    expected: list[Expectation] = field(default_factory=list)
-    ctrl_c: bool = False
+    language: str  # behind the fence; empty where nothing is, and for an indented block
+    text: str  # its lines, without the indentation
+    line: int  # its first line in the page
+    given: list[str] = field(default_factory=list)  # commands that make what a reader has at hand
+    expected: list[Expectation] = field(default_factory=list)  # what its outcome is compared with
+    ctrl_c: bool = False  # whether the terminals before it have been ended
 
     @property
     def file(self) -> str | None:
@@ -83,13 +67,7 @@ def pages() -> list[Path]:
 
 
 def blocks_of(page: Path) -> list[Block]:
-    """Return the blocks of a page in order.
-
-    Raises
-    ------
-    ValueError
-        If a comment for a block stands where no block is, or an expectation cannot be read.
-    """
+    """Return the blocks of a page in order."""
     blocks: list[Block] = []
     given: list[str] = []
     ctrl_c = False

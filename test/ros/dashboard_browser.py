@@ -37,15 +37,7 @@ class Disturbed(Exception):
 
 
 class Browser:
-    """One page in a browser; everything it says, and asks the network for, is kept.
-
-    Parameters
-    ----------
-    folder : Path
-        For what the browser writes.
-    *flags : str
-        Further ones of its command line.
-    """
+    """One page in a browser; everything it says, and asks the network for, is kept."""
 
     def __init__(self, folder: Path, *flags: str) -> None:
         assert BROWSER is not None
@@ -133,13 +125,7 @@ class Browser:
     def until(
         self, condition: str | Callable[[], Any], timeout: float = 120.0, what: str = ''
     ) -> Any:
-        """Wait until an expression (or function) is true; return what it is.
-
-        Raises
-        ------
-        AssertionError
-            If it does not become true.
-        """
+        """Wait until an expression (or function) is true; return what it is."""
         end = time.monotonic() + timeout
         problem: object = ''
         while True:

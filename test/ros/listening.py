@@ -21,13 +21,7 @@ Message = TypeVar('Message')
 
 
 class Listener(Client):
-    """Collects messages and calls services of the nodes under test.
-
-    Parameters
-    ----------
-    processes : NodeProcesses
-        The processes under test; that one of them dies fails whoever waits.
-    """
+    """Collects messages and calls services of the nodes under test."""
 
     def __init__(self, processes: NodeProcesses) -> None:
         super().__init__('listener', processes.domain)
@@ -81,15 +75,7 @@ class Listener(Client):
         self.until(told)
 
     def until(self, condition: Callable[..., Any], timeout: float = 90.0) -> None:
-        """Serve until `condition` holds.
-
-        Raises
-        ------
-        AssertionError
-            If it does not within `timeout` seconds.
-        ProcessError
-            If a node dies meanwhile.
-        """
+        """Serve until `condition` holds."""
         came = self.wait(condition, timeout, self._processes.check)
         assert came, 'the awaited condition did not come true'
 

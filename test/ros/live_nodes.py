@@ -71,19 +71,7 @@ def fork_server() -> ForkServer:
 
 
 class ForkedNode(NodeProcess):
-    """A node whose process was forked; it ends where the server does, and so where its owner does.
-
-    Parameters
-    ----------
-    executable : str
-        Name of the node.
-    arguments : sequence of str
-        Of its command line.
-    environment : mapping of str to str
-        All of it.
-    log : Path
-        What it prints into.
-    """
+    """A node whose process was forked; it ends with the server and so with its owner."""
 
     def __init__(
         self, executable: str, arguments: Sequence[str], environment: Mapping[str, str], log: Path

@@ -45,13 +45,7 @@ def one_for_linear_algebra() -> None:
 
 
 def number_of_workers(wanted: int) -> int:
-    """Return how many threads or processes to start: `wanted`, or one per core for 0.
-
-    Raises
-    ------
-    PiezoError
-        If the number is negative.
-    """
+    """Return how many threads or processes to start: `wanted`, or one per core for 0."""
     if wanted < 0:
         raise PiezoError(f'--workers must be 0 (one per core) or more, got {wanted}')
     return wanted or len(os.sched_getaffinity(0))

@@ -37,13 +37,7 @@ def pack(values: Mapping[str, float]) -> Record:
 
 
 def check(v: Mapping[str, float], effects: Mapping[str, bool]) -> None:
-    """Reject combinations of parameters that are physically impossible.
-
-    Raises
-    ------
-    PlantError
-        With the reason.
-    """
+    """Reject combinations of parameters that are physically impossible."""
     if effects['bouc_wen'] and abs(v['bouc_wen.gamma']) > v['bouc_wen.beta']:
         raise PlantError(
             'bouc_wen.gamma must lie within -beta .. beta: outside the loop is run through '

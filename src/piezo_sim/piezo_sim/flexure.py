@@ -19,35 +19,14 @@ class FlexureError(SimulationError):
 
 @dataclass(frozen=True)
 class Flexure:
-    """A parallel guide of right circular hinges, Fang 2019 (stiffness); every length in m.
+    """A parallel guide of right circular hinges, Fang 2019 (stiffness); every length in m."""
 
-    Attributes
-    ----------
-    modulus : float
-        Young's modulus of the material [Pa].
-    depth : float
-        Depth of the hinges, along their axis (b).
-    thickness : float
-        Smallest thickness of the hinges (t).
-    radius : float
-        Radius of the circular notches (R).
-    link : float
-        Length of a link between its two hinges (L).
-    hinges : int
-        Number of bending hinges.
-
-    Raises
-    ------
-    FlexureError
-        If a dimension is not positive, or there is no hinge.
-    """
-
-    modulus: float
-    depth: float
-    thickness: float
-    radius: float
-    link: float
-    hinges: int = 8
+    modulus: float  # young's modulus of the material [Pa]
+    depth: float  # depth of the hinges, along their axis (b)
+    thickness: float  # smallest thickness of the hinges (t)
+    radius: float  # radius of the circular notches (R)
+    link: float  # length of a link between its two hinges (L)
+    hinges: int = 8  # number of bending hinges
 
     def __post_init__(self) -> None:
         for name in ('modulus', 'depth', 'thickness', 'radius', 'link'):

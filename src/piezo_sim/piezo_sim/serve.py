@@ -20,17 +20,8 @@ from piezo_sim.plant import Plant
 _NUMBER = struct.Struct('<d')
 
 
-def about(plant: Plant) -> dict[str, str | float]:
-    """Return the properties of an actuator for a controller: rate, range and usual drive.
-
-    Returns
-    -------
-    dict
-        ``preset`` and ``rate_hz``; ``low_v``, ``high_v``: the usual drive plus a fifth, within the
-        range of the amplifier, or that range if it was set; ``slew_v_per_s`` of the amplifier, the
-        full range per tick without a limit; ``offset_m``, the usual mean displacement, and
-        ``phase`` [rad], the initial phase of references.
-    """
+def about(plant: Plant) -> dict[str, str | float]:  # -> [rad]
+    """Return the properties of an actuator for a controller: rate, range and usual drive."""
     preset = plant.preset
     low, high = _range(plant)
     slew = plant.parameters['amplifier.slew_rate'] if plant.effects['slew_limit'] else math.inf

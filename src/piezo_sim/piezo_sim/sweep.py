@@ -26,7 +26,7 @@ def simulate(
     waveform_specs: Iterable[Mapping[str, Any]],
     overrides: Mapping[str, float | bool] | None = None,
     seed: int = 0,
-    rate: float | None = None,
+    rate: float | None = None,  # [Hz]
     *,
     actuator: str | None = None,
     progress: Callable[[float], None] | None = None,
@@ -35,37 +35,6 @@ def simulate(
 
     If a waveform does not start at 0 V, the actuator first moves there smoothly within a second,
     which is not recorded.
-
-    Parameters
-    ----------
-    preset : str
-        Name of the actuator.
-    waveform_specs : iterable of mapping
-        As for `piezo_hysteresis.waveforms.from_spec`, in volts, with two additional keys: ``name``
-        of the record, and ``warm_up``, the seconds at its start that are not evaluated (by default
-        a tenth of the record).
-    overrides : mapping, optional
-        Parameters and ``effects.*`` switches that differ from the preset.
-    seed : int
-        Seed of all noise; every record draws its own.
-    rate : float, optional
-        Sampling rate [Hz]; by default that of the preset.
-    actuator : str, optional
-        Name of the actuator in the records; by default that of the preset. The records contain no
-        other simulation settings.
-    progress : callable, optional
-        Called with the completed fraction.
-
-    Returns
-    -------
-    list of Record
-
-    Raises
-    ------
-    PresetError, PlantError, SweepError
-        If the preset, an override or the sweep is invalid.
-    WaveformError
-        If a waveform cannot be built.
     """
     plant = Plant.from_preset(preset, rate, seed, overrides)
     specs = list(waveform_specs)

@@ -21,24 +21,12 @@ _STEP, _ENOUGH = 0.7, 0.98
 
 @dataclass(frozen=True, eq=False)
 class AxesRun:
-    """One period of references on a plant.
+    """One period of references on a plant."""
 
-    Attributes
-    ----------
-    name : str
-        What was done.
-    voltage : ndarray, shape (n, inputs)
-        Voltages [V].
-    displacement : ndarray, shape (n, outputs)
-        What the plant does, without its mean [m].
-    error : ndarray, shape (n, outputs)
-        Reference without its mean minus `displacement` [m].
-    """
-
-    name: str
-    voltage: FloatArray
-    displacement: FloatArray
-    error: FloatArray
+    name: str  # what was done
+    voltage: FloatArray  # voltages [V], shape (n, inputs)
+    displacement: FloatArray  # what the plant does, without its mean [m], shape (n, outputs)
+    error: FloatArray  # reference without its mean minus `displacement` [m], shape (n, outputs)
 
     @property
     def rms(self) -> FloatArray:
@@ -49,11 +37,11 @@ class AxesRun:
 def tracked(
     model: ModalModel,
     plant: ModalModel,
-    reference: FloatArray,
+    reference: FloatArray,  # [m] (n, outputs)
     *,
-    highest: float | None = None,
+    highest: float | None = None,  # [Hz]
     rounds: int = 20,
-    noise: float = 0.0,
+    noise: float = 0.0,  # [m rms]
     seed: int = 0,
 ) -> list[AxesRun]:
     """Return the runs of a periodic reference on a plant, from no compensation to learning.
@@ -61,30 +49,6 @@ def tracked(
     ``each axis alone`` divides each reference by the static gain of its own axis; ``feedforward``
     inverts the model of all axes; ``with attenuation`` corrects the measured error of each period
     by the matrix of gains of the model, line by line, as long as the error falls.
-
-    Parameters
-    ----------
-    model : ModalModel
-        Model that is inverted.
-    plant : ModalModel
-        What is driven, in its steady state.
-    reference : ndarray, shape (n, outputs)
-        One period of the desired displacements [m]; their means do not count.
-    highest : float, optional
-        Highest frequency of the voltages [Hz]; by default that of the highest mode.
-    rounds : int
-        Largest number of periods of the attenuation.
-    noise : float
-        Noise of the measured displacements [m rms].
-    seed : int
-        Of the noise.
-
-    Raises
-    ------
-    CompensationError
-        If the plant has other axes or another interval than the model.
-    ModelError
-        If the reference does not suit the model, or it has no inverse there.
     """
     ours, theirs = (
         (each.layout.inputs, each.layout.outputs, float(f'{each.dt:.6g}'))

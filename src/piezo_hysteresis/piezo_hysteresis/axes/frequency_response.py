@@ -18,28 +18,14 @@ _TURNS = 15
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Response of all outputs to all inputs.
+    """Response of all outputs to all inputs."""
 
-    Attributes
-    ----------
-    frequency : ndarray, shape (lines,)
-        Excited lines [Hz].
-    matrix : ndarray, shape (lines, outputs, inputs), complex
-        Response [m/V].
-    """
-
-    frequency: FloatArray
-    matrix: ComplexArray
+    frequency: FloatArray  # excited lines [Hz], shape (lines,)
+    matrix: ComplexArray  # response [m/V], shape (lines, outputs, inputs)
 
 
 def spectra(records: Sequence[AxesRecord]) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-    """Return frequencies [Hz] and spectra of voltages and displacements, (records, lines, axes).
-
-    Raises
-    ------
-    RecordError
-        If the records are not of the same whole period.
-    """
+    """Return frequencies [Hz], spectra of voltages and displacements, (records, lines, axes)."""
     means = [each.mean_period() for each in records if each.periods]
     if len(means) != len(records) or len({each.voltage.shape[0] for each in means}) > 1:
         raise RecordError(
@@ -61,13 +47,7 @@ def excited(u: ComplexArray) -> BoolArray:
 
 
 def response(records: Sequence[AxesRecord], neighbours: int = 0) -> FrequencyResponse:
-    """Return the response by least squares over records and over `neighbours` lines each side.
-
-    Raises
-    ------
-    RecordError
-        If the records do not drive the axes independently.
-    """
+    """Return the response by least squares over records and over `neighbours` lines each side."""
     frequency, u, y = spectra(records)
     lines = np.flatnonzero(excited(u))
     inputs, outputs = u.shape[2], y.shape[2]
@@ -104,22 +84,12 @@ def _shifted(x: ComplexArray, by: int) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class Poles:
-    """Modes of a rational fit.
+    """Modes of a rational fit."""
 
-    Attributes
-    ----------
-    poles : ndarray, shape (modes,), complex
-        Upper half [rad/s].
-    residues : ndarray, shape (modes, outputs, inputs), complex
-        Residues [m/V rad/s].
-    constant, slope : ndarray, shape (outputs, inputs)
-        What modes above the lines leave.
-    """
-
-    poles: ComplexArray
-    residues: ComplexArray
-    constant: FloatArray
-    slope: FloatArray
+    poles: ComplexArray  # upper half [rad/s], shape (modes,)
+    residues: ComplexArray  # residues [m/V rad/s], shape (modes, outputs, inputs)
+    constant: FloatArray  # (outputs, inputs)
+    slope: FloatArray  # (outputs, inputs)
 
     def at(self, frequency: FloatArray) -> ComplexArray:
         """Return the response at frequencies [Hz], shape (lines, outputs, inputs)."""

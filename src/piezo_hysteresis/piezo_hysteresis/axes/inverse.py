@@ -39,22 +39,8 @@ class AxesInverse:
 
 
 def inverse(model: ModalModel, reference: FloatArray, highest: float | None = None) -> AxesInverse:
-    """Invert a model for one period of references, by turns of its own linear response.
-
-    Parameters
-    ----------
-    model : ModalModel
-        The model; sampled at its own interval.
-    reference : ndarray, shape (n, outputs)
-        One period of the desired displacements [m]; their means do not count.
-    highest : float, optional
-        Highest frequency of the voltage [Hz]; by default that of the highest mode.
-
-    Raises
-    ------
-    ModelError
-        If the reference has other outputs than the model, or is not finite.
-    """
+    """Invert a model for one period of references, by turns of its own linear response."""
+    # reference [m] (n, outputs); highest [Hz]
     target = np.asarray(reference, float)
     layout = model.layout
     if target.ndim != 2 or target.shape[1] != layout.outputs or not np.isfinite(target).all():
@@ -96,22 +82,9 @@ def _turns(model: ModalModel, target: FloatArray, lines: BoolArray) -> AxesInver
 
 
 def change_for(response: ComplexArray, error: FloatArray, lines: BoolArray) -> FloatArray:
-    """Return the voltages that a response needs for an error, in the given lines.
-
-    Parameters
-    ----------
-    response : ndarray, shape (lines, outputs, inputs)
-        Displacement for a voltage, by line above 0 Hz [m/V].
-    error : ndarray, shape (n, outputs)
-        One period [m].
-    lines : ndarray of bool, shape (lines,)
-        Which of them are inverted.
-
-    Returns
-    -------
-    ndarray, shape (n, inputs)
-        One period [V].
-    """
+    """Return the voltages that a response needs for an error, in the given lines."""
+    # response [m/V] (lines, outputs, inputs); error [m] (n, outputs); lines (lines,) -> [V] (n,
+    # inputs)
     spectrum = np.fft.rfft(error, axis=0)
     change = np.zeros((spectrum.shape[0], response.shape[2]), complex)
     solved = np.linalg.pinv(response[lines], _WEAK) @ spectrum[1:][lines][:, :, None]

@@ -33,19 +33,10 @@ class _Lines:
 
 
 class ModalDerivatives:
-    """Derivatives of one record.
-
-    Parameters
-    ----------
-    model : ModalModel
-        The model with its output matrix.
-    drive : AxesDrive
-        The record.
-    signals : ndarray, shape (n, features)
-        Its signals.
-    """
+    """Derivatives of one record."""
 
     def __init__(self, model: ModalModel, drive: AxesDrive, signals: FloatArray) -> None:
+        # signals (n, features)
         self._model, self._drive = model, drive
         self._found = model.parameters
         layout = model.layout

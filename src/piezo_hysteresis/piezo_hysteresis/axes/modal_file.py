@@ -22,13 +22,7 @@ _TWO_PI = 2.0 * np.pi
 
 
 def save(model: ModalModel, path: str | Path) -> None:
-    """Write a model.
-
-    Raises
-    ------
-    ModelError
-        If the file cannot be written.
-    """
+    """Write a model."""
     write_yaml(content_of(model), path)
 
 
@@ -78,13 +72,7 @@ def _mode(model: ModalModel, k: int) -> dict[str, Any]:
 
 
 def load(path: str | Path) -> ModalModel:
-    """Return the model of a file.
-
-    Raises
-    ------
-    ModelError
-        If the file is not that of a modal model, or a part of it is missing or not a number.
-    """
+    """Return the model of a file."""
     content = mapping(read_yaml(path), f'the model file {path}')
     if content.get('schema') != MODAL_SCHEMA:
         raise ModelError(

@@ -24,21 +24,11 @@ _LOOSE = {'log_omega': 100.0, 'log_damping': 5.0, 'shape': 10.0, 'rate_shape': 1
 
 @dataclass(eq=False)
 class FitData:
-    """Records as a fit needs them.
+    """Records as a fit needs them."""
 
-    Attributes
-    ----------
-    drives : list of AxesDrive
-        Their voltages.
-    measured : list of ndarray
-        Displacements without their means, each of shape (n, outputs) [m].
-    weights : ndarray, shape (records,)
-        Of each record [1/m].
-    """
-
-    drives: list[AxesDrive]
-    measured: list[FloatArray]
-    weights: FloatArray
+    drives: list[AxesDrive]  # their voltages
+    measured: list[FloatArray]  # displacements without their means, each of shape (n, outputs) [m]
+    weights: FloatArray  # of each record [1/m], shape (records,)
 
     @classmethod
     def of(
@@ -65,17 +55,7 @@ class _Point:
 
 
 class ModalFit:
-    """Fits the parameters of a modal model.
-
-    Parameters
-    ----------
-    model : ModalModel
-        Start; its output matrix is not used.
-    data : FitData
-        Records.
-    workers : int
-        Number of threads.
-    """
+    """Fits the parameters of a modal model."""
 
     def __init__(self, model: ModalModel, data: FitData, workers: int = 1) -> None:
         self._model, self._data, self._workers = model, data, workers

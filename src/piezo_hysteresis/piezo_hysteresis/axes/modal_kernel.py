@@ -27,23 +27,8 @@ def play_bank(x: FloatArray, widths: FloatArray, out: FloatArray, turns: int) ->
 
 
 def discretised(omega: FloatArray, damping: FloatArray, dt: float) -> FloatArray:
-    """Return the exact steps of all modes.
-
-    Parameters
-    ----------
-    omega : ndarray, shape (...)
-        Natural angular frequencies [rad/s].
-    damping : ndarray, shape (...)
-        Damping ratios.
-    dt : float
-        Tick [s].
-
-    Returns
-    -------
-    ndarray, shape (..., 12)
-        Of the coordinate, then of the rate: weights of coordinate, rate, drive before and now,
-        rate drive before and now.
-    """
+    """Return the exact steps of all modes."""
+    # omega [rad/s] (...); damping (...); dt [s] -> (..., 12)
     m = np.zeros((*omega.shape, 6, 6))
     m[..., 0, 1] = m[..., 1, 2] = m[..., 0, 3] = omega
     m[..., 1, 0], m[..., 1, 1] = -omega, -2.0 * damping * omega
@@ -59,53 +44,25 @@ def discretised(omega: FloatArray, damping: FloatArray, dt: float) -> FloatArray
 
 @jit_sums
 def follow(
-    drive: FloatArray,
-    steps: FloatArray,
+    drive: FloatArray,  # [V] (n, axes)
+    steps: FloatArray,  # (blocks, 12, modes)
     block: int,
-    omega: FloatArray,
-    shape: FloatArray,
-    rate_shape: FloatArray,
-    weights: FloatArray,
-    widths: FloatArray,
-    square: FloatArray,
-    cube: FloatArray,
+    omega: FloatArray,  # [rad/s] (blocks, modes)
+    shape: FloatArray,  # (axes, modes)
+    rate_shape: FloatArray,  # (axes, modes)
+    weights: FloatArray,  # (plays, axes)
+    widths: FloatArray,  # [V] (plays,)
+    square: FloatArray,  # [1/V] (axes,)
+    cube: FloatArray,  # [1/V^2] (axes,)
     settle: int,
     every: int,
-    state: FloatArray,
-    q_out: FloatArray,
-    d_out: FloatArray,
-    w_out: FloatArray,
-    e_out: FloatArray,
+    state: FloatArray,  # (2 modes + axes + plays axes,)
+    q_out: FloatArray,  # [V] (n / every, modes)
+    d_out: FloatArray,  # [V/s] (n / every, modes)
+    w_out: FloatArray,  # [V] (n / every, axes)
+    e_out: FloatArray,  # [V] (n / every, axes)
 ) -> None:
-    """Follow all modes over `settle` ticks of the end of the drive, then over the whole drive.
-
-    Parameters
-    ----------
-    drive : ndarray, shape (n, axes)
-        Voltage without feedback [V].
-    steps : ndarray, shape (blocks, 12, modes)
-        Steps of every block of `block` ticks, see `discretised`.
-    omega : ndarray, shape (blocks, modes)
-        Natural angular frequencies [rad/s].
-    shape, rate_shape : ndarray, shape (axes, modes)
-        Input shapes, of the drive and of its rate.
-    weights : ndarray, shape (plays, axes)
-        Weights of the plays of the elongation.
-    widths : ndarray, shape (plays,)
-        Their half widths [V].
-    square, cube : ndarray, shape (axes,)
-        Weights of the powers of the elongation [1/V], [1/V^2].
-    settle : int
-        Ticks of the end of the drive before the first one; 0 starts at `state`.
-    every : int
-        Ticks for one output.
-    state : ndarray, shape (2 modes + axes + plays axes,)
-        Initial state; the final one on return.
-    q_out, d_out : ndarray, shape (n / every, modes)
-        Coordinates [V] and their rates [V/s].
-    w_out, e_out : ndarray, shape (n / every, axes)
-        Feedback [V] and elongation [V].
-    """
+    """Follow all modes over `settle` ticks of the end of the drive, then over the whole drive."""
     ticks, axes = drive.shape
     modes, plays = shape.shape[1], widths.size
     q, d = state[:modes], state[modes : 2 * modes]

@@ -60,20 +60,7 @@ def find_order(measured: FrequencyResponse, delay: float, most: int) -> int:
 def start_of(
     records: Sequence[AxesRecord], modes: int | None = None
 ) -> tuple[ModalLayout, FloatArray]:
-    """Return layout and parameters of a linear model of records of one level.
-
-    Parameters
-    ----------
-    records : sequence of AxesRecord
-        Periodic records that drive the axes independently.
-    modes : int, optional
-        Number of poles; selected by lines that are not fitted if omitted.
-
-    Raises
-    ------
-    RecordError
-        If the records show no response of every input.
-    """
+    """Return layout and parameters of a linear model of records of one level."""
     measured = response(records)
     smooth = response(records, _NEIGHBOURS)
     dt = records[0].dt

@@ -48,11 +48,6 @@ def side_by_side(*blocks: Block) -> Block:
     """Return the parallel connection of `blocks`, in this order, as one block.
 
     Slot and source are those of the first block.
-
-    Raises
-    ------
-    ModelError
-        If two of them have a parameter of the same name.
     """
     parts = tuple(part for block in blocks for part in parts_of(block))
     if len(parts) == 1:

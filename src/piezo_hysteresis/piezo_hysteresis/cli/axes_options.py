@@ -47,13 +47,7 @@ def states_axes(arguments: argparse.Namespace) -> bool:
 def axes_records_of(
     arguments: argparse.Namespace, data: Sequence[Any] | None = None
 ) -> list[AxesRecord]:
-    """Return the records of several axes that the arguments name, or those of `data`.
-
-    Raises
-    ------
-    RecordError
-        If the data are unusable.
-    """
+    """Return the records of several axes that the arguments name, or those of `data`."""
     from piezo_hysteresis.records.load import warn_of
 
     records, log = read_axes(arguments, arguments.data if data is None else data)
@@ -64,13 +58,7 @@ def axes_records_of(
 def read_axes(
     arguments: argparse.Namespace, data: Sequence[Any], *, salvage: bool = False
 ) -> tuple[list[AxesRecord], DamageLog]:
-    """Return the records of several axes, and what was found while they were read.
-
-    Raises
-    ------
-    RecordError
-        If the data are unusable.
-    """
+    """Return the records of several axes, and what was found while they were read."""
     from piezo_hysteresis.axes.axes_load import AxesReading
     from piezo_hysteresis.records.damage import DamageLog
     from piezo_hysteresis.records.load import interval

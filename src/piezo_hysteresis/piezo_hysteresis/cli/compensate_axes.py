@@ -50,23 +50,8 @@ def compensate_several(arguments: argparse.Namespace) -> int:
 
 
 def references_of(given: Sequence[str], outputs: int, dt: float) -> tuple[list[str], FloatArray]:
-    """Return the text and the samples of the reference of each output, (n, outputs) [m].
-
-    Parameters
-    ----------
-    given : sequence of str
-        ``N=KIND:setting=value,...`` for output N; the others are to stand still.
-    outputs : int
-        Number of outputs.
-    dt : float
-        Sampling interval [s].
-
-    Raises
-    ------
-    CompensationError
-        If an output is unknown or given twice, the rate cannot sample a reference, or they do not
-        last equally long.
-    """
+    """Return the text and the samples of the reference of each output, (n, outputs) [m]."""
+    # dt [s]
     texts, waves = [''] * outputs, {}
     for each in given:
         number, equals, text = each.partition('=')

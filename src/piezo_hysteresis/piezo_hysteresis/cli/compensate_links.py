@@ -107,13 +107,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def controllers_of(
     arguments: argparse.Namespace, model: ModelFile, dt: float, limits: Limits | None = None
 ) -> Controllers:
-    """Return the settings of the voltage chain from the arguments.
-
-    Raises
-    ------
-    CompensationError
-        If a controller or setting is unknown, missing, superfluous or invalid.
-    """
+    """Return the settings of the voltage chain from the arguments."""
     path = arguments.gain_model
     steering = None if path is None else ModelFile.load(path)
     return Controllers(
@@ -124,13 +118,7 @@ def controllers_of(
 
 
 def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | None:
-    """Return the settings of the attenuation, None for no attenuation.
-
-    Raises
-    ------
-    CompensationError
-        If a setting is unknown or invalid.
-    """
+    """Return the settings of the attenuation, None for no attenuation."""
     if not (math.isfinite(arguments.resonance) and arguments.resonance >= 0):
         raise CompensationError(f'--resonance must be 0 or more, got {arguments.resonance:g} Hz')
     if arguments.attenuation == 'none':
@@ -147,13 +135,7 @@ def attenuation_of(arguments: argparse.Namespace) -> AttenuationSettings | None:
 
 
 def feedback_of(arguments: argparse.Namespace) -> Feedback | None:
-    """Return the feedback controller, None for no feedback.
-
-    Raises
-    ------
-    CompensationError
-        If a setting is missing, superfluous or invalid.
-    """
+    """Return the feedback controller, None for no feedback."""
     kind = arguments.feedback or ('none' if arguments.pid is None else 'pid')
     belongs = {
         'pid': ('pid', 'fuzzy_pid'),

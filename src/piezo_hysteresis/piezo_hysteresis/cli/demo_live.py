@@ -31,77 +31,36 @@ REPORTED = (1, 2, 3, 5)
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of the demo.
+    """Settings of the demo."""
 
-    Attributes
-    ----------
-    frequencies : sequence of float
-        Frequencies of the sweep [Hz]; they are dense around a third of the resonance, where the
-        third harmonic shows its position.
-    amplitudes : sequence of float
-        Amplitudes of the sweep [V]; a single one does not determine the parameters of the loop
-        separately. The reference uses the last.
-    seconds, warm_up : float
-        Duration of each record of the sweep, and its first part that is not evaluated [s].
-    tracked : float
-        Frequency of the reference [Hz]; its third harmonic coincides with the resonance.
-    tracking_seconds, learning_seconds, judged_seconds : float
-        Duration of each tracking run, additional time in which attenuation learns the harmonics,
-        and evaluated part at the end of each run [s].
-    """
-
-    frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)
-    amplitudes: Sequence[float] = (0.5, 1.0)
-    seconds: float = 2.0
-    warm_up: float = 1.0
-    tracked: float = 23.0
-    tracking_seconds: float = 3.0
-    learning_seconds: float = 6.0
-    judged_seconds: float = 1.0
+    frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)  # [Hz]
+    amplitudes: Sequence[float] = (0.5, 1.0)  # amplitudes of the sweep [V]
+    seconds: float = 2.0  # duration of each record of the sweep [s]
+    warm_up: float = 1.0  # its first part that is not evaluated [s]
+    tracked: float = 23.0  # frequency of the reference [Hz]
+    tracking_seconds: float = 3.0  # duration of each tracking run [s]
+    learning_seconds: float = 6.0  # additional time in which attenuation learns the harmonics [s]
+    judged_seconds: float = 1.0  # evaluated part at the end of each run [s]
 
 
 @dataclass(frozen=True)
 class LiveRun:
-    """One tracking run.
+    """One tracking run."""
 
-    Attributes
-    ----------
-    name : str
-        Active controllers.
-    record : Record
-        Record with its reference.
-    metrics : TrackingMetrics
-        Errors of the evaluated part.
-    """
-
-    name: str
-    record: Record
-    metrics: TrackingMetrics
+    name: str  # active controllers
+    record: Record  # record with its reference
+    metrics: TrackingMetrics  # errors of the evaluated part
 
 
 @dataclass(frozen=True)
 class Demo:
-    """All results of the demo.
+    """All results of the demo."""
 
-    Attributes
-    ----------
-    plan : Plan
-        Settings of the demo.
-    sweep : tuple of Record
-        Open-loop records.
-    found : Identification
-        Model identified from the sweep.
-    runs : tuple of LiveRun
-        No compensation, feedforward, feedforward and attenuation.
-    seconds : dict of str to float
-        Wall time of each part [s].
-    """
-
-    plan: Plan
-    sweep: tuple[Record, ...]
-    found: Identification
-    runs: tuple[LiveRun, ...]
-    seconds: dict[str, float]
+    plan: Plan  # settings of the demo
+    sweep: tuple[Record, ...]  # open-loop records
+    found: Identification  # model identified from the sweep
+    runs: tuple[LiveRun, ...]  # no compensation, feedforward, feedforward and attenuation
+    seconds: dict[str, float]  # wall time of each part [s]
 
     def summary(self) -> dict[str, Any]:
         """Return the content of ``summary.json``: identification and tracking errors."""
@@ -127,13 +86,7 @@ class Demo:
 
 
 def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
-    """Run the complete demo; write ``model.yaml`` and the bags to `folder`.
-
-    Raises
-    ------
-    PiezoError
-        If ROS 2 is missing, a node terminates or the sweep does not identify the model.
-    """
+    """Run the complete demo; write ``model.yaml`` and the bags to `folder`."""
     with ros_needed():
         from piezo_hysteresis.nodes import live
     clock = _Clock()

@@ -22,22 +22,9 @@ RATE = 1000.0
 
 
 class ControllerActuator:
-    """A controller as the actuator of an investigation: each experiment is one wave.
+    """A controller as the actuator of an investigation: each experiment is one wave."""
 
-    Parameters
-    ----------
-    controller : Controller
-        In open loop.
-    rate : float
-        That is wanted [Hz]; a fraction of that of the servo is taken.
-
-    Attributes
-    ----------
-    rate : float
-        That is taken [Hz].
-    """
-
-    def __init__(self, controller: Controller, rate: float = RATE) -> None:
+    def __init__(self, controller: Controller, rate: float = RATE) -> None:  # rate [Hz]
         servo = controller.identity.rate
         if not 0.0 < rate <= servo:
             raise PiezoError(f'--rate {rate:g}: give more than 0 and at most its {servo:g} Hz')
@@ -62,13 +49,7 @@ class ControllerActuator:
 def run_on(
     arguments: argparse.Namespace, report: Callable[[InvestigationProgress], None]
 ) -> tuple[str, Path]:
-    """Investigate the actuator of a controller; return the result and its report.
-
-    Raises
-    ------
-    PiezoError
-        If the limits allow no investigation, or the controller fails.
-    """
+    """Investigate the actuator of a controller; return the result and its report."""
     from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, granted_range
     from piezo_hysteresis.investigation.journal import Setup
     from piezo_hysteresis.investigation.runner import FOUND, conduct

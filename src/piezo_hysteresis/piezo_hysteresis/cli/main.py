@@ -62,20 +62,7 @@ def parser_of(verb: str) -> OneLineParser:
 
 
 def main(arguments: Sequence[str] | None = None, verb: str | None = None) -> int:
-    """Run the command line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Arguments after the name of the program; by default those of the process.
-    verb : str, optional
-        Verb, if already known (``ros2 run piezo_hysteresis identify``).
-
-    Returns
-    -------
-    int
-        Exit code: 0 for success, 2 for an error that the user can correct.
-    """
+    """Run the command line."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     if verb is not None:
         given = [verb, *given]

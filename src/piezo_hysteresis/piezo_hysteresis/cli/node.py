@@ -43,13 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def executable(node: str) -> Path:
-    """Return the installed executable of a node.
-
-    Raises
-    ------
-    PiezoError
-        If the node is unknown, the workspace is not sourced or its package is not built.
-    """
+    """Return the installed executable of a node."""
     if node not in NODES:
         raise PiezoError(f'there is no node {node}{choices(node, NODES)}')
     package = package_of(node)

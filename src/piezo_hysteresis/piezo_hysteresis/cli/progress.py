@@ -34,26 +34,14 @@ def progress_bar(title: str, limit: float = 0.0) -> Iterator[Report]:
 
 
 class ProgressLines:
-    """Prints the progress at most once per interval.
-
-    Parameters
-    ----------
-    title : str
-        Title of the task.
-    every : float
-        Time between two lines [s].
-    limit : float
-        Time limit of the task [s], 0 for none.
-    now : callable, optional
-        Clock [s].
-    """
+    """Prints the progress at most once per interval."""
 
     def __init__(
         self,
         title: str,
-        every: float,
-        limit: float = 0.0,
-        now: Callable[[], float] = time.monotonic,
+        every: float,  # [s]
+        limit: float = 0.0,  # [s]
+        now: Callable[[], float] = time.monotonic,  # [s]
     ) -> None:
         self._title, self._every, self._limit, self._now = title, every, limit, now
         self._started = self._printed = now()

@@ -29,13 +29,7 @@ ROS_PACKAGES = (
 
 @contextmanager
 def ros_needed() -> Iterator[None]:
-    """Convert import errors of `nodes` and other ROS 2 modules to one error message.
-
-    Raises
-    ------
-    PiezoError
-        If ROS 2 or the built workspace is missing.
-    """
+    """Convert import errors of `nodes` and other ROS 2 modules to one error message."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -46,13 +40,7 @@ def ros_needed() -> Iterator[None]:
 
 
 def installed(package: str) -> Path:
-    """Return the installation folder of a package of the workspace.
-
-    Raises
-    ------
-    PiezoError
-        If the workspace is not sourced.
-    """
+    """Return the installation folder of a package of the workspace."""
     try:
         from ament_index_python.packages import PackageNotFoundError, get_package_prefix
     except ModuleNotFoundError:

@@ -17,11 +17,6 @@ class cached_property(Generic[Value]):
 
     Two threads that access a new property of one instance may both compute it; both get equal
     values.
-
-    Parameters
-    ----------
-    function : callable
-        Method that returns the value.
     """
 
     def __init__(self, function: Callable[[Any], Value]) -> None:

@@ -15,11 +15,6 @@ def write_atomically(path: Path) -> Iterator[Path]:
 
     A file or folder with that name is deleted on an error. The name is unique to the process, so
     that two processes can write the same file.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
     """
     temporary = path.with_name(f'.{path.name}.{os.getpid()}.tmp')
     path.parent.mkdir(parents=True, exist_ok=True)

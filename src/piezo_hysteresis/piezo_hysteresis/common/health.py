@@ -21,20 +21,10 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Health:
-    """Health report of a node.
+    """Health report of a node."""
 
-    Attributes
-    ----------
-    level : Level
-        OK, warning or error.
-    message : str
-        One sentence.
-    values : mapping of str to object
-        Counters and numbers, the unit at the end of the name.
-    """
-
-    level: Level
-    message: str
+    level: Level  # OK, warning or error
+    message: str  # one sentence
     values: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -50,19 +40,11 @@ def judge(findings: Iterable[Finding], fine: str, values: Mapping[str, object]) 
 
 
 class CounterWatch:
-    """Converts recently increased counters to findings.
-
-    Parameters
-    ----------
-    sentences : mapping of str to (Level, str)
-        Meaning of an increase of each counter. Other counters are ignored.
-    now : callable, optional
-        Clock [s].
-    """
+    """Converts recently increased counters to findings."""
 
     def __init__(
         self, sentences: Mapping[str, Finding], now: Callable[[], float] = time.monotonic
-    ) -> None:
+    ) -> None:  # now [s]
         #: Meaning of an increase of each counter; may be replaced at any time.
         self.sentences = sentences
         self._now = now

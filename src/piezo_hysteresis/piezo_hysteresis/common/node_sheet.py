@@ -22,48 +22,22 @@ def _none() -> dict[str, ParameterTable]:
 
 @dataclass(frozen=True)
 class NodeSheet:
-    """Metadata of a node, for pages and ``--help``.
+    """Metadata of a node, for pages and ``--help``."""
 
-    Attributes
-    ----------
-    executable : str
-        Name of the node in `common.registry`.
-    does : str
-        One or two sentences; links as in Markdown.
-    table : ParameterTable
-        Its parameters.
-    subscribes, publishes, services, actions : tuple of str
-        Relative names.
-    managed : bool
-        Whether it is a lifecycle node.
-    model : bool
-        Whether it also has the parameters of the loaded model.
-    more : callable
-        Returns further tables by title; slow ones are computed on demand.
-    add_options : callable, optional
-        Adds the options of the executable before ``--ros-args``.
-    """
-
-    executable: str
-    does: str
+    executable: str  # name of the node in `common.registry`
+    does: str  # one or two sentences; links as in Markdown
     table: ParameterTable
     subscribes: tuple[str, ...] = ()
     publishes: tuple[str, ...] = ()
     services: tuple[str, ...] = ()
     actions: tuple[str, ...] = ()
-    managed: bool = False
-    model: bool = False
-    more: Callable[[], Mapping[str, ParameterTable]] = _none
+    managed: bool = False  # whether it is a lifecycle node
+    model: bool = False  # whether it also has the parameters of the loaded model
+    more: Callable[[], Mapping[str, ParameterTable]] = _none  # returns further tables by title
     add_options: Callable[[argparse.ArgumentParser], None] | None = None
 
     def help_text(self, program: str = '') -> str:
-        """Return what ``--help`` prints, without an end of line.
-
-        Parameters
-        ----------
-        program : str
-            How the reader called the node; its executable where not given.
-        """
+        """Return what ``--help`` prints, without an end of line."""
         width = max(_NARROWEST, shutil.get_terminal_size().columns)
         program = program or self.executable
         parser = argparse.ArgumentParser(prog=program, add_help=False)

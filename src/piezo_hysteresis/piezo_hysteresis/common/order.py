@@ -15,16 +15,6 @@ class SequenceFilter:
     An index that does not follow the newest one is accepted once the next message confirms it,
     whatever its distance: a real gap costs one more message, a stray is never used. An index of 0
     means a restart and is accepted immediately.
-
-    Parameters
-    ----------
-    restarts : bool
-        Whether an index of 0 means a restart; False if restarts are reported separately.
-
-    Attributes
-    ----------
-    newest : int
-        Index of the newest accepted message, -1 before the first.
     """
 
     def __init__(self, *, restarts: bool = True) -> None:

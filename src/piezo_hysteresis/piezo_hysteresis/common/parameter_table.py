@@ -22,40 +22,18 @@ LIST = re.compile(r'\[[^\[\]]*\]')
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """One parameter of a node.
+    """One parameter of a node."""
 
-    Attributes
-    ----------
-    name : str
-        Full name; dots group.
-    default : bool, int, float, str or list
-        Also fixes the type. An integer is accepted for a float and converted.
-    description : str
-        One sentence.
-    unit : str
-        SI unit, ``1`` for dimensionless numbers, '' for other types.
-    low, high : float
-        Smallest and largest value allowed, edges included.
-    above : float
-        The value must be strictly larger than this.
-    choices : tuple of str
-        Permitted texts; empty for any.
-    read_only : bool
-        Whether the value is fixed while the node runs.
-    from_model : bool
-        Whether the model file of the node sets it at the start, where the user does not.
-    """
-
-    name: str
-    default: Value
-    description: str
-    unit: str = ''
+    name: str  # full name; dots group
+    default: Value  # also fixes the type
+    description: str  # one sentence
+    unit: str = ''  # SI unit, ``1`` for dimensionless numbers, '' for other types
     low: float = -math.inf
     high: float = math.inf
-    above: float = -math.inf
-    choices: tuple[str, ...] = ()
-    read_only: bool = False
-    from_model: bool = False
+    above: float = -math.inf  # the value must be strictly larger than this
+    choices: tuple[str, ...] = ()  # permitted texts; empty for any
+    read_only: bool = False  # whether the value is fixed while the node runs
+    from_model: bool = False  # whether the model file of the node sets it at the start
 
     def coerce(self, value: object) -> object:
         """Return `value` with numbers that are meant as floats converted.
@@ -156,19 +134,10 @@ def _is_list(value: object) -> bool:
 
 @dataclass(frozen=True)
 class ParameterTable:
-    """Every parameter of a node, and the rules that bind several of them.
+    """Every parameter of a node, and the rules that bind several of them."""
 
-    Attributes
-    ----------
-    specs : tuple of ParameterSpec
-        One row per parameter.
-    rules : tuple of callable
-        Each takes all values, merged with the new ones, and returns '' or why they are impossible
-        together.
-    """
-
-    specs: tuple[ParameterSpec, ...]
-    rules: tuple[Rule, ...] = field(default=())
+    specs: tuple[ParameterSpec, ...]  # one row per parameter
+    rules: tuple[Rule, ...] = field(default=())  # each takes all values
 
     def __post_init__(self) -> None:
         names = [spec.name for spec in self.specs]

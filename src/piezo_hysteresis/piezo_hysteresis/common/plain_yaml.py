@@ -68,13 +68,7 @@ def _size(node: yaml.Node, known: dict[int, int]) -> int:
 
 
 def load(text: str) -> Any:
-    """Return the content of a YAML text, in plain types only.
-
-    Raises
-    ------
-    yaml.YAMLError
-        If it is no YAML, or exceeds the limits of size or depth.
-    """
+    """Return the content of a YAML text, in plain types only."""
     if len(text) > LARGEST:
         raise yaml.YAMLError(f'{len(text)} characters are too many, at most {LARGEST} are read')
     try:
@@ -85,15 +79,7 @@ def load(text: str) -> Any:
 
 
 def load_file(path: str | Path) -> Any:
-    """Return the content of a YAML file, in plain types only.
-
-    Raises
-    ------
-    OSError
-        If it is no regular file or cannot be read.
-    yaml.YAMLError
-        If it is no text, no YAML, or exceeds the limits of size or depth.
-    """
+    """Return the content of a YAML file, in plain types only."""
     path = Path(path)
     if path.exists() and not path.is_file():  # a pipe would be waited for
         raise OSError(errno.EINVAL, 'it is no regular file', os.fspath(path))

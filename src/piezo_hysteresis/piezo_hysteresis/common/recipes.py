@@ -8,24 +8,12 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Recipe:
-    """Composition of a named model.
+    """Composition of a named model."""
 
-    Attributes
-    ----------
-    blocks : tuple of str
-        Names of its blocks, in order.
-    description : str
-        One sentence.
-    source : str
-        Paper and equation.
-    held : mapping of str to float
-        Parameters that are not free.
-    """
-
-    blocks: tuple[str, ...]
-    description: str
-    source: str
-    held: Mapping[str, float] = field(default_factory=dict)
+    blocks: tuple[str, ...]  # names of its blocks, in order
+    description: str  # one sentence
+    source: str  # paper and equation
+    held: Mapping[str, float] = field(default_factory=dict)  # parameters that are not free
 
 
 _SYMMETRIC = {'A0': 0.0}

@@ -18,19 +18,7 @@ _SPEC = 'spec'
 
 
 def setting(default: object, description: str, unit: str = '', **bounds: Any) -> Any:
-    """Return the field of a dataclass for one setting.
-
-    Parameters
-    ----------
-    default : bool, int, float, str or tuple
-        Also fixes the type.
-    description : str
-        One sentence.
-    unit : str
-        SI unit, ``1`` for numbers without one.
-    **bounds
-        ``low``, ``high``, ``above`` and ``choices`` of `ParameterSpec`.
-    """
+    """Return the field of a dataclass for one setting."""
     value: Value = list(default) if isinstance(default, tuple) else default  # type: ignore[assignment]
     spec = ParameterSpec('', value, description, unit, **bounds)
     return dataclasses.field(default=default, metadata={_SPEC: spec})

@@ -32,20 +32,9 @@ def tick_nanoseconds(sample: int, rate: float) -> int:
 
 
 class StampValidator:
-    """Validates time stamps by the sample indices.
+    """Validates time stamps by the sample indices."""
 
-    Parameters
-    ----------
-    dt : float
-        Time between two samples [s].
-
-    Attributes
-    ----------
-    jumps : int
-        Number of stamps that are inconsistent with the previous one.
-    """
-
-    def __init__(self, dt: float) -> None:
+    def __init__(self, dt: float) -> None:  # dt [s]
         self.jumps = 0
         self._step = dt * NANOSECONDS
         self._sample = -1
@@ -80,14 +69,9 @@ class ActuatorClock:
     """Converts ticks to actuator time, so that markers cut records at the correct samples.
 
     The time of a simulator follows its ticks; a driver may use any clock.
-
-    Parameters
-    ----------
-    rate : float
-        Sampling rate [Hz].
     """
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float) -> None:  # rate [Hz]
         self._rate = rate
         self._stamps = StampValidator(1.0 / rate)
         self._offset = 0

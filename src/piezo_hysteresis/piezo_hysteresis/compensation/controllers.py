@@ -40,26 +40,11 @@ Polynomials = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Feedback:
-    """A law on the error: its kind, and what belongs to it.
+    """A law on the error: its kind, and what belongs to it."""
 
-    Attributes
-    ----------
-    kind : str
-        One of `FEEDBACKS` but ``none``.
-    gains : PidGains
-        Of PID and fuzzy PID.
-    rules : FuzzyRules or None
-        Of fuzzy PID.
-    weights : HInfinityWeights
-        Of H-infinity.
-    plant : tuple of tuple of float, optional
-        Numerator and denominator of the plant that H-infinity is designed for; by default the
-        gain and the mode of `Controllers`.
-    """
-
-    kind: str
-    gains: PidGains = field(default_factory=PidGains)
-    rules: FuzzyRules | None = None
+    kind: str  # one of `FEEDBACKS` but ``none``
+    gains: PidGains = field(default_factory=PidGains)  # of PID and fuzzy PID
+    rules: FuzzyRules | None = None  # of fuzzy PID
     weights: HInfinityWeights = field(default_factory=HInfinityWeights)
     plant: Polynomials | None = None
 
@@ -71,40 +56,18 @@ class Feedback:
 
 @dataclass(frozen=True)
 class Controllers:
-    """Settings of a whole chain, which build its links.
+    """Settings of a whole chain, which build its links."""
 
-    Attributes
-    ----------
-    dt : float
-        Sampling interval [s].
-    limits : Limits
-        Of the voltage.
-    model : ModelFile, optional
-        Model to invert.
-    law : str
-        Name of the inverse, see `inverse_for`.
-    start, transition : float
-        Durations of the initial fade-in of the reference and of transitions [s].
-    attenuation : AttenuationSettings, optional
-        Attenuation of harmonics.
-    feedback : Feedback, optional
-        Law on the error.
-    gain_model : ModelFile, optional
-        Model of the plant gain for the attenuation; default `model`.
-    plant : ModeGain, optional
-        Gain and mode of the plant, instead of those of a model.
-    """
-
-    dt: float
-    limits: Limits = field(default_factory=Limits)
-    model: ModelFile | None = None
-    law: str = 'auto'
-    start: float = 0.5
-    transition: float = 0.2
-    attenuation: AttenuationSettings | None = None
-    feedback: Feedback | None = None
-    gain_model: ModelFile | None = None
-    plant: ModeGain | None = None
+    dt: float  # sampling interval [s]
+    limits: Limits = field(default_factory=Limits)  # of the voltage
+    model: ModelFile | None = None  # model to invert
+    law: str = 'auto'  # name of the inverse, see `inverse_for`
+    start: float = 0.5  # durations of the initial fade-in of the reference [s]
+    transition: float = 0.2  # of transitions [s]
+    attenuation: AttenuationSettings | None = None  # attenuation of harmonics
+    feedback: Feedback | None = None  # law on the error
+    gain_model: ModelFile | None = None  # model of the plant gain for the attenuation
+    plant: ModeGain | None = None  # gain and mode of the plant, instead of those of a model
 
     @property
     def amplitude(self) -> float:
@@ -146,13 +109,7 @@ class Controllers:
         return self.inverse_of(self.model)
 
     def inverse_of(self, loaded: ModelFile | None) -> InverseLink | ScheduledInverse:
-        """Return the inverse of one model, of each entry of its schedule if it has one.
-
-        Raises
-        ------
-        CompensationError
-            If there is none by the law.
-        """
+        """Return the inverse of one model, of each entry of its schedule if it has one."""
         assert loaded is not None
         if loaded.schedule is not None:
             return ScheduledInverse(
@@ -192,13 +149,7 @@ class Controllers:
         return 1.0 / (2.0 * math.pi * mode.natural_frequency * mode.damping_ratio)
 
     def feed_back(self) -> Link:
-        """Return the law on the error.
-
-        Raises
-        ------
-        CompensationError
-            If an H-infinity controller violates its weights.
-        """
+        """Return the law on the error."""
         asked = self.feedback
         assert asked is not None
         if asked.kind == 'h_infinity':
@@ -227,13 +178,7 @@ class Controllers:
         return (mode.gain * omega**2,), (1.0, 2.0 * mode.damping_ratio * omega, omega**2)
 
     def links(self, *, by_mode: bool = False) -> list[Link]:
-        """Return the whole chain at rest, first to last.
-
-        Parameters
-        ----------
-        by_mode : bool
-            Whether the attenuation uses a gain, a mode and a delay for every model.
-        """
+        """Return the whole chain at rest, first to last."""
         links = [self.inverse()]
         if self.attenuation is not None:
             links.append(self.attenuate(self.mode() if by_mode else None))

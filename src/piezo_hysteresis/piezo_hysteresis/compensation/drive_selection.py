@@ -30,14 +30,9 @@ class DriveFrequency:
 
     A crossing is a rise through the middle of the range of the last period, after a fall a
     quarter of the range below it, so that small tones on a large one do not count.
-
-    Parameters
-    ----------
-    dt : float
-        Sampling interval [s].
     """
 
-    def __init__(self, dt: float) -> None:
+    def __init__(self, dt: float) -> None:  # dt [s]
         self._dt = dt
         self._periods: deque[float] = deque(maxlen=_PERIODS)
         self.reset()
@@ -98,21 +93,9 @@ class DriveSelector:
     The frequency is that of the reference. Where it states none, or the common divisor of several
     tones, it is that of its main oscillation. Among entries of one frequency, the travel is
     compared with the amplitude of the last period. Without a frequency the last entry remains.
-
-    Parameters
-    ----------
-    schedule : Schedule
-        The entries.
-    dt : float
-        Sampling interval [s].
-
-    Attributes
-    ----------
-    point : OperatingPoint or None
-        The entry in use, None before the first frequency.
     """
 
-    def __init__(self, schedule: Schedule, dt: float) -> None:
+    def __init__(self, schedule: Schedule, dt: float) -> None:  # dt [s]
         self._schedule = schedule
         self._drive = DriveFrequency(dt)
         self.reset()
@@ -162,17 +145,8 @@ class DriveSelector:
 
 
 def entry_of(model: ModelFile, reference: Samples, dt: float) -> ModelFile:
-    """Return the model of the drive at the end of a reference; one without a schedule as it is.
-
-    Parameters
-    ----------
-    model : ModelFile
-        Any model.
-    reference : Samples
-        Desired displacement [m].
-    dt : float
-        Its sampling interval [s].
-    """
+    """Return the model of the drive at the end of a reference; one without a schedule as it is."""
+    # reference [m]; dt [s]
     if model.schedule is None:
         return model
     selector = DriveSelector(model.schedule, dt)

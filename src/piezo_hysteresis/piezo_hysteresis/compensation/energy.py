@@ -20,24 +20,12 @@ class EnergyLimits:
     that the charge ``C |dV|`` passes the supply voltage U once per two changes: the mean power is
     ``P = C U <|dV/dt|> / 2``. For a periodic voltage with one rise and one fall of Vpp per period
     this is the well-known ``P = C f U Vpp`` of the makers' data sheets.
-
-    Attributes
-    ----------
-    power : float
-        Largest running mean of P [W]; 0 sets no limit.
-    capacitance : float
-        C of the actuator at large signals [F]. If the voltage of the chain drives an amplifier of
-        gain G, give ``G^2 C``.
-    window : float
-        Time constant of the exponential running mean [s].
-    supply : float
-        U, the span between the rails in volts of the chain [V].
     """
 
-    power: float = 0.0
-    capacitance: float = 1e-6
-    window: float = 1.0
-    supply: float = 2.4
+    power: float = 0.0  # largest running mean of P [W]; 0 sets no limit
+    capacitance: float = 1e-6  # C of the actuator at large signals [F]
+    window: float = 1.0  # time constant of the exponential running mean [s]
+    supply: float = 2.4  # U, the span between the rails in volts of the chain [V]
 
     @property
     def sustained_slew(self) -> float:
@@ -46,14 +34,7 @@ class EnergyLimits:
 
 
 def packed_energy(limits: EnergyLimits, dt: float) -> tuple[float, float, float]:
-    """Return power [W], share of a tick in the mean, and power of a volt in a tick [W/V].
-
-    Raises
-    ------
-    CompensationError
-        If a value is negative, zero where it must not be, or not finite, or the window is shorter
-        than eleven samples.
-    """
+    """Return power [W], share of a tick in the mean, and power of a volt in a tick [W/V]."""
     values = (limits.power, limits.capacitance, limits.window, limits.supply)
     if not all(math.isfinite(value) for value in values):
         raise CompensationError('the energy limit must be finite; give 0 W for none')

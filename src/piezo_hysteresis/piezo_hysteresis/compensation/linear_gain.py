@@ -67,22 +67,12 @@ class ModeGain(NamedTuple):
 
 
 class ArGain(NamedTuple):
-    """The linear part of the extended model, Fujii 2018 (3): third-order all-pole recursion.
+    """The linear part of the extended model, Fujii 2018 (3): third-order all-pole recursion."""
 
-    Attributes
-    ----------
-    gain : float
-        A1 - A, the slope where h is 0 [m/V].
-    c1, c2 : float
-        Coefficients of the recursion; the first one is 1.
-    dt : float
-        Sampling interval [s].
-    """
-
-    gain: float
+    gain: float  # A1 - A, the slope where h is 0 [m/V]
     c1: float
     c2: float
-    dt: float
+    dt: float  # sampling interval [s]
 
     @property
     def packed(self) -> FloatArray:
@@ -95,18 +85,10 @@ class ArGain(NamedTuple):
 
 
 class ScaledGain(NamedTuple):
-    """A multiple of another gain.
+    """A multiple of another gain."""
 
-    Attributes
-    ----------
-    gain : LinearGain
-        The other one.
-    factor : float
-        What it is multiplied by.
-    """
-
-    gain: LinearGain
-    factor: float
+    gain: LinearGain  # the other one
+    factor: float  # what it is multiplied by
 
     @property
     def packed(self) -> FloatArray:
@@ -153,17 +135,8 @@ def packed_pulse(pulse: FloatArray, dt: float) -> FloatArray:
     return np.concatenate([(_PULSE, dt), pulse])
 
 
-def linear_gain(parameters: Mapping[str, float], dt: float) -> LinearGain:
-    """Return the gain that named parameters describe.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        ``A1``, ``A`` [m/V] with ``c1, c2`` (extended model), or with ``natural_frequency`` [Hz]
-        and ``damping_ratio``, or alone; ``delay`` [s] where there is one.
-    dt : float
-        Sampling interval [s].
-    """
+def linear_gain(parameters: Mapping[str, float], dt: float) -> LinearGain:  # dt [s]
+    """Return the gain that named parameters describe."""
     gain = parameters['A1'] - parameters.get('A', 0.0)
     if 'c1' in parameters and 'c2' in parameters:
         return ArGain(gain, parameters['c1'], parameters['c2'], dt)

@@ -27,33 +27,15 @@ UNSTATED = 'the model file does not say at which voltages it was identified'
 
 @dataclass(frozen=True)
 class OperatingLimits:
-    """What bounds the voltage of a chain, and why.
+    """What bounds the voltage of a chain, and why."""
 
-    Attributes
-    ----------
-    limits : Limits
-        Range and slew rate.
-    rest : float
-        Voltage at rest, to which the chain returns without a reference [V].
-    warnings : tuple of str
-        What the user should know about the limits, in sentences.
-    assumed : tuple of str
-        Names of the limits that nothing states: those of a small actuator.
-    """
-
-    limits: Limits
-    rest: float
-    warnings: tuple[str, ...] = ()
-    assumed: tuple[str, ...] = ()
+    limits: Limits  # range and slew rate
+    rest: float  # voltage at rest, to which the chain returns without a reference [V]
+    warnings: tuple[str, ...] = ()  # what the user should know about the limits, in sentences
+    assumed: tuple[str, ...] = ()  # names of the limits that nothing states
 
     def require_known(self) -> None:
-        """Refuse limits that nothing states, where the model chooses the voltages itself.
-
-        Raises
-        ------
-        CompensationError
-            If the model file states no voltages and the user gives none.
-        """
+        """Refuse limits that nothing states, where the model chooses the voltages itself."""
         if self.assumed:
             raise CompensationError(
                 f'{UNSTATED}: identify again, or give {enumerated(self.assumed)}'
@@ -78,15 +60,6 @@ def operating_limits(
     A value of the user has priority, then that of a plant that knows its own, then what the
     records of the model covered. Without any of them the limits are those of `Limits`, for a
     small actuator.
-
-    Parameters
-    ----------
-    model : ModelFile or None
-        Model in use.
-    low, high, slew : float, optional
-        Values of the user [V], [V/s].
-    plant : mapping, optional
-        What a plant says about itself: ``low_v``, ``high_v``, ``slew_v_per_s``.
     """
     known = plant or {}
     given = {'low': low, 'high': high, 'slew': slew}
@@ -125,13 +98,7 @@ def _unknown(limits: Limits, names: list[str], model: ModelFile | None) -> tuple
 
 
 def rate_of(model: ModelFile | None, rate: float | None = None) -> float:
-    """Return the rate that was asked for, that of the records of a model, or 1000 Hz.
-
-    Raises
-    ------
-    CompensationError
-        If it is no rate.
-    """
+    """Return the rate that was asked for, that of the records of a model, or 1000 Hz."""
     known = model.provenance.rate if model is not None else None
     given = rate if rate is not None else known or _RATE
     if not (isinstance(given, Real) and math.isfinite(given) and given > 0):

@@ -23,16 +23,6 @@ class ProcessPlant:
     The program writes one line of JSON about itself, then for every double that it reads (eight
     bytes, the lowest first) the displacement [m] before that voltage [V] acts. A voltage that is
     no number means: back to rest.
-
-    Parameters
-    ----------
-    command : sequence of str
-        The program and its words.
-
-    Raises
-    ------
-    CompensationError
-        If it ends instead of answering; the message contains its output.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
@@ -93,25 +83,8 @@ class ProcessPlant:
 
 def simulated(
     preset: str, rate: float, seed: int = 0, settings: Sequence[str] = ()
-) -> ProcessPlant:
-    """Return the simulated actuator of a preset, in a separate process.
-
-    Parameters
-    ----------
-    preset : str
-        Name, as ``python -m piezo_sim presets`` lists them.
-    rate : float
-        Sampling rate [Hz].
-    seed : int
-        Of its noise.
-    settings : sequence of str
-        ``NAME=VALUE`` of its parameters and effects.
-
-    Raises
-    ------
-    CompensationError
-        If there is no such preset or setting, or no simulator.
-    """
+) -> ProcessPlant:  # rate [Hz]
+    """Return the simulated actuator of a preset, in a separate process."""
     command = ['plant', '--preset', preset, '--rate', repr(rate), '--seed', str(seed)]
     for setting in settings:
         command += ['--set', setting]

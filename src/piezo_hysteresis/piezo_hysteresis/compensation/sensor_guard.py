@@ -45,20 +45,8 @@ def reset_watch(memory: FloatArray) -> None:
 @jit
 def partner_of(
     point: FloatArray, read: FloatArray, memory: FloatArray, frozen_ticks: float
-) -> int:
-    """Return the index of the reference of the measured tick in the memory; -1 for none.
-
-    Parameters
-    ----------
-    point : ndarray, shape (6,)
-        Reference of this tick; it is remembered.
-    read : ndarray, shape (3,)
-        The newest measurement; its sample is NaN where there is none.
-    memory : ndarray, shape (WATCH_SIZE,)
-        Of the watch.
-    frozen_ticks : float
-        After so many equal readings under a voltage that moves the sensor counts as frozen.
-    """
+) -> int:  # point (6,); read (3,); memory (WATCH_SIZE,)
+    """Return the index of the reference of the measured tick in the memory; -1 for none."""
     place = _POINTS + POINT_SIZE * (int(point[SAMPLE]) % HISTORY)
     for k in range(POINT_SIZE):
         memory[place + k] = point[k]
@@ -108,21 +96,11 @@ class SensorWatch:
 
     A measurement that is missing, repeated, not a number, older than the history or frozen is
     counted and not used; the controller then holds what it has learned.
-
-    Parameters
-    ----------
-    dt : float
-        Sampling interval [s].
-    frozen_after : float
-        Seconds of bit-identical readings, while the voltage moves, after which the sensor
-        counts as frozen [s].
-    memory : ndarray, shape (WATCH_SIZE,), optional
-        Where it is kept, for those who hold everything in one array.
     """
 
     def __init__(
         self, dt: float, frozen_after: float = 0.05, memory: FloatArray | None = None
-    ) -> None:
+    ) -> None:  # dt, frozen_after [s]; memory (WATCH_SIZE,)
         self.frozen_ticks = frozen_ticks(dt, frozen_after)
         self._memory = np.zeros(WATCH_SIZE) if memory is None else memory
         self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
@@ -135,15 +113,7 @@ class SensorWatch:
     def pair(
         self, point: ReferencePoint, measured: Measured | None
     ) -> tuple[ReferencePoint, float] | None:
-        """Return the reference of the measured tick and the displacement [m], or None.
-
-        Parameters
-        ----------
-        point : ReferencePoint
-            The reference of this tick; it is remembered.
-        measured : Measured or None
-            The newest measurement that is known.
-        """
+        """Return the reference of the measured tick and the displacement [m], or None."""
         write_point(self._point, point)
         write_read(self._read, measured)
         place = partner_of(self._point, self._read, self._memory, self.frozen_ticks)

@@ -88,7 +88,7 @@ class Study:
 def track(
     controllers: Controllers,
     plant: ModelFile | str,
-    reference: str | Waveform,
+    reference: str | Waveform,  # [m]
     *,
     low: float | None = None,
     high: float | None = None,
@@ -96,35 +96,10 @@ def track(
     together: bool = False,
     noise: float = 0.0,
     seed: int = 0,
-    from_seconds: float | None = None,
+    from_seconds: float | None = None,  # [s]
     plant_settings: Sequence[str] = (),
 ) -> tuple[Study, list[Run]]:
-    """Run the reference without compensation, with the inverse, and with each further link.
-
-    Parameters
-    ----------
-    controllers : Controllers
-        What compensates; its limits are those that follow.
-    plant : ModelFile or str
-        A model instead of the actuator, or the name of a preset of the simulator.
-    reference : str or Waveform
-        Desired displacement [m].
-    low, high, slew : float, optional
-        Limits of the voltage [V], [V/s], see `operating_limits`.
-    together : bool
-        Whether there is one more run, with attenuation and feedback.
-    noise, seed : float, int
-        Rms of the measurement noise of a model as plant [m], and its seed.
-    from_seconds : float, optional
-        Start of the evaluated part [s]; half of the reference by default.
-    plant_settings : sequence of str
-        ``NAME=VALUE`` for a simulated actuator.
-
-    Raises
-    ------
-    CompensationError
-        If the reference is out of reach or unknown, a number is none, or a link cannot be built.
-    """
+    """Run the reference without compensation, with the inverse, and with each further link."""
     for name, value in {'noise': noise, 'seed': seed, 'from_seconds': from_seconds or 0.0}.items():
         if not (isinstance(value, Real) and math.isfinite(value) and value >= 0):
             raise CompensationError(f'{name} must be a number of 0 or more, got {value!r}')
@@ -152,20 +127,7 @@ def remarks(study: Study, runs: Sequence[Run]) -> tuple[str, ...]:
 
 
 def waveform_of(reference: str | Waveform, usual: Mapping[str, float] | None = None) -> Waveform:
-    """Return the waveform that ``KIND:setting=value,...`` describes, a waveform as it is.
-
-    Parameters
-    ----------
-    reference : str or Waveform
-        What the user gave.
-    usual : mapping, optional
-        Settings for a described waveform that has them, where the user gave none.
-
-    Raises
-    ------
-    PiezoError
-        If it is malformed, or the kind or a setting is unknown.
-    """
+    """Return the waveform that ``KIND:setting=value,...`` describes, a waveform as it is."""
     if not isinstance(reference, str):
         if hasattr(reference, 'sample') and hasattr(reference, 'duration'):
             return reference
@@ -197,13 +159,7 @@ def _value(text: str) -> Any:
 
 
 def require_sampled(waveform: Waveform, rate: float) -> None:
-    """Refuse a reference that the rate [Hz] cannot sample, and one without an end.
-
-    Raises
-    ------
-    CompensationError
-        If its frequency is half the rate or more, or it is too long.
-    """
+    """Refuse a reference that the rate [Hz] cannot sample, and one without an end."""
     frequency = float(getattr(waveform, 'frequency', 0.0))
     if frequency >= 0.5 * rate:
         raise CompensationError(
@@ -227,22 +183,8 @@ class ResettablePlant(Protocol):
 @contextmanager
 def open_plant(
     plant: ModelFile | str, dt: float, seed: int, *, noise: float, settings: Sequence[str]
-) -> Iterator[tuple[ResettablePlant, Mapping[str, Any]]]:
-    """Open a plant; yield it and what it is known to be, which of a model is nothing.
-
-    Parameters
-    ----------
-    plant : ModelFile or str
-        A model instead of the actuator, or the name of a preset of the simulator.
-    dt : float
-        Sampling interval [s].
-    seed : int
-        Of the noise.
-    noise : float
-        Its rms for a model [m].
-    settings : sequence of str
-        ``NAME=VALUE`` for a simulated actuator.
-    """
+) -> Iterator[tuple[ResettablePlant, Mapping[str, Any]]]:  # dt [s]; noise [m]
+    """Open a plant; yield it and what it is known to be, which of a model is nothing."""
     if isinstance(plant, ModelFile):
         yield ModelPlant(plant.model, plant.values, dt, noise=noise, seed=seed), {}
         return

@@ -82,16 +82,9 @@ class CrossFade:
 
     A law that learns from the measurement answers wildly at first. It so begins with no weight,
     where `Transition` would pass its first answers on.
-
-    Parameters
-    ----------
-    dt : float
-        Sampling interval [s].
-    duration : float
-        Seconds that a change takes [s].
     """
 
-    def __init__(self, dt: float, duration: float) -> None:
+    def __init__(self, dt: float, duration: float) -> None:  # dt, duration [s]
         self._dt = float(dt)
         self._duration = float(duration)
         self._memory = np.zeros(CROSS_SIZE)
@@ -115,25 +108,14 @@ class Transition:
 
     A step in the voltage strikes a lightly damped mode, so the difference fades along a quintic
     smooth step, whose velocity and acceleration are continuous.
-
-    Parameters
-    ----------
-    dt : float
-        Sampling interval [s].
-    duration : float
-        Seconds that a change takes [s].
-    slew : float
-        Largest rate at which the difference may fade [V/s]; a large one takes longer.
-    memory : ndarray, shape (FADE_SIZE,), optional
-        Where it is kept, for those who hold everything in one array.
     """
 
     def __init__(
         self,
-        dt: float,
-        duration: float = 0.2,
-        slew: float = math.inf,
-        memory: FloatArray | None = None,
+        dt: float,  # [s]
+        duration: float = 0.2,  # [s]
+        slew: float = math.inf,  # [V/s]
+        memory: FloatArray | None = None,  # (FADE_SIZE,)
     ) -> None:
         self._dt = float(dt)
         self._memory = np.zeros(FADE_SIZE) if memory is None else memory

@@ -29,37 +29,14 @@ SHORTEST_TOKEN = 16
 
 @dataclass(frozen=True)
 class Refusal:
-    """Reason for the rejection of a request.
+    """Reason for the rejection of a request."""
 
-    Attributes
-    ----------
-    status : int
-        HTTP status.
-    reason : str
-        Problem and remedy, without any text of the request.
-    """
-
-    status: int
-    reason: str
+    status: int  # HTTP status
+    reason: str  # problem and remedy, without any text of the request
 
 
 class AccessPolicy:
-    """Access control of a request by its headers, before any handler.
-
-    Parameters
-    ----------
-    address, port : str, int
-        Address and port of the server.
-    origins : sequence of str
-        Further ``HOST[:PORT]`` under which browsers may open the page.
-    token : str
-        Token that a client must send once, '' for none.
-
-    Raises
-    ------
-    PiezoError
-        If an origin is not a name with a port, or the token is too short.
-    """
+    """Access control of a request by its headers, before any handler."""
 
     def __init__(
         self, address: str, port: int, origins: Sequence[str] = (), token: str = ''

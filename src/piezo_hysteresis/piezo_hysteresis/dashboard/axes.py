@@ -14,15 +14,7 @@ HEIGHT = 230
 
 
 class Follower:
-    """Range around the data: it grows immediately and shrinks only if much of it is empty.
-
-    Parameters
-    ----------
-    logarithmic : bool
-        Whether the axis is logarithmic; its ends are then powers of ten.
-    floor : float
-        Smallest span (linear) or smallest end (logarithmic).
-    """
+    """Range around the data: it grows immediately and shrinks only if much of it is empty."""
 
     def __init__(self, logarithmic: bool = False, floor: float = 1e-3) -> None:
         start, end = (0.1, 10.0) if logarithmic else (-1.0, 1.0)

@@ -11,15 +11,7 @@ from piezo_hysteresis.dashboard.live_state import Live
 
 
 class Answer:
-    """The asynchronous response of a node.
-
-    Attributes
-    ----------
-    done : bool
-        Whether it has been received.
-    reason : str
-        Reason of a rejection, '' if accepted.
-    """
+    """The asynchronous response of a node."""
 
     def __init__(self) -> None:
         self.done = False
@@ -33,63 +25,33 @@ class Answer:
 
 @dataclass(frozen=True)
 class SweepOrder:
-    """A sweep requested by the page.
+    """A sweep requested by the page."""
 
-    Attributes
-    ----------
-    frequencies, amplitudes : tuple of float
-        Every frequency [Hz] at every amplitude [V].
-    seconds, warm_up, pause : float
-        Durations of each record, its warm-up and the pause after it [s].
-    name : str
-        Bag of the records, below ``sweeps`` in the folder.
-    """
-
-    frequencies: tuple[float, ...]
-    amplitudes: tuple[float, ...]
-    seconds: float
-    warm_up: float
-    pause: float
-    name: str
+    frequencies: tuple[float, ...]  # [Hz]
+    amplitudes: tuple[float, ...]  # [V]
+    seconds: float  # durations of each record [s]
+    warm_up: float  # [s]
+    pause: float  # the pause after it [s]
+    name: str  # bag of the records, below ``sweeps`` in the folder
 
 
 @dataclass(frozen=True)
 class DiscoveryOrder:
-    """A discovery requested by the page.
+    """A discovery requested by the page."""
 
-    Attributes
-    ----------
-    data : tuple of str
-        Bags, as `Backend.bags` names them.
-    baseline : str
-        Named model.
-    """
-
-    data: tuple[str, ...]
-    baseline: str
+    data: tuple[str, ...]  # bags, as `Backend.bags` names them
+    baseline: str  # named model
 
 
 @dataclass(frozen=True)
 class InvestigationOrder:
-    """An investigation requested by the page.
+    """An investigation requested by the page."""
 
-    Attributes
-    ----------
-    low, high : float
-        Range of the voltage [V]; both 0 for the range of the actuator and the model.
-    slew : float
-        Largest rate of the voltage [V/s], 0 for no limit.
-    budget : float
-        Actuator time [s], 0 for the default.
-    name : str
-        Folder of journal and bags, below ``investigations`` in the folder.
-    """
-
-    low: float
+    low: float  # range of the voltage [V]; both 0 for the range of the actuator
     high: float
-    slew: float
-    budget: float
-    name: str
+    slew: float  # largest rate of the voltage [V/s], 0 for no limit
+    budget: float  # actuator time [s], 0 for the default
+    name: str  # folder of journal and bags, below ``investigations`` in the folder
 
 
 class Backend(Protocol):

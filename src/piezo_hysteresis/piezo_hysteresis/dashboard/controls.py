@@ -22,35 +22,17 @@ _STEPS = 200
 
 @dataclass(frozen=True)
 class ParameterState:
-    """One parameter of a running node.
-
-    Attributes
-    ----------
-    node, name : str
-        Node and name of the parameter.
-    value : bool, int, float, str or list
-        Current value, in SI units.
-    sentence : str
-        Description.
-    unit : str
-        SI unit, '' for none.
-    low, high : float
-        Allowed range.
-    choices : tuple of str
-        Allowed values, empty for any.
-    read_only : bool
-        Whether the node rejects every change.
-    """
+    """One parameter of a running node."""
 
     node: str
-    name: str
-    value: Value
-    sentence: str = ''
-    unit: str = ''
+    name: str  # name of the parameter
+    value: Value  # current value, in SI units
+    sentence: str = ''  # description
+    unit: str = ''  # SI unit, '' for none
     low: float = -math.inf
     high: float = math.inf
-    choices: tuple[str, ...] = ()
-    read_only: bool = False
+    choices: tuple[str, ...] = ()  # allowed values, empty for any
+    read_only: bool = False  # whether the node rejects every change
 
     @property
     def group(self) -> str:
@@ -103,28 +85,12 @@ def described(
     node: str,
     name: str,
     value: Value,
-    description: str = '',
+    description: str = '',  # [unit]
     constraints: str = '',
     bounds: tuple[float, float] | None = None,
     read_only: bool = False,
 ) -> ParameterState:
-    """Return the parameter of a descriptor.
-
-    Parameters
-    ----------
-    node, name : str
-        Node and name of the parameter.
-    value : bool, int, float, str or list
-        Current value.
-    description : str
-        ``Sentence. [unit] One of a, b.``
-    constraints : str
-        ``one of a, b`` if only these values are allowed.
-    bounds : tuple of float, optional
-        Allowed range.
-    read_only : bool
-        Whether it cannot be changed.
-    """
+    """Return the parameter of a descriptor."""
     found = _DESCRIPTION.match(description)
     listed = _CHOICES.match(constraints)
     low, high = bounds or (-math.inf, math.inf)
@@ -155,13 +121,7 @@ def refusal_text(parameter: ParameterState, reason: str) -> str:
 
 @dataclass(frozen=True)
 class SliderRange:
-    """Range of a slider, in the displayed unit.
-
-    Attributes
-    ----------
-    start, end, step : float
-        Arguments of the slider.
-    """
+    """Range of a slider, in the displayed unit."""
 
     start: float
     end: float
@@ -178,13 +138,6 @@ def reach(parameter: ParameterState, siblings: Iterable[ParameterState] = ()) ->
     Ranges such as 0 .. 500 V apply to any actuator and are too wide for a slider. The slider ends
     at a round number above three times the current value, or, if that is zero, of the largest
     parameter of the group with the same unit. The field next to it accepts the whole range.
-
-    Parameters
-    ----------
-    parameter : ParameterState
-        A number.
-    siblings : iterable of Parameter
-        Parameters of the same group.
     """
     assert isinstance(parameter.value, int | float)
     factor = parameter.factor

@@ -14,27 +14,8 @@ def columns(first: int, values: FloatArray, pixels: int) -> tuple[IntArray, Floa
 
     Columns hold equal numbers of samples and begin at multiples of that number, for any part of
     the signal: a peak keeps its height while it moves across the screen.
-
-    Parameters
-    ----------
-    first : int
-        Number of the first sample.
-    values : ndarray, shape (n,)
-        One value per sample, NaN where there is none.
-    pixels : int
-        Number of available columns.
-
-    Returns
-    -------
-    tuple of ndarray
-        Sample numbers, in order, and values: two per column, or all samples if there are not more.
-        A column without any value is NaN, which interrupts the line.
-
-    Raises
-    ------
-    ValueError
-        If `pixels` is less than one.
     """
+    # values (n,)
     if pixels < 1:
         raise ValueError(f'{pixels} pixel columns: give at least 1')
     samples = np.arange(first, first + values.size)
@@ -56,16 +37,8 @@ def columns(first: int, values: FloatArray, pixels: int) -> tuple[IntArray, Floa
     return inside.ravel(), drawn.ravel()
 
 
-def path(x: FloatArray, y: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:
-    """Return at most `points` points of a curve in the plane, with the extremes of both axes.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        In the order in which they are joined; NaN where there is no point.
-    points : int
-        Largest number of points, 4 or more.
-    """
+def path(x: FloatArray, y: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:  # x, y (n,)
+    """Return at most `points` points of a curve in the plane, with the extremes of both axes."""
     if x.size <= points:
         return x, y
     width = math.ceil(x.size / (points // 4))

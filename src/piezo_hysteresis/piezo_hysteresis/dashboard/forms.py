@@ -30,13 +30,7 @@ _NAME = re.compile(r'^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$')
 
 
 def numbers(text: str, what: str) -> tuple[float, ...]:
-    """Return the numbers of a typed list.
-
-    Raises
-    ------
-    PiezoError
-        If the list is empty, or an entry is no number.
-    """
+    """Return the numbers of a typed list."""
     items = [item for item in re.split(r'[\s,;]+', text) if item]
     if not items:
         raise PiezoError(f'{what}: type at least one number, such as 1, 5, 10')
@@ -47,15 +41,7 @@ def numbers(text: str, what: str) -> tuple[float, ...]:
 
 
 class JobBox:
-    """Progress, cancel button and message of one job.
-
-    Parameters
-    ----------
-    name : str
-        Prefix of the names of its parts.
-    start, cancel : callable
-        Callbacks of the buttons.
-    """
+    """Progress, cancel button and message of one job."""
 
     def __init__(self, name: str, start: Callable[[], None], cancel: Callable[[], None]) -> None:
         self._start = start

@@ -22,17 +22,7 @@ _HEADERS = {
 
 
 class GuardedApplication(BokehTornado):
-    """Bokeh application that checks an `AccessPolicy` first.
-
-    Parameters
-    ----------
-    applications : dict
-        Applications of Bokeh.
-    access : AccessPolicy
-        Check of every request.
-    **settings
-        Further arguments of Bokeh.
-    """
+    """Bokeh application that checks an `AccessPolicy` first."""
 
     def __init__(self, applications: Any, *, access: AccessPolicy, **settings: Any) -> None:
         self._access = access

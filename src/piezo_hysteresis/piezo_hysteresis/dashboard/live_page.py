@@ -27,11 +27,6 @@ class Flow:
     """Flow control: the next update is sent only after the browser has drawn the previous one.
 
     Otherwise a slow browser would accumulate a delay.
-
-    Parameters
-    ----------
-    beat : Div
-        Element of the page whose tags number the updates.
     """
 
     def __init__(self, beat: Div) -> None:
@@ -54,21 +49,7 @@ class Flow:
 
 
 class Page:
-    """The document of one client.
-
-    Parameters
-    ----------
-    document : Document
-        Empty document.
-    backend : Backend
-        Interface to the nodes.
-    actuator : str
-        Namespace of the actuator.
-    chosen : bool
-        Whether the client selected it; otherwise the page changes to a namespace that exists.
-    refresh : float
-        Rate of updates [Hz].
-    """
+    """The document of one client."""
 
     def __init__(
         self,
@@ -76,7 +57,7 @@ class Page:
         backend: Backend,
         actuator: str,
         chosen: bool = False,
-        refresh: float = 10.0,
+        refresh: float = 10.0,  # [Hz]
     ) -> None:
         self._backend, self._chosen = backend, chosen
         self._live = backend.live(actuator)

@@ -25,22 +25,12 @@ SMALLEST = 1e-13  # drawn on logarithmic axes instead of zero [m]
 
 @dataclass(frozen=True)
 class PageState:
-    """Common data of all plots at one instant.
+    """Common data of all plots at one instant."""
 
-    Attributes
-    ----------
-    window : Window
-        The last samples, longer than any plot needs.
-    seconds : float
-        Time span of the traces [s].
-    fundamental, resonance : float
-        Frequencies [Hz], 0 if there is none.
-    """
-
-    window: Window
-    seconds: float
-    fundamental: float
-    resonance: float
+    window: Window  # the last samples, longer than any plot needs
+    seconds: float  # time span of the traces [s]
+    fundamental: float  # frequencies [Hz]
+    resonance: float  # 0 if there is none
 
 
 def _ends(*signals: FloatArray) -> tuple[float, float]:
@@ -90,21 +80,7 @@ class LoopPlot:
 
 
 class TracePlot:
-    """Signals over the last seconds, with the extremes of every pixel column.
-
-    Parameters
-    ----------
-    title, y_label : str
-        Title and axis label.
-    lines : sequence of (str, str, str, float)
-        Name in the window, label, colour and width of each line.
-    factor : float
-        From SI to the unit of the axis.
-    time : Range1d
-        Shared by all traces.
-    name : str
-        Name of the figure.
-    """
+    """Signals over the last seconds, with the extremes of every pixel column."""
 
     def __init__(
         self,

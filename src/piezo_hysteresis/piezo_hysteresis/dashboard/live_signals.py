@@ -20,43 +20,23 @@ INTERVALS = 1000
 
 @dataclass(frozen=True)
 class State:
-    """One tick of an actuator.
+    """One tick of an actuator."""
 
-    Attributes
-    ----------
-    sample : int
-        Number of the tick.
-    stamp : int
-        Its time [ns].
-    voltage, displacement : float
-        Voltage [V] and displacement [m].
-    """
-
-    sample: int
-    stamp: int
-    voltage: float
-    displacement: float
+    sample: int  # number of the tick
+    stamp: int  # its time [ns]
+    voltage: float  # voltage [V]
+    displacement: float  # displacement [m]
 
 
 @dataclass(frozen=True)
 class Window:
-    """The last samples, one per tick; missing ones are NaN.
+    """The last samples, one per tick; missing ones are NaN."""
 
-    Attributes
-    ----------
-    first : int
-        Number of the first sample.
-    dt : float
-        Sampling interval [s].
-    voltage, displacement, reference : ndarray, shape (n,)
-        Signals [V], [m] and [m].
-    """
-
-    first: int
-    dt: float
-    voltage: FloatArray
-    displacement: FloatArray
-    reference: FloatArray
+    first: int  # number of the first sample
+    dt: float  # sampling interval [s]
+    voltage: FloatArray  # signals [V], shape (n,)
+    displacement: FloatArray  # [m], shape (n,)
+    reference: FloatArray  # [m], shape (n,)
 
     def __len__(self) -> int:
         return int(self.voltage.size)
@@ -91,13 +71,7 @@ class Window:
 
 
 class Signals:
-    """Buffer of the newest samples, written by one thread and read by others.
-
-    Parameters
-    ----------
-    capacity : int
-        Number of stored samples.
-    """
+    """Buffer of the newest samples, written by one thread and read by others."""
 
     def __init__(self, capacity: int = CAPACITY) -> None:
         self._lock = threading.Lock()

@@ -17,22 +17,12 @@ SHORTEST = 32
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Lines of a spectrum and the harmonics of the drive.
+    """Lines of a spectrum and the harmonics of the drive."""
 
-    Attributes
-    ----------
-    frequency, amplitude : ndarray, shape (n,)
-        Frequency [Hz] and amplitude [m] of each line.
-    orders : tuple of int
-        Harmonic orders below half the sampling rate.
-    harmonics : ndarray
-        Amplitude at each order [m], over whole periods.
-    """
-
-    frequency: FloatArray
-    amplitude: FloatArray
-    orders: tuple[int, ...] = ()
-    harmonics: FloatArray = field(default_factory=lambda: np.empty(0))
+    frequency: FloatArray  # frequency [Hz], shape (n,)
+    amplitude: FloatArray  # amplitude [m] of each line, shape (n,)
+    orders: tuple[int, ...] = ()  # harmonic orders below half the sampling rate
+    harmonics: FloatArray = field(default_factory=lambda: np.empty(0))  # [m]
 
 
 def unbroken_end(signal: FloatArray) -> FloatArray:
@@ -46,20 +36,8 @@ def unbroken_end(signal: FloatArray) -> FloatArray:
 
 def live_spectrum(
     signal: FloatArray, dt: float, fundamental: float, orders: tuple[int, ...] = ORDERS
-) -> Spectrum | None:
-    """Return the spectrum of the last whole periods of `signal`, None if it is too short.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        Displacement or error [m]; NaN where a sample is missing.
-    dt : float
-        Sampling interval [s].
-    fundamental : float
-        Frequency of the drive [Hz], 0 for none.
-    orders : tuple of int
-        Harmonics to evaluate.
-    """
+) -> Spectrum | None:  # signal [m] (n,); dt [s]; fundamental [Hz]
+    """Return the spectrum of the last whole periods of `signal`, None if it is too short."""
     end = unbroken_end(signal)[-LONGEST:]
     end = end[end.size - whole_periods(end.size, fundamental, dt) :]
     if end.size < SHORTEST:

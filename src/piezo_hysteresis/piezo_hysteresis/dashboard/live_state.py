@@ -17,147 +17,69 @@ KEPT = 600
 
 @dataclass(frozen=True)
 class Gap:
-    """Gap between model and measurement.
+    """Gap between model and measurement."""
 
-    Attributes
-    ----------
-    at : float
-        Time of reception [s, monotonic].
-    rms, floor : float
-        Gap and noise floor [m]; their ratio is `floors`.
-    floors : float
-        Multiples of the noise floor.
-    frequency : float
-        Frequency of the drive [Hz].
-    orders, harmonics : tuple
-        Rms at each harmonic order [m].
-    beyond : bool
-        Whether it is significantly above the noise floor and the known discrepancy of the model.
-    family : str
-        Possible causes of the gap.
-    """
-
-    at: float
-    rms: float
-    floor: float
-    floors: float
-    frequency: float
-    orders: tuple[int, ...]
-    harmonics: tuple[float, ...]
+    at: float  # time of reception [s, monotonic]
+    rms: float  # gap
+    floor: float  # noise floor [m]; their ratio is `floors`
+    floors: float  # multiples of the noise floor
+    frequency: float  # frequency of the drive [Hz]
+    orders: tuple[int, ...]  # [m]
+    harmonics: tuple[float, ...]  # [m]
     beyond: bool
-    family: str
+    family: str  # possible causes of the gap
 
 
 @dataclass(frozen=True)
 class ShownEstimate:
-    """State of an identification.
+    """State of an identification."""
 
-    Attributes
-    ----------
-    at : float
-        When it was received [s, monotonic].
-    model, method, message : str
-        Model, method and warnings.
-    names, units : tuple of str
-        Names and SI units of the parameters.
-    values, deviations : tuple of float
-        Values and standard deviations.
-    one_step, free_run : float
-        Rms errors [m].
-    converged : bool
-        Whether it has converged.
-    """
-
-    at: float
+    at: float  # when it was received [s, monotonic]
     model: str
     method: str
-    message: str
+    message: str  # warnings
     names: tuple[str, ...]
-    units: tuple[str, ...]
+    units: tuple[str, ...]  # SI units of the parameters
     values: tuple[float, ...]
-    deviations: tuple[float, ...]
-    one_step: float
-    free_run: float
-    converged: bool
+    deviations: tuple[float, ...]  # standard deviations
+    one_step: float  # [m]
+    free_run: float  # [m]
+    converged: bool  # whether it has converged
 
 
 @dataclass(frozen=True)
 class Counters:
-    """Status of a node in the loop.
+    """Status of a node in the loop."""
 
-    Attributes
-    ----------
-    at : float
-        When it was received [s, monotonic].
-    sample : int
-        Newest tick.
-    rate : float
-        Ticks per second.
-    counts : dict of str to int
-        Counters such as late, missed, refused.
-    """
-
-    at: float
-    sample: int
-    rate: float
-    counts: dict[str, int]
+    at: float  # when it was received [s, monotonic]
+    sample: int  # newest tick
+    rate: float  # ticks per second
+    counts: dict[str, int]  # counters such as late, missed, refused
 
 
 @dataclass(frozen=True)
 class LogLine:
-    """A message of a node in its log or diagnostics.
+    """A message of a node in its log or diagnostics."""
 
-    Attributes
-    ----------
-    at : float
-        When it was received [s, monotonic].
-    node : str
-        Name of the node.
-    level : str
-        ``ok``, ``warning`` or ``error``.
-    text : str
-        Text of the message.
-    """
-
-    at: float
-    node: str
-    level: str
-    text: str
+    at: float  # when it was received [s, monotonic]
+    node: str  # name of the node
+    level: str  # ``ok``, ``warning`` or ``error``
+    text: str  # text of the message
 
 
 @dataclass(frozen=True)
 class BackgroundJob:
-    """A sweep or a discovery.
+    """A sweep or a discovery."""
 
-    Attributes
-    ----------
-    phase : str
-        ``none``, ``asked``, ``running``, ``done`` or ``failed``.
-    fraction : float
-        Completed share of the work.
-    text : str
-        Current step, result, or reason of the failure.
-    effects : tuple of (str, float)
-        Named effects of a discovery with their probabilities.
-    before, after : float
-        Held-out gap of a discovery in multiples of the noise floor.
-    report : str
-        Path of the report below the served folder, '' if there is none.
-    records : tuple of str
-        Records of a sweep.
-    since : float
-        Time of the start [s, monotonic], NaN if unknown.
-    """
-
-    phase: str = 'none'
-    fraction: float = 0.0
-    text: str = ''
+    phase: str = 'none'  # ``none``, ``asked``, ``running``, ``done`` or ``failed``
+    fraction: float = 0.0  # completed share of the work
+    text: str = ''  # current step, result, or reason of the failure
     effects: tuple[tuple[str, float], ...] = ()
     before: float = float('nan')
     after: float = float('nan')
-    report: str = ''
-    records: tuple[str, ...] = ()
-    since: float = float('nan')
+    report: str = ''  # path of the report below the served folder, '' if there is none
+    records: tuple[str, ...] = ()  # records of a sweep
+    since: float = float('nan')  # time of the start [s, monotonic], NaN if unknown
 
     @property
     def busy(self) -> bool:
@@ -167,65 +89,32 @@ class BackgroundJob:
 
 @dataclass(frozen=True)
 class InvestigationState:
-    """State of an investigation at one time.
+    """State of an investigation at one time."""
 
-    Attributes
-    ----------
-    stage : str
-        ``run``, ``judge`` or ``apply``.
-    number : int
-        Number of the experiment.
-    experiment, why, answer : str
-        Experiment, reason of its selection, and result of the previous one.
-    chances : tuple of (str, float)
-        Probability of each explanation.
-    seconds : float
-        Actuator time so far [s].
-    """
-
-    stage: str
-    number: int
+    stage: str  # ``run``, ``judge`` or ``apply``
+    number: int  # number of the experiment
     experiment: str
-    why: str
-    answer: str
-    chances: tuple[tuple[str, float], ...]
-    seconds: float
+    why: str  # reason of its selection
+    answer: str  # result of the previous one
+    chances: tuple[tuple[str, float], ...]  # probability of each explanation
+    seconds: float  # actuator time so far [s]
 
 
 @dataclass(frozen=True)
 class NodeState:
-    """A node of the namespace.
+    """A node of the namespace."""
 
-    Attributes
-    ----------
-    name : str
-        Name without the namespace.
-    present : bool
-        Whether it is running.
-    since : float
-        Time of the last change of `present` [s, monotonic].
-    parameters : dict of str to ParameterState
-        Parameters by name; replaced as a whole, never changed.
-    """
-
-    name: str
-    present: bool
-    since: float
-    parameters: dict[str, ParameterState] = field(default_factory=dict)
+    name: str  # name without the namespace
+    present: bool  # whether it is running
+    since: float  # time of the last change of `present` [s, monotonic]
+    parameters: dict[str, ParameterState] = field(default_factory=dict)  # parameters by name
 
 
 class Live:
-    """State of the actuator in one namespace.
-
-    Parameters
-    ----------
-    actuator : str
-        Its namespace, '' for none.
-    clock : callable
-        Monotonic time [s].
-    """
+    """State of the actuator in one namespace."""
 
     def __init__(self, actuator: str, clock: Callable[[], float] = time.monotonic) -> None:
+        # clock [s]
         self.actuator = actuator
         self.clock = clock
         self.signals = Signals()

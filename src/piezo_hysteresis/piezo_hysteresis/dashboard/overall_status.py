@@ -24,18 +24,10 @@ _NO_COMMAND = 'no command'
 
 @dataclass(frozen=True)
 class OverallStatus:
-    """A status.
+    """A status."""
 
-    Attributes
-    ----------
-    level : str
-        ``ok``, ``warning``, ``error`` or ``gone``.
-    text : str
-        As a sentence.
-    """
-
-    level: str
-    text: str
+    level: str  # ``ok``, ``warning``, ``error`` or ``gone``
+    text: str  # as a sentence
 
 
 def ago(seconds: float) -> str:
@@ -75,14 +67,8 @@ def overall(live: Live, tracking: tuple[float, float] = (math.nan, math.nan)) ->
     """Return the status of the loop: the worst of its nodes and of the tracking.
 
     Warnings of nodes that only watch the loop are added to the text and do not change the level.
-
-    Parameters
-    ----------
-    live : Live
-        State of the actuator.
-    tracking : tuple of float
-        Rms of the tracking error and of the reference [m], NaN without a reference.
     """
+    # tracking [m]
     if live.silence('state') > SILENCE:
         return OverallStatus('gone', 'no signal')
     found: list[OverallStatus] = []

@@ -35,13 +35,7 @@ _NAMESPACE = re.compile(r'^[A-Za-z]\w*(/[A-Za-z]\w*)*$', re.ASCII)
 
 
 class StalledClients:
-    """Disconnects clients that stopped reading: what is queued for them would grow forever.
-
-    Parameters
-    ----------
-    application : GuardedApplication
-        Its connections are watched.
-    """
+    """Disconnects clients that stopped reading: what is queued for them would grow forever."""
 
     def __init__(self, application: Any) -> None:
         self._application = application
@@ -86,29 +80,7 @@ class ReportHandler(StaticFileHandler):
 
 
 class DashboardServer:
-    """The web server of the page.
-
-    Parameters
-    ----------
-    backend : Backend
-        Interface to the nodes.
-    address, port : str, int
-        Address and port of the server; port 0 selects a free one.
-    folder : str
-        Folder of the served reports.
-    origins : sequence of str
-        Further ``HOST:PORT`` under which browsers may open the page.
-    token : str
-        Token that a client must send once, '' for none.
-    refresh : float
-        Rate of updates of the pages [Hz].
-
-    Raises
-    ------
-    PiezoError
-        If the port is in use, the address is not of this machine, an origin is invalid or the
-        token is too short.
-    """
+    """The web server of the page."""
 
     def __init__(
         self,
@@ -119,7 +91,7 @@ class DashboardServer:
         folder: str,
         origins: Sequence[str] = (),
         token: str = '',
-        refresh: float = 10.0,
+        refresh: float = 10.0,  # [Hz]
     ) -> None:
         AccessPolicy(address, port, origins, token)  # checked before the port is opened
         self._backend = backend

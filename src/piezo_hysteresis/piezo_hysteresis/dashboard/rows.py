@@ -27,22 +27,7 @@ def reason_div(name: str) -> Div:
 
 
 class ParameterRow:
-    """One parameter on the page.
-
-    Parameters
-    ----------
-    parameter : ParameterState
-        Current state.
-    send : callable
-        Sets it: node, name, value.
-    siblings : iterable of Parameter
-        Parameters of the same group, for the typical size of a number that is zero.
-    shared : Div, optional
-        Element for rejections, if not below the control; then only a switch with its name is
-        shown, and the description as a tooltip.
-    prefix : str
-        Prefix of the names of its widgets.
-    """
+    """One parameter on the page."""
 
     def __init__(
         self,
@@ -233,21 +218,7 @@ def _text(value: Value) -> str:
 
 
 class RowList:
-    """A list of parameters that is rebuilt only for other parameters.
-
-    Parameters
-    ----------
-    send, find : callable
-        Set a parameter; look one up.
-    name : str
-        Name of the root.
-    empty : str
-        Text of an empty list.
-    brief : bool
-        Whether descriptions are shown only as tooltips.
-    prefix : str
-        Prefix of the names of its widgets.
-    """
+    """A list of parameters that is rebuilt only for other parameters."""
 
     def __init__(
         self,

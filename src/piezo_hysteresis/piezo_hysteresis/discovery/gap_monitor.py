@@ -39,39 +39,16 @@ MARGIN = 5
 
 @dataclass(frozen=True)
 class GapReport:
-    """Gap over one window.
+    """Gap over one window."""
 
-    Attributes
-    ----------
-    rms : float
-        Rms of measured minus simulated displacement [m].
-    floors : float
-        Rms in multiples of the noise floor.
-    frequency : float
-        Fundamental frequency of the drive in the window [Hz]; 0 at rest.
-    orders : list of int
-        Harmonic orders; 0 is the mean.
-    sizes : list of float
-        Rms at each order [m].
-    beyond_floor : bool
-        Whether the gap has exceeded noise floor and known discrepancy in consecutive windows.
-    family : str
-        Possible causes of the gap; empty if it is not significant.
-    expected : float
-        Expected gap from known discrepancy and noise [m]; the noise floor without a known
-        discrepancy.
-    share : float
-        Rms relative to the largest range of displacement since the start of the comparison.
-    """
-
-    rms: float
-    floors: float
-    frequency: float
-    orders: list[int]
-    sizes: list[float]
+    rms: float  # rms of measured minus simulated displacement [m]
+    floors: float  # rms in multiples of the noise floor
+    frequency: float  # fundamental frequency of the drive in the window [Hz]; 0 at rest
+    orders: list[int]  # harmonic orders; 0 is the mean
+    sizes: list[float]  # rms at each order [m]
     beyond_floor: bool
-    family: str
-    expected: float
+    family: str  # possible causes of the gap; empty if it is not significant
+    expected: float  # expected gap from known discrepancy and noise [m]
     share: float
 
     @property
@@ -98,20 +75,10 @@ class GapMonitor:
 
     Of a model with a schedule, the entry of the drive of a window runs; the comparison restarts
     where it changes.
-
-    Parameters
-    ----------
-    loaded : ModelFile
-        The model.
-    dt : float
-        Sampling interval [s].
-    floor : float
-        Noise rms [m]; if it is not positive, that of the model file.
-    window : int
-        Samples per report.
     """
 
     def __init__(self, loaded: ModelFile, dt: float, floor: float, window: int) -> None:
+        # dt [s]; floor [m]
         self._loaded = loaded
         self._dt = dt
         self._given_floor = floor

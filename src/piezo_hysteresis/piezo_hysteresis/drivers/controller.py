@@ -42,19 +42,11 @@ _LOOK = 0.05  # how often it is looked whether a wave has ended [s]
 
 @dataclass(frozen=True)
 class Identity:
-    """Identity of a controller.
-
-    Attributes
-    ----------
-    name, firmware : str
-        Maker, model and serial number; version of the firmware.
-    rate : float
-        Servo rate [Hz].
-    """
+    """Identity of a controller."""
 
     name: str
     firmware: str
-    rate: float
+    rate: float  # servo rate [Hz]
 
 
 class Measurement(NamedTuple):
@@ -76,13 +68,7 @@ class Measurement(NamedTuple):
 
 
 def metres_of(unit: str, address: str) -> float:
-    """Return the length of a unit [m].
-
-    Raises
-    ------
-    DriverError
-        If it is none, such as that of a tilt.
-    """
+    """Return the length of a unit [m]."""
     if (metres := _LENGTHS.get(unit.strip().lower())) is None:
         raise DriverError(
             f'{address}: its position has the unit {unit!r}, which is no length; an axis with a '
@@ -92,13 +78,7 @@ def metres_of(unit: str, address: str) -> float:
 
 
 class Connection(Protocol):
-    """Connection to a controller.
-
-    Attributes
-    ----------
-    address, peer : str
-        As it was given; the same for every connection to this controller.
-    """
+    """Connection to a controller."""
 
     address: str
     peer: str

@@ -88,13 +88,7 @@ def planned_sweep(
     waveform: str = 'sine',
     options: Mapping[str, object] | str = '',
 ) -> tuple[list[SweepRecord], int]:
-    """Return the records of a sweep, all of them checked, and the servo ticks per point.
-
-    Raises
-    ------
-    PiezoError
-        If a wave leaves the limits.
-    """
+    """Return the records of a sweep, all of them checked, and the servo ticks per point."""
     divider = controller.divider_for(seconds + 2.0 * (REST + RETURN))
     rate = controller.identity.rate / divider
     settings = parse_options(options) if isinstance(options, str) else options
@@ -113,38 +107,12 @@ def planned_sweep(
 def measured(
     controller: Controller,
     name: str,
-    voltages: FloatArray,
+    voltages: FloatArray,  # [V] (n,)
     info: RecordInfo,
     divider: int,
     watch: Callable[[], None] = lambda: None,
 ) -> Record:
-    """Play one record and return what was measured.
-
-    Parameters
-    ----------
-    controller : Controller
-        In open loop.
-    name : str
-        Name of the record.
-    voltages : ndarray, shape (n,)
-        Voltages of the record [V]; a rest and a ramp are added before and after.
-    info : RecordInfo
-        Its metadata; the initial condition is added.
-    divider : int
-        Servo ticks per sample.
-    watch : callable
-        Called periodically while the wave runs.
-
-    Returns
-    -------
-    Record
-        With the output voltage, and the commands before the first sample.
-
-    Raises
-    ------
-    DriverError
-        If the wave leaves the limits, or the controller fails.
-    """
+    """Play one record and return what was measured."""
     first, wave = whole(voltages, controller.identity.rate / divider)
     played = controller.play(wave, divider, watch)
     own = slice(first, first + voltages.size)
@@ -172,13 +140,7 @@ def _reached(voltage: FloatArray, divider: int) -> FloatArray:
 def write_measured(
     bag: Path, records: Sequence[Record], about: Mapping[str, Any], namespace: str = 'piezo'
 ) -> None:
-    """Write a bag, with the identity of the controller in its folder.
-
-    Raises
-    ------
-    RecordError
-        If the folder exists or cannot be written.
-    """
+    """Write a bag, with the identity of the controller in its folder."""
     rates = {'rate': records[0].rate} if records else {}
     write_bag(bag, records, namespace=namespace)
     with write_atomically(bag / ABOUT) as path:

@@ -45,24 +45,12 @@ _LEAST_GAIN = 0.98  # a round that leaves more than this share of the error is t
 
 @dataclass(frozen=True)
 class LearntRun:
-    """One run of the controller.
+    """One run of the controller."""
 
-    Attributes
-    ----------
-    name : str
-        Source of the wave.
-    result : LoopResult
-        Every sample of the reference; displacement relative to the initial rest.
-    metrics : TrackingMetrics
-        Of the error within the window.
-    noise : float
-        Rms of the sensor at rest [m].
-    """
-
-    name: str
-    result: LoopResult
-    metrics: TrackingMetrics
-    noise: float
+    name: str  # source of the wave
+    result: LoopResult  # every sample of the reference; displacement relative to the initial rest
+    metrics: TrackingMetrics  # of the error within the window
+    noise: float  # rms of the sensor at rest [m]
 
     @property
     def rms(self) -> float:
@@ -71,24 +59,10 @@ class LearntRun:
 
 
 class Learning:
-    """Learns the wave for one periodic reference.
-
-    Parameters
-    ----------
-    controller : Controller
-        In open loop.
-    loaded : ModelFile
-        Model that is inverted.
-    reference : Sine
-        Desired displacement [m]; it rises over its ramp, or over a part of its length.
-
-    Raises
-    ------
-    DriverError
-        If the reference is endless or not sampled finely enough.
-    """
+    """Learns the wave for one periodic reference."""
 
     def __init__(self, controller: Controller, loaded: ModelFile, reference: Sine) -> None:
+        # reference [m]
         duration, frequency = reference.duration, reference.frequency
         if not (isfinite(duration) and _WINDOW * duration * frequency >= 1.0):
             raise DriverError(
@@ -125,17 +99,6 @@ class Learning:
         """Yield a run without compensation, one with the inverse, and those that learn.
 
         A correction that makes it worse is taken back and halved.
-
-        Parameters
-        ----------
-        rounds : int
-            Runs that learn, at most.
-
-        Raises
-        ------
-        PiezoError
-            If a wave leaves the limits, the controller fails, or the first run shows that the
-            sensor moves against the model or not at all.
         """
         inverse = self._inverse()
         share = float(np.ptp(inverse)) / float(np.ptp(self.samples.value))

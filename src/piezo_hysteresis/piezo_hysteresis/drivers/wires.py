@@ -20,60 +20,25 @@ _LOOK = 0.05  # how often a serial port is looked at, at least [s]
 
 
 class Wire(Protocol):
-    """What carries bytes.
-
-    Attributes
-    ----------
-    address, peer : str
-        For messages; the same for every connection to one device.
-    """
+    """What carries bytes."""
 
     address: str
     peer: str
 
     def send(self, data: bytes) -> None:
-        """Send all data.
-
-        Raises
-        ------
-        DriverError
-            If the connection is lost.
-        """
+        """Send all data."""
 
     def receive(self, seconds: float | None = None) -> bytes:
-        """Return the next bytes, at least one, within a time shorter than the timeout [s].
-
-        Raises
-        ------
-        DriverError
-            If the connection is lost.
-        TimeoutError
-            If no byte arrives in time.
-        """
+        """Return the next bytes, at least one, within a time shorter than the timeout [s]."""
 
     def close(self) -> None:
         """Close the connection; the controller continues its task."""
 
 
 class TcpWire:
-    """A TCP connection.
+    """A TCP connection."""
 
-    Parameters
-    ----------
-    host : str
-        Name or address of the controller.
-    port : int
-        TCP port.
-    timeout : float
-        Timeout of a response [s].
-
-    Raises
-    ------
-    DriverError
-        If the controller cannot be reached.
-    """
-
-    def __init__(self, host: str, port: int, timeout: float = TIMEOUT) -> None:
+    def __init__(self, host: str, port: int, timeout: float = TIMEOUT) -> None:  # timeout [s]
         self.address, self._timeout = f'{host}:{port}', timeout
         try:
             self._socket = socket.create_connection((host, port), timeout)
@@ -112,24 +77,10 @@ class TcpWire:
 
 
 class SerialWire:
-    """A serial port, by pyserial.
-
-    Parameters
-    ----------
-    path : str
-        Path of the port: ``/dev/ttyUSB0``, ``COM3``.
-    baud : int
-        Rate [1/s].
-    timeout : float
-        Timeout of a response [s].
-
-    Raises
-    ------
-    DriverError
-        If the port cannot be opened, or pyserial is not installed.
-    """
+    """A serial port, by pyserial."""
 
     def __init__(self, path: str, baud: int = BAUD, timeout: float = TIMEOUT) -> None:
+        # baud [1/s]; timeout [s]
         self.address, self.peer, self._timeout = path, str(Path(path).resolve()), timeout
         try:
             import serial

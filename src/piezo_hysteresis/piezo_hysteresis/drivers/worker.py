@@ -31,26 +31,14 @@ class _Stopped(Exception):
 
 @dataclass(frozen=True)
 class ControllerSweep:
-    """A sweep to run.
+    """A sweep to run."""
 
-    Attributes
-    ----------
-    bag : Path
-        To be written.
-    frequencies, amplitudes : list of float
-        [Hz], [V].
-    seconds, warm_up, pause : float
-        Length of each record, its warm-up, and the pause after it [s].
-    waveform, options, actuator : str
-        As `sweep` takes them.
-    """
-
-    bag: Path
-    frequencies: list[float]
-    amplitudes: list[float]
-    seconds: float
-    warm_up: float = 0.0
-    pause: float = 0.0
+    bag: Path  # to be written
+    frequencies: list[float]  # [Hz]
+    amplitudes: list[float]  # [V]
+    seconds: float  # length of each record [s]
+    warm_up: float = 0.0  # [s]
+    pause: float = 0.0  # the pause after it [s]
     waveform: str = 'sine'
     options: str = ''
     actuator: str = ''
@@ -58,44 +46,22 @@ class ControllerSweep:
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """How a sweep stands.
+    """How a sweep stands."""
 
-    Attributes
-    ----------
-    record : str
-        That is running.
-    frequency, amplitude : float
-        Of the record [Hz], [V].
-    seconds_left, fraction : float
-        Remaining time of the sweep [s], and its finished share.
-    """
-
-    record: str
-    frequency: float
-    amplitude: float
-    seconds_left: float
-    fraction: float
+    record: str  # that is running
+    frequency: float  # of the record [Hz]
+    amplitude: float  # [V]
+    seconds_left: float  # remaining time of the sweep [s]
+    fraction: float  # its finished share
 
 
 class SweepOutcome(NamedTuple):
-    """What became of a sweep.
+    """What became of a sweep."""
 
-    Attributes
-    ----------
-    records : list of Record
-        Those that are complete; they are in the bag.
-    rate : float
-        Sampling rate of the records [Hz].
-    reason : str
-        Why it failed, empty where not.
-    is_cancelled : bool
-        Whether it was cancelled; the output is at rest.
-    """
-
-    records: list[Record]
-    rate: float
-    reason: str = ''
-    is_cancelled: bool = False
+    records: list[Record]  # those that are complete; they are in the bag
+    rate: float  # sampling rate of the records [Hz]
+    reason: str = ''  # why it failed, empty where not
+    is_cancelled: bool = False  # whether it was cancelled; the output is at rest
 
 
 @dataclass
@@ -111,31 +77,13 @@ class ControllerThread:
 
     If the connection is lost after such a request, the output is stopped and ramped to 0 V as soon
     as the controller responds again.
-
-    Parameters
-    ----------
-    connect : callable
-        Returns a new connection.
-    on_state : callable
-        Called in the thread with voltage [V] and displacement [m].
-    every : float
-        Sampling interval of both [s].
-
-    Attributes
-    ----------
-    problem : str
-        Reason of a missing connection, else empty.
-    losses : int
-        Number of losses.
-    doing : str
-        The running record.
     """
 
     def __init__(
         self,
         connect: Callable[[], Controller],
-        on_state: Callable[[float, float], None],
-        every: float = 0.1,
+        on_state: Callable[[float, float], None],  # [V] [m]
+        every: float = 0.1,  # [s]
     ) -> None:
         self._connect, self._on_state, self._every = connect, on_state, every
         self.problem, self.doing, self.losses = 'not connected yet', '', 0
@@ -163,17 +111,7 @@ class ControllerThread:
         progress: Callable[[SweepProgress], None] = lambda progress: None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> Future[SweepOutcome]:
-        """Run a sweep in the thread; from any thread.
-
-        Parameters
-        ----------
-        order : ControllerSweep
-            The sweep.
-        progress : callable
-            Called in the thread.
-        stopped : callable
-            Called in the thread; returns whether the sweep is cancelled.
-        """
+        """Run a sweep in the thread; from any thread."""
         job = _Job(order, progress, stopped)
         self._jobs.put(job)
         return job.future

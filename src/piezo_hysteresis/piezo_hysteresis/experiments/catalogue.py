@@ -21,21 +21,8 @@ HOLDS, RISE = (4.0, 12.0, 30.0), 0.005
 RESTS = (5.0, 20.0)
 
 
-def catalogue(limits: ExperimentLimits, rate: float) -> tuple[PlannedExperiment, ...]:
-    """Return every experiment within the limits, in a fixed order.
-
-    Parameters
-    ----------
-    limits : ExperimentLimits
-        Limits set by the user.
-    rate : float
-        Ticks per second [Hz].
-
-    Raises
-    ------
-    InvestigationError
-        If the limits allow no experiment.
-    """
+def catalogue(limits: ExperimentLimits, rate: float) -> tuple[PlannedExperiment, ...]:  # rate [Hz]
+    """Return every experiment within the limits, in a fixed order."""
     highest = min(limits.frequency, rate / FINEST)
     made = (
         composed(name, main, seconds, limits, rate, frequency)

@@ -22,38 +22,15 @@ class InvestigationError(PiezoError):
 
 @dataclass(frozen=True)
 class ExperimentLimits:
-    """Limits of every experiment.
+    """Limits of every experiment."""
 
-    Attributes
-    ----------
-    low, high : float
-        Range of the commanded voltage [V].
-    slew : float
-        Largest slew rate of the command [V/s].
-    frequency : float
-        Highest frequency of a drive [Hz].
-    stroke : float
-        Largest range of the displacement predicted by the model in use [m].
-    heat : float
-        Largest mean of frequency times amplitude squared over an experiment [V^2 Hz]; losses in
-        the actuator and its amplifier increase with it.
-    rest : float
-        Voltage before, between and after the experiments [V]; the permitted one that is nearest
-        to the given one.
-
-    Raises
-    ------
-    InvestigationError
-        If the limits are invalid.
-    """
-
-    low: float
-    high: float
-    slew: float = inf
-    frequency: float = 100.0
-    stroke: float = inf
-    heat: float = inf
-    rest: float = 0.0
+    low: float  # [V]
+    high: float  # [V]
+    slew: float = inf  # largest slew rate of the command [V/s]
+    frequency: float = 100.0  # highest frequency of a drive [Hz]
+    stroke: float = inf  # largest range of the displacement predicted by the model in use [m]
+    heat: float = inf  # [V^2 Hz]
+    rest: float = 0.0  # voltage before, between and after the experiments [V]
 
     def __post_init__(self) -> None:
         if reason := range_refusal(self.low, self.high):
@@ -77,17 +54,10 @@ class ExperimentLimits:
         """Largest amplitude about the center voltage [V]."""
         return 0.5 * (self.high - self.low)
 
-    def refusal(self, voltage: FloatArray, dt: float) -> str:
+    def refusal(self, voltage: FloatArray, dt: float) -> str:  # voltage (n,); dt [s]
         """Return the name of the violated limit, empty if there is none.
 
         The stroke is not checked.
-
-        Parameters
-        ----------
-        voltage : ndarray, shape (n,)
-            Commands, one per tick; before the first and after the last one the actuator rests.
-        dt : float
-            Time between two ticks [s].
         """
         slack = _ROUNDING * max(1.0, self.high - self.low)
         if float(voltage.min()) < self.low - slack or float(voltage.max()) > self.high + slack:
@@ -109,24 +79,7 @@ class ExperimentLimits:
 def granted_range(
     asked: tuple[float, float], taken: tuple[float, float], model: ModelFile
 ) -> tuple[float, float]:
-    """Return the voltage limits of an investigation [V]; requested limits are kept or rejected.
-
-    Parameters
-    ----------
-    asked : tuple of float
-        Limits of the goal; both 0 if none are given. The default is the range in which the model
-        was evaluated.
-    taken : tuple of float
-        Voltage range of the actuator; both 0 if unknown.
-    model : ModelFile
-        Model in use.
-
-    Raises
-    ------
-    InvestigationError
-        If the limits are not a range, exclude 0 V, exceed the range of the actuator, or are
-        unknown.
-    """
+    """Return the voltage limits of an investigation [V]; requested limits are kept or rejected."""
     if asked == (0.0, 0.0):
         asked = known_range(*taken, model) if taken[0] < taken[1] else taken
         if not asked[0] < asked[1]:

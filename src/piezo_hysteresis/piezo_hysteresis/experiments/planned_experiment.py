@@ -35,33 +35,15 @@ SLOWEST = 0.5
 
 @dataclass(frozen=True)
 class PlannedExperiment:
-    """An experiment of the catalogue.
+    """An experiment of the catalogue."""
 
-    Attributes
-    ----------
-    name : str
-        Unique within the catalogue.
-    kind : str
-        Waveform of its main part.
-    parts : tuple of mapping
-        Specification of each part, relative to the center voltage.
-    frequency : float
-        Drive frequency [Hz], 0 for a non-periodic drive.
-    amplitude : float
-        Amplitude of the main part [V].
-    prelude : float
-        Time before the main part [s].
-    seconds : float
-        Duration including the conditioning [s].
-    """
-
-    name: str
-    kind: str
-    parts: tuple[Spec, ...]
-    frequency: float
-    amplitude: float
-    prelude: float
-    seconds: float
+    name: str  # unique within the catalogue
+    kind: str  # waveform of its main part
+    parts: tuple[Spec, ...]  # specification of each part, relative to the center voltage
+    frequency: float  # drive frequency [Hz], 0 for a non-periodic drive
+    amplitude: float  # amplitude of the main part [V]
+    prelude: float  # time before the main part [s]
+    seconds: float  # duration including the conditioning [s]
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -92,29 +74,12 @@ class PlannedExperiment:
 def composed(
     name: str,
     main: Spec,
-    seconds: float,
+    seconds: float,  # [s]
     limits: ExperimentLimits,
-    rate: float,
-    frequency: float = 0.0,
+    rate: float,  # [Hz]
+    frequency: float = 0.0,  # [Hz]
 ) -> PlannedExperiment | None:
-    """Return an experiment within the limits, or None if they reduce it too much.
-
-    Parameters
-    ----------
-    name : str
-        Name of the experiment.
-    main : mapping
-        Specification of the main part, which starts and ends at its center of 0 V; all its
-        amplitudes must be named ``amplitude`` or, for lines, ``values``.
-    seconds : float
-        Duration of the main part [s].
-    limits : ExperimentLimits
-        Limits of the experiment; amplitudes are reduced for the slew rate.
-    rate : float
-        Ticks per second [Hz].
-    frequency : float
-        Drive frequency [Hz], 0 for a non-periodic drive.
-    """
+    """Return an experiment within the limits, or None if they reduce it too much."""
     alone = _sampled((main,), seconds, FINER * rate)
     speed = fastest(alone, 1.0 / (FINER * rate))
     share = min(1.0, BELOW * limits.slew / speed) if speed > 0.0 else 1.0

@@ -45,21 +45,10 @@ _ABSURD, _ABSURD_RATE = 1e3, 1e9
 
 def compensator_of(
     sections: Sequence[Section], limits: Sequence[Field], dt: float, mark: float
-) -> Component:
+) -> Component:  # dt [s]
     """Return the chain of `sections`, of which the last is the limiter.
 
     Its ``step(s, x, voltage)`` returns the bits above.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-        First to last.
-    limits : sequence of Field
-        Fields from `limits_fields`, the first of the struct.
-    dt : float
-        Sampling interval [s].
-    mark : float
-        Value that marks an initialised state.
     """
     fields = (*limits, *(field for section in sections for field in section.fields))
     step: Any = _pass

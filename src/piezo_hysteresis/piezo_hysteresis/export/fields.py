@@ -21,34 +21,16 @@ OK, UNINITIALISED, IMPOSSIBLE, REFUSED = 0, -2, -3, -100
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a struct.
+    """One field of a struct."""
 
-    Attributes
-    ----------
-    name : str
-        Its C name.
-    unit : str
-        SI unit, ``1`` if there is none.
-    value : float
-        Value at export.
-    low, high : float
-        Range; infinite if there is no bound.
-    text : str
-        One sentence.
-    above : bool
-        Whether `low` itself is out of range.
-    fixed : bool
-        Whether it is a constant in the code, which only a new export changes.
-    """
-
-    name: str
-    unit: str
-    value: float
+    name: str  # its C name
+    unit: str  # SI unit, ``1`` if there is none
+    value: float  # value at export
     low: float
     high: float
-    text: str
-    above: bool = False
-    fixed: bool = False
+    text: str  # one sentence
+    above: bool = False  # whether `low` itself is out of range
+    fixed: bool = False  # whether it is a constant in the code, which only a new export changes
 
 
 def of_table(table: ParameterTable, name: str, value: float, c_name: str = '') -> Field:
@@ -106,29 +88,12 @@ def checking(fields: Sequence[Field]) -> Callable[[FloatArray], int]:
 
 
 class Component(NamedTuple):
-    """A state, its functions and its fields.
-
-    Attributes
-    ----------
-    step : callable
-        One tick: ``step(s, x, voltage)`` of a loop, ``step(s, voltage, displacement)`` of a plant;
-        returns bits, see the module that creates it.
-    begin, change : callable
-        ``begin(s, values)`` and ``change(s, values)``: 0, or the reason of a rejection.
-    reset : callable
-        ``reset(s)``.
-    size : int
-        Size of the state.
-    fields : tuple of Field
-        Settable fields.
-    rows : tuple of (str, int)
-        Sections of the state and their sizes.
-    """
+    """A state, its functions and its fields."""
 
     step: Callable[..., int]
     begin: Callable[[FloatArray, FloatArray], int]
     change: Callable[[FloatArray, FloatArray], int]
-    reset: Callable[[FloatArray], int]
-    size: int
-    fields: tuple[Field, ...]
-    rows: tuple[tuple[str, int], ...]
+    reset: Callable[[FloatArray], int]  # ``reset(s)``
+    size: int  # size of the state
+    fields: tuple[Field, ...]  # settable fields
+    rows: tuple[tuple[str, int], ...]  # sections of the state and their sizes

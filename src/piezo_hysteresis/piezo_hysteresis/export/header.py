@@ -12,36 +12,16 @@ from piezo_hysteresis.export.programs import filled
 
 @dataclass(frozen=True)
 class About:
-    """Description of a library for its header.
+    """Description of a library for its header."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the library, and prefix of every name in it.
-    model : str
-        Name of the model.
-    chain : str
-        Its blocks.
-    fingerprint : str
-        Fingerprint of the model file.
-    version : str
-        Version of the suite.
-    rate : float
-        Sampling rate [Hz].
-    target : str
-        Target machine.
-    links : str
-        Description of the links.
-    """
-
-    name: str
-    model: str
+    name: str  # name of the library, and prefix of every name in it
+    model: str  # name of the model
     chain: str
-    fingerprint: str
-    version: str
-    rate: float
-    target: str
-    links: str
+    fingerprint: str  # fingerprint of the model file
+    version: str  # version of the suite
+    rate: float  # sampling rate [Hz]
+    target: str  # target machine
+    links: str  # description of the links
 
 
 def header(about: About, chain: Component | None, plant: Component) -> str:

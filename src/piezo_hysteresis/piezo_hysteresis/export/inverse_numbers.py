@@ -35,18 +35,10 @@ _MODE, _MASS, _RIGID = range(3)
 
 
 class Numbers(NamedTuple):
-    """Packed values of an inverse as a function of parameters.
+    """Packed values of an inverse as a function of parameters."""
 
-    Attributes
-    ----------
-    repack : callable
-        See `Repack`.
-    live : tuple of str
-        Parameters that can change; the others are constants in the code.
-    """
-
-    repack: Repack
-    live: tuple[str, ...]
+    repack: Repack  # see `Repack`
+    live: tuple[str, ...]  # parameters that can change; the others are constants in the code
 
 
 def numbers_of(link: InverseLink, names: Sequence[str], dt: float) -> Numbers:

@@ -52,44 +52,20 @@ _VECTORS = 4000
 
 @dataclass(frozen=True)
 class Request:
-    """Specification of a library.
+    """Specification of a library."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the library.
-    model : ModelFile
-        Model of the plant, which is also inverted.
-    links : callable
-        Returns the chain at rest, first to last; empty for a plant only.
-    limits, energy : Limits, EnergyLimits
-        Limits of the voltage.
-    dt : float
-        Sampling interval [s].
-    target : str
-        One of `TARGETS`.
-    drive : Drive
-        Sine of the example and the test vectors.
-    """
-
-    name: str
-    model: ModelFile
-    links: Callable[[], Sequence[Link]]
+    name: str  # name of the library
+    model: ModelFile  # model of the plant, which is also inverted
+    links: Callable[[], Sequence[Link]]  # returns the chain at rest, first to last
     limits: Limits
     energy: EnergyLimits
-    dt: float
-    target: str
-    drive: Drive
+    dt: float  # sampling interval [s]
+    target: str  # one of `TARGETS`
+    drive: Drive  # sine of the example and the test vectors
 
 
 def files_of(asked: Request) -> dict[str, bytes | str]:
-    """Return the files of a library by name.
-
-    Raises
-    ------
-    ExportError
-        If the target is unknown, a link has no kernel, or the model is invalid at the rate.
-    """
+    """Return the files of a library by name."""
     known_target(asked.target)
     texts = {'model.yaml': asked.model.text()}
     require_rate(asked.model, asked.dt)
@@ -124,13 +100,7 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
 
 
 def require_rate(model: ModelFile, dt: float) -> None:
-    """Raise an error for a rate at which a discrete recursion is invalid.
-
-    Raises
-    ------
-    ExportError
-        If the model has a recursion and was identified at another rate.
-    """
+    """Raise an error for a rate at which a discrete recursion is invalid."""
     known = model.provenance.rate
     recursions = [b.name for b in model.model.blocks if b.between is Between.TICK]
     if recursions and known is not None and abs(known * dt - 1.0) > 1e-9:

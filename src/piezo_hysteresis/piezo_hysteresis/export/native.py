@@ -78,31 +78,15 @@ class ExportError(PiezoError):
 
 @dataclass(frozen=True)
 class Entry:
-    """One function of the library.
+    """One function of the library."""
 
-    Attributes
-    ----------
-    name : str
-        Its C name.
-    kernel : callable
-        Dispatcher of numba; returns an int.
-    arguments : str
-        One letter for each argument: ``p`` for a pointer to doubles, ``d`` for a double.
-    """
-
-    name: str
-    kernel: Callable[..., Any]
-    arguments: str
+    name: str  # its C name
+    kernel: Callable[..., Any]  # dispatcher of numba; returns an int
+    arguments: str  # one letter for each argument
 
 
 def object_code(entries: Sequence[Entry], target: str) -> bytes:
-    """Return an object file in which only the functions of `entries` are visible.
-
-    Raises
-    ------
-    ExportError
-        If the target is unknown, or a kernel requires more than libm.
-    """
+    """Return an object file in which only the functions of `entries` are visible."""
     import llvmlite.binding as llvm
 
     triple, processor = known_target(target)
@@ -126,13 +110,7 @@ def object_code(entries: Sequence[Entry], target: str) -> bytes:
 
 
 def known_target(target: str) -> tuple[str, str]:
-    """Return the LLVM names of a target.
-
-    Raises
-    ------
-    ExportError
-        If it is not one of `TARGETS`.
-    """
+    """Return the LLVM names of a target."""
     if target not in TARGETS:
         raise ExportError(
             f'there is no target {target}; choose one of {", ".join(TARGETS)}, or ask for '

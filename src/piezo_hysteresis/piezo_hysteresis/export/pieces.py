@@ -26,21 +26,11 @@ Alone = Run
 
 
 class Piece(NamedTuple):
-    """A compiled stage.
+    """A compiled stage."""
 
-    Attributes
-    ----------
-    run : callable
-        See above.
-    start : ndarray
-        Its state at rest.
-    live : tuple of int
-        Indices of the parameters that are read in every step.
-    """
-
-    run: Run
-    start: FloatArray
-    live: tuple[int, ...]
+    run: Run  # see above
+    start: FloatArray  # its state at rest
+    live: tuple[int, ...]  # indices of the parameters that are read in every step
 
 
 def piece_of(stage: Stage, packed: FloatArray, dt: float) -> Piece:

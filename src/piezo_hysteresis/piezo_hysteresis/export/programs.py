@@ -22,40 +22,17 @@ def filled(file: str, **values: object) -> str:
 
 @dataclass(frozen=True)
 class Drive:
-    """The reference of the example and of the vectors.
+    """The reference of the example and of the vectors."""
 
-    Attributes
-    ----------
-    frequency : float
-        Frequency [Hz].
-    amplitude, middle : float
-        Amplitude and centre [m].
-    gain : float
-        Displacement per volt without compensation [m/V].
-    centre : float
-        Voltage in the middle of its range [V].
-    """
-
-    frequency: float
-    amplitude: float
-    middle: float
-    gain: float
-    centre: float
+    frequency: float  # frequency [Hz]
+    amplitude: float  # [m]
+    middle: float  # centre [m]
+    gain: float  # displacement per volt without compensation [m/V]
+    centre: float  # voltage in the middle of its range [V]
 
 
 def example(name: str, drive: Drive, links: tuple[str, ...], moved: tuple[str, ...]) -> str:
-    """Return the example: track a sine without, with feedforward, and with everything.
-
-    Parameters
-    ----------
-    name : str
-        Name of the library.    drive : Drive
-        The sine.
-    links : tuple of str
-        Sections that can be switched off.
-    moved : tuple of str
-        Parameters of the plant that differ from the model.
-    """
+    """Return the example: track a sine without, with feedforward, and with everything."""
     off = ''.join(f'        p.{link}_on = everything;\n' for link in links)
     moves = ''.join(
         f'    plant.{field} *= {1.0 + 0.002 * (-1) ** k!r};\n' for k, field in enumerate(moved)
@@ -99,15 +76,6 @@ def archive(name: str, code: bytes, symbols: list[str]) -> bytes:
     """Return an archive in the format of ar (SysV), with the symbol table for linkers.
 
     It is written directly, so that the export needs no compiler.
-
-    Parameters
-    ----------
-    name : str
-        Name of the object file; up to 15 letters.
-    code : bytes
-        The object file.
-    symbols : list of str
-        Its public symbols.
     """
     names = b''.join(symbol.encode() + b'\0' for symbol in symbols)
     size = 4 + 4 * len(symbols) + len(names)

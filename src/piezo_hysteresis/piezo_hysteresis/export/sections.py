@@ -70,26 +70,14 @@ Take = Callable[[FloatArray, FloatArray, FloatArray, bool], int]
 
 @dataclass(frozen=True)
 class Section:
-    """A link in the memory of the library.
+    """A link in the memory of the library."""
 
-    Attributes
-    ----------
-    name : str
-        Name for users.
-    step, reset, take : callable
-        See above; `s` is the part of the memory that belongs to the section.
-    start : ndarray
-        Initial content of its part of the memory: the packed values.
-    fields : tuple of Field
-        Settable fields.
-    """
-
-    name: str
+    name: str  # name for users
     step: Step
     reset: Reset
     take: Take
-    start: FloatArray
-    fields: tuple[Field, ...]
+    start: FloatArray  # initial content of its part of the memory: the packed values
+    fields: tuple[Field, ...]  # settable fields
 
 
 def limits_fields(limits: Limits, energy: EnergyLimits) -> tuple[Field, ...]:

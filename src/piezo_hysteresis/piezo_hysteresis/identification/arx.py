@@ -36,22 +36,12 @@ _CORNERS = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """Numerator and denominator in s, from the voltage [V] to the displacement [m].
+    """Numerator and denominator in s, from the voltage [V] to the displacement [m]."""
 
-    Attributes
-    ----------
-    numerator, denominator : tuple of float
-        Coefficients, the highest power first; the denominator begins with 1.
-    rate : float
-        Sampling rate of the fitted records [Hz].
-    nrmse_percent : float
-        Free-run error relative to the standard deviation of the displacement.
-    """
-
-    numerator: tuple[float, ...]
-    denominator: tuple[float, ...]
-    rate: float
-    nrmse_percent: float
+    numerator: tuple[float, ...]  # coefficients
+    denominator: tuple[float, ...]  # the highest power first; the denominator begins with 1
+    rate: float  # sampling rate of the fitted records [Hz]
+    nrmse_percent: float  # free-run error relative to the standard deviation of the displacement
 
     @property
     def gain(self) -> float:
@@ -59,13 +49,7 @@ class TransferFunction:
         return self.numerator[-1] / self.denominator[-1]
 
     def save(self, path: str | Path) -> None:
-        """Write the transfer function as YAML.
-
-        Raises
-        ------
-        IdentificationError
-            If the file cannot be written.
-        """
+        """Write the transfer function as YAML."""
         content = {
             'numerator': list(self.numerator),
             'denominator': list(self.denominator),
@@ -83,13 +67,7 @@ class TransferFunction:
 
     @classmethod
     def load(cls, path: str | Path) -> TransferFunction:
-        """Read a transfer function from a file written by `save`.
-
-        Raises
-        ------
-        IdentificationError
-            If the file is missing or no transfer function.
-        """
+        """Read a transfer function from a file written by `save`."""
         try:
             content: Any = plain_yaml.load_file(path)
             top, bottom = (tuple(map(float, content[k])) for k in ('numerator', 'denominator'))
@@ -110,25 +88,7 @@ class TransferFunction:
 def fit_transfer_function(
     records: Sequence[Record], order: int = 3, zeros: int = 1, *, rounds: int = _ROUNDS
 ) -> TransferFunction:
-    """Fit a transfer function to records of one sampling rate, as Xiao 2014 (4).
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Small steps, chirps or noise, because hysteresis is not modelled. They are fitted jointly;
-        each has its own offset and initial state.
-    order : int
-        Number of poles.
-    zeros : int
-        Number of zeros, less than `order`.
-    rounds : int
-        Iterations of Steiglitz and McBride; 0 is plain ARX, as in Xiao 2014.
-
-    Raises
-    ------
-    IdentificationError
-        If the records differ in rate or are too short, or no stable model results.
-    """
+    """Fit a transfer function to records of one sampling rate, as Xiao 2014 (4)."""
     if not 1 <= order <= 8 or not 0 <= zeros < order:
         raise IdentificationError(
             f'a transfer function has 1 to 8 poles and fewer zeros, got {order} and {zeros}'

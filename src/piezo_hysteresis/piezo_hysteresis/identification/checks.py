@@ -25,36 +25,15 @@ _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
 
 @dataclass(frozen=True)
 class Finding:
-    """A problem of a record.
+    """A problem of a record."""
 
-    Attributes
-    ----------
-    record : str
-        Name of the record.
-    fatal : bool
-        Whether a fit would be meaningless.
-    sentence : str
-        The problem and the recommended record.
-    """
-
-    record: str
-    fatal: bool
-    sentence: str
+    record: str  # name of the record
+    fatal: bool  # whether a fit would be meaningless
+    sentence: str  # the problem and the recommended record
 
 
 def check_records(records: Sequence[Record]) -> list[Finding]:
-    """Return findings on constant, clipped, short, slow, wrong-unit and unsynchronised records.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        The records to fit or to compare with.
-
-    Returns
-    -------
-    list of Finding
-        Empty without a problem. A record at rest (constant voltage) is useful with others.
-    """
+    """Return findings on constant, clipped, short, slow, wrong-unit and unsynchronised records."""
     return [
         Finding(record.name, fatal, f'record {record.name}: {sentence}')
         for record in records
@@ -63,14 +42,7 @@ def check_records(records: Sequence[Record]) -> list[Finding]:
 
 
 def require_consistent(records: Sequence[Record]) -> None:
-    """Refuse records that no method can use together.
-
-    Raises
-    ------
-    IdentificationError
-        If there is none, they differ in rate, input or actuator, share a name, have no drive or no
-        motion, or one moves while its input is constant.
-    """
+    """Refuse records that no method can use together."""
     if not records:
         raise IdentificationError('there is no record; give at least one bag or CSV file')
     names = [r.name for r in records]
@@ -116,25 +88,13 @@ def _require_motion(records: Sequence[Record]) -> None:
 
 
 def require_usable(records: Sequence[Record]) -> list[str]:
-    """Return the warnings about records to fit together, or refuse them.
-
-    Raises
-    ------
-    IdentificationError
-        If they are inconsistent or one is unusable; the message names the first such record.
-    """
+    """Return the warnings about records to fit together, or refuse them."""
     require_consistent(records)
     return require_each_usable(records)
 
 
 def require_each_usable(records: Sequence[Record]) -> list[str]:
-    """Return the warnings about records, or refuse them: the same judgement for every verb.
-
-    Raises
-    ------
-    IdentificationError
-        If a record is unusable; the message names the first.
-    """
+    """Return the warnings about records, or refuse them: the same judgement for every verb."""
     findings = check_records(records)
     for finding in findings:
         if finding.fatal:

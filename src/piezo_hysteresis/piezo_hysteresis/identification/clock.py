@@ -27,16 +27,7 @@ _MOST = 0.5
 
 
 class Unsaved(NamedTuple):
-    """A model with its clock that is no file, since its values may be invalid.
-
-    Attributes
-    ----------
-    model, values : Model, mapping of str to float
-        The chain and its parameters.
-    sampling_offset, sampling_offset_std : float
-        Delay of the displacement samples relative to the convention, and its standard deviation
-        [s]: 0 if it was given, infinite if unknown.
-    """
+    """A model with its clock that is no file, since its values may be invalid."""
 
     model: Model
     values: Mapping[str, float]
@@ -46,21 +37,12 @@ class Unsaved(NamedTuple):
 
 def clock_about(
     given: ModelFile | Unsaved, dt: float, jitter: float = JITTER
-) -> tuple[float, float]:
+) -> tuple[float, float]:  # dt [s]; jitter [1]
     """Return the range of the sampling offset of new records [s].
 
     At most half a sample, because sample numbers count whole samples. The full half sample is
     allowed where a chain without inertia has a fitted offset: it then represents dynamics faster
     than a sample, which are not distinguishable from a sampling offset.
-
-    Parameters
-    ----------
-    given : ModelFile or Unsaved
-        Model with the identified offset; without a standard deviation, only the sample is known.
-    dt : float
-        Sampling interval of the new records [s].
-    jitter : float
-        Difference between recordings as a share of a sample [1].
     """
     known = _DEVIATIONS * given.sampling_offset_std / dt
     part = given.sampling_offset_std > 0.0 and given.model.answers_at_once

@@ -35,24 +35,10 @@ _DEPENDENT = 1e-6  # remaining share of an orthogonalised row below which it is 
 
 def drive_lines(
     voltage: FloatArray, dt: float, drive: float, periods: float = PERIODS, steady: float = STEADY
-) -> ModulatedLines | None:
+) -> ModulatedLines | None:  # voltage [V] (n,); dt [s]; drive [Hz]
     """Return the lines at the harmonics of a drive, which follow its amplitude.
 
     Order 0 is the part of the mean that follows the amplitude.
-
-    Parameters
-    ----------
-    voltage : ndarray, shape (n,)
-        Voltage of the compared samples [V].
-    dt, drive : float
-        Sampling interval [s]; frequency of the drive [Hz].
-    periods, steady : float
-        See `PERIODS` and `STEADY`.
-
-    Returns
-    -------
-    ModulatedLines or None
-        None where there are too few periods.
     """
     count = voltage.size
     if drive <= 0.0 or drive * dt * count < periods:
@@ -111,14 +97,8 @@ def octaves_of(count: int, dt: float, drive: float) -> tuple[IntArray, float]:
     Octaves are those of the drive, from sqrt(2) times its frequency up and down, or of 1 Hz where
     it has none: what lies between two harmonics is in the same octave in records of any length.
     What a record resolves of its lowest octave belongs to the one above it.
-
-    Parameters
-    ----------
-    count : int
-        Samples of the record.
-    dt, drive : float
-        Sampling interval [s]; frequency of the drive, 0 for none [Hz].
     """
+    # dt [s]; drive [Hz]
     base = sqrt(2.0) * drive if drive > 0.0 else 1.0
     ratio = np.arange(1, count // 2 + 1) / (count * dt * base)
     found = np.floor(np.log2(ratio * (1.0 + 1e-9))).astype(np.int64)

@@ -79,33 +79,17 @@ def _interpolated(rows: FloatArray, first: int, weights: FloatArray) -> FloatArr
 
 
 def samples_late(model: Model, dt: float, sampling_offset: float = 0.0) -> float:
-    """Return the delay of the measured samples relative to the response of the chain, in samples.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    dt, sampling_offset : float
-        Sampling interval, and delay of the displacement samples relative to the convention [s].
-    """
+    """Return the delay of the measurement relative to the response of the chain, in samples."""
+    # dt, sampling_offset [s]
     ahead = model.answers_at_once
     return sampling_offset / dt - (1.0 if ahead else 0.0)
 
 
 class StageCache:
-    """Cache of the simulated stages of a model, reused by models with the same first stages.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    packed : ndarray, shape (p,)
-        Its parameters.
-    targets : sequence of Target
-        Data with the inputs.
-    """
+    """Cache of the simulated stages of a model, reused by models with the same first stages."""
 
     def __init__(self, model: Model, packed: FloatArray, targets: Sequence[Target]) -> None:
+        # packed (p,)
         self._stages, self._packed = model.stages, packed
         self._signals: dict[int, list[FloatArray]] = {}
         self._targets = tuple(targets)  # the id of a collected object can be reused
@@ -156,24 +140,12 @@ def simulated(
 
 
 class Derivatives(NamedTuple):
-    """Simulated displacement and its derivatives over a part of the samples of a target.
+    """Simulated displacement and its derivatives over a part of the samples of a target."""
 
-    Attributes
-    ----------
-    first : int
-        First driven sample.
-    displacement : ndarray, shape (n,)
-        As `simulated` [m].
-    rows : ndarray, shape (p, n)
-        Derivatives by the parameters [m per unit].
-    slope : ndarray, shape (n,)
-        Derivative by the sampling offset [m/s].
-    """
-
-    first: int
-    displacement: FloatArray
-    rows: FloatArray
-    slope: FloatArray
+    first: int  # first driven sample
+    displacement: FloatArray  # as `simulated` [m], shape (n,)
+    rows: FloatArray  # derivatives by the parameters [m per unit], shape (p, n)
+    slope: FloatArray  # derivative by the sampling offset [m/s], shape (n,)
 
 
 def differentiated(
@@ -187,15 +159,6 @@ def differentiated(
     """Yield the simulated displacement and its derivatives, block by block of samples.
 
     The memory is that of a block for any length of the record.
-
-    Parameters
-    ----------
-    model, packed, target, sampling_offset
-        As in `simulated`.
-    free : tuple of str
-        Parameters to differentiate by.
-    motion : InitialStateRun, optional
-        Run from initial states other than those of the lead-in, see `nuisances_of`.
     """
     run = SensitivityRun(
         model, packed, free, target.dt, target.frequency, target.start,

@@ -21,28 +21,14 @@ _PHI = 4.2  # sum of the acceleration coefficients of Fang 2019
 
 @dataclass(frozen=True)
 class Swarm:
-    """Constants of a particle swarm: ``v <- chi (w v + own r1 (p - x) + common r2 (g - x))``.
+    """Constants of a particle swarm: ``v <- chi (w v + own r1 (p - x) + common r2 (g - x))``."""
 
-    Attributes
-    ----------
-    population : int
-        Number of particles; 0 is ten per unknown, at least twenty.
-    constriction : float
-        chi.
-    inertia, inertia_end : float
-        w at the start and at the end of the budget, linear in between.
-    own, common : float
-        Largest acceleration towards the best point of a particle and of the swarm.
-    tolerance : float
-        Relative difference of the best costs of the particles at which the swarm has converged.
-    """
-
-    population: int = 0
-    constriction: float = 1.0
+    population: int = 0  # number of particles; 0 is ten per unknown, at least twenty
+    constriction: float = 1.0  # chi
     inertia: float = 0.7298
     inertia_end: float = 0.7298
-    own: float = 1.4962
-    common: float = 1.4962
+    own: float = 1.4962  # largest acceleration towards the best point of a particle
+    common: float = 1.4962  # of the swarm
     tolerance: float = 1e-8
 
     def __post_init__(self) -> None:
@@ -74,36 +60,20 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (p,)
-        Best point.
-    cost : float
-        Cost there.
-    evaluations : int
-        Number of evaluations of the cost.
-    history : tuple of float
-        Best cost after each iteration.
-    converged : bool
-        Whether the population converged within the limit of evaluations.
-    message : str
-        Reason for the termination.
-    """
-
-    x: FloatArray
-    cost: float
-    evaluations: int
-    history: tuple[float, ...]
-    converged: bool
-    message: str
+    x: FloatArray  # best point, shape (p,)
+    cost: float  # cost there
+    evaluations: int  # number of evaluations of the cost
+    history: tuple[float, ...]  # best cost after each iteration
+    converged: bool  # whether the population converged within the limit of evaluations
+    message: str  # reason for the termination
 
 
 def search(
     cost: Cost,
-    low: FloatArray,
-    high: FloatArray,
+    low: FloatArray,  # (p,)
+    high: FloatArray,  # (p,)
     *,
     method: str = 'de',
     seed: int = 0,
@@ -113,27 +83,7 @@ def search(
 ) -> SearchResult:
     """Minimise `cost` in a box.
 
-    Parameters
-    ----------
-    cost : callable
-        Function of a point of shape (p,); inf for an invalid point.
-    low, high : ndarray, shape (p,)
-        Finite box.
-    method : str
-        ``pso`` (Zhou 2021, Xiao 2014), ``pso_modified`` (Fang 2019) or ``de``.
-    seed : int
-        The result is the same for the same seed.
-    max_evaluations : int
-        Limit of evaluations.
-    swarm : Swarm, optional
-        Constants of ``pso`` and ``pso_modified``.
-    progress : callable, optional
-        Called with ``(fraction, words)``.
-
-    Raises
-    ------
-    IdentificationError
-        If the method is unknown or the box is empty or infinite.
+    `method` is ``pso`` (Zhou 2021, Xiao 2014), ``pso_modified`` (Fang 2019) or ``de``.
     """
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high)) and np.all(low < high)):

@@ -379,25 +379,7 @@ def from_fit(
     choices: Choices | None = None,
     workers: int = 1,
 ) -> Identification:
-    """Return a fit with its errors over whole records.
-
-    Parameters
-    ----------
-    fit : FitResult
-        Any fit.
-    method : str
-        Name for the summary.
-    records : sequence of Record
-        Evaluated separately.
-    warnings : sequence of str
-        Listed before those of the fit.
-    started : float, optional
-        ``time.perf_counter()`` at the start.
-    choices : Choices, optional
-        Given initial conditions and zeros.
-    workers : int
-        Threads over the records.
-    """
+    """Return a fit with its errors over whole records."""
     started = time.perf_counter() if started is None else started
     fit = with_input_error(fit)
     zeroed = with_mean_zero(fit.model, fit.values, fit.targets, fit.sampling_offset)
@@ -432,13 +414,7 @@ def from_fit(
 
 
 def evaluated_on(found: Identification, records: Sequence[Record]) -> Identification:
-    """Return an identification with the discrepancy on records that were not fitted.
-
-    Raises
-    ------
-    IdentificationError
-        If the records are unusable.
-    """
+    """Return an identification with the discrepancy on records that were not fitted."""
     records, _ = as_measured(records)
     require_each_usable(records)
     own = (found.chain, found.values, found.sampling_offset, found.sampling_offset_std)

@@ -80,30 +80,14 @@ _PASSED, _STRONG = 0.1, 0.1
 
 @dataclass(frozen=True)
 class InputError:
-    """Error of a recorded input and the input without it.
+    """Error of a recorded input and the input without it."""
 
-    Attributes
-    ----------
-    voltage : ndarray, shape (n,)
-        Input without the error [V or N].
-    rms : float
-        Error of one recorded sample [V or N].
-    left : InputUncertainty
-        Error of `voltage`.
-    step : float
-        Step of the converter [V or N]; 0 if it is negligible.
-    hold : int
-        Samples for which a reading is held; 1 without a hold.
-    hum : tuple of (float, float)
-        Frequency [Hz] and amplitude [V or N] of each mains line.
-    """
-
-    voltage: FloatArray
-    rms: float
-    left: InputUncertainty
-    step: float = 0.0
-    hold: int = 1
-    hum: tuple[tuple[float, float], ...] = ()
+    voltage: FloatArray  # input without the error [V or N], shape (n,)
+    rms: float  # error of one recorded sample [V or N]
+    left: InputUncertainty  # error of `voltage`
+    step: float = 0.0  # step of the converter [V or N]; 0 if it is negligible
+    hold: int = 1  # samples for which a reading is held; 1 without a hold
+    hum: tuple[tuple[float, float], ...] = ()  # [Hz] [V or N]
 
     def words(self, unit: str) -> str:
         """Return size and kind of the error."""
@@ -117,15 +101,8 @@ class InputError:
 
 
 def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
-    """Return the error of a recorded input, None for a commanded one.
-
-    Parameters
-    ----------
-    u, y : ndarray, shape (n,)
-        Recorded input [V or N] and displacement without outliers [m].
-    dt : float
-        Sampling interval [s].
-    """
+    """Return the error of a recorded input, None for a commanded one."""
+    # u [V or N] (n,); y [m] (n,); dt [s]
     reach, stroke = float(np.ptp(u)), float(np.ptp(y))
     if u.size < _FEWEST or not reach > 0.0 or not stroke > 0.0:
         return None

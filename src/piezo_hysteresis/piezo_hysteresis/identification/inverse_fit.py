@@ -82,19 +82,7 @@ def fit_direct(
     weights: str | Mapping[str, float] = 'equal',
     folded: bool = True,
 ) -> FitResult:
-    """Return the direct identification of an inverse by Xiao 2014, with its free-run errors.
-
-    Parameters
-    ----------
-    model : Model
-        A chain with an inverse law of Xiao 2014.
-    records : sequence of Record
-        The selector needs two or more slopes.
-    solver : callable
-        See `inverse_rows.Solver`.
-    weights, folded
-        See `fit`.
-    """
+    """Return the direct identification of an inverse by Xiao 2014, with its free-run errors."""
     chain, found = start_of(model, records, solver)
     values = {**chain.defaults(), **found}
     values['offset'] = zero_of(chain, values, records)

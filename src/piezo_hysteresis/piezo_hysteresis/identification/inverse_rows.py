@@ -40,23 +40,13 @@ _SEEN = 2000
 
 @dataclass(frozen=True)
 class InverseBoucWen:
-    """``u = c r - h, dh = a dr - b |dr| h - g dr |h|`` with displacement in and voltage out.
+    """``u = c r - h, dh = a dr - b |dr| h - g dr |h|`` with displacement in and voltage out."""
 
-    Attributes
-    ----------
-    slope : float
-        Slope of the reference of the fitted record [m/s].
-    c, a : float
-        [V/m].
-    b, g : float
-        [1/m].
-    """
-
-    slope: float
-    c: float
-    a: float
-    b: float
-    g: float
+    slope: float  # slope of the reference of the fitted record [m/s]
+    c: float  # [V/m]
+    a: float  # [V/m]
+    b: float  # [1/m]
+    g: float  # [1/m]
 
 
 def by_least_squares(residual: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -115,35 +105,15 @@ def by_swarm(seed: int, max_evaluations: int, swarm: Swarm | None = None) -> Sol
 
 
 def fit_inverse(
-    displacement: FloatArray,
-    voltage: FloatArray,
-    slope: float,
+    displacement: FloatArray,  # [m] (n,)
+    voltage: FloatArray,  # [V] (n,)
+    slope: float,  # [m/s]
     warm_up: int = 0,
     solver: Solver = by_least_squares,
     *,
     from_rest: bool = False,
 ) -> InverseBoucWen:
-    """Fit one row of the selector to a record of triangles at one slope.
-
-    Parameters
-    ----------
-    displacement, voltage : ndarray, shape (n,)
-        Measured displacement [m] and voltage [V] at the same instants.
-    slope : float
-        Slope of the displacement between the tips [m/s].
-    warm_up : int
-        Samples at the start that are not evaluated.
-    solver : callable
-        Finds the four parameters, see `Solver`.
-    from_rest : bool
-        Whether the record begins at rest at 0 V, like the law: the absolute voltage is then
-        fitted, otherwise the voltage without its mean.
-
-    Raises
-    ------
-    IdentificationError
-        If the displacement does not move, or the fit fails.
-    """
+    """Fit one row of the selector to a record of triangles at one slope."""
     stroke, swing = float(np.ptp(displacement)), float(np.ptp(voltage))
     if not (stroke > 0 and swing > 0):
         raise IdentificationError('the record does not move; record triangles over the stroke')
@@ -168,18 +138,6 @@ def row_of(record: Record, solver: Solver = by_least_squares) -> InverseBoucWen:
     """Return the row of a record: of the whole if it begins at rest, else of its last periods.
 
     Its slope is the mean over a period; for triangles that is the slope between the tips.
-
-    Parameters
-    ----------
-    record : Record
-        Preferably triangles from rest.
-    solver : callable
-        See `Solver`.
-
-    Raises
-    ------
-    IdentificationError
-        If the displacement does not move, or the fit fails.
     """
     period = period_of(record)
     count = min(_PERIODS, len(record) // period) if period else 0
@@ -207,16 +165,6 @@ def selector_table(rows: Sequence[InverseBoucWen]) -> dict[str, float]:
     """Return the parameters of the block ``inverse_selector`` for rows of any slopes.
 
     Its knots are equally spaced up to the steepest row; values between rows are interpolated.
-
-    Parameters
-    ----------
-    rows : sequence of InverseBoucWen
-        At least two, of different slopes.
-
-    Raises
-    ------
-    IdentificationError
-        If there are fewer than two rows, or two of one slope.
     """
     ordered = sorted(rows, key=lambda row: row.slope)
     slopes = np.array([row.slope for row in ordered])
@@ -237,22 +185,7 @@ def selector_table(rows: Sequence[InverseBoucWen]) -> dict[str, float]:
 def inverse_parameters(
     records: Sequence[Record], selector: bool, solver: Solver = by_least_squares
 ) -> dict[str, float]:
-    """Return the parameters of the law of Xiao 2014 from records, without its offset.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Each gives a row; of records with equal slope the last is used.
-    selector : bool
-        True for a row per slope; False for one row, from the slowest record.
-    solver : callable
-        See `row_of`.
-
-    Raises
-    ------
-    IdentificationError
-        If the law needs several slopes and the records have one.
-    """
+    """Return the parameters of the law of Xiao 2014 from records, without its offset."""
     if selector:
         rows = {f'{row.slope:.2g}': row for row in (row_of(each, solver) for each in records)}
         return selector_table(list(rows.values()))

@@ -24,16 +24,8 @@ def linear_parameters(model: Model, free: Sequence[str], amplitude: float) -> tu
 
     It is found by superposition on a short test signal and holds for any chain: ``A1, A,
     offset`` of a Bouc-Wen chain (h is homogeneous in A > 0), each weight of a play bank.
-
-    Parameters
-    ----------
-    model : Model
-        Any chain, with defaults and scales that suit the data.
-    free : sequence of str
-        Unknowns to choose from.
-    amplitude : float
-        Amplitude of the test signal [V].
     """
+    # amplitude [V]
     k = np.arange(240)
     voltage = amplitude * (np.sin(0.19 * k) + 0.35 * np.sin(0.057 * k + 1.0)) / 1.35
     scales = {q.name: q for q in model.parameters}
@@ -77,15 +69,7 @@ def _affine(model: Model, names: Sequence[str], voltage: FloatArray) -> bool:
 
 @dataclass
 class Simulated:
-    """Simulations of scanned points, which are also valid for other zeros of the same records.
-
-    Attributes
-    ----------
-    points : dict of bytes to list of list of ndarray
-        By the parameters: triangular factors of every target per sampling offset, see `_factors`.
-    first : dict of str to FirstStage
-        Results of the first stage by target.
-    """
+    """Simulations of scanned points, which are also valid for other zeros of the same records."""
 
     points: dict[bytes, list[list[FloatArray]]] = field(default_factory=dict)
     first: defaultdict[str, FirstStage] = field(default_factory=lambda: defaultdict(FirstStage))
@@ -97,25 +81,9 @@ def solve_linear(
     values: Mapping[str, float],
     names: Sequence[str],
     simulated: Simulated,
-    offsets: Sequence[float] = (0.0,),
+    offsets: Sequence[float] = (0.0,),  # [s]
 ) -> dict[str, float]:
-    """Return `values` with the unknowns `names` at their least-squares optimum.
-
-    Parameters
-    ----------
-    model : Model
-        A chain that is affine in `names`.
-    targets : sequence of Target
-        Data.
-    values : mapping of str to float
-        The other parameters.
-    names : sequence of str
-        From `linear_parameters`.
-    simulated : Simulated
-        Simulations of these records with these offsets, which are extended.
-    offsets : sequence of float
-        Sampling offsets [s]. The best one is stated in the result as ``sampling_offset``.
-    """
+    """Return `values` with the unknowns `names` at their least-squares optimum."""
     known = {name: value for name, value in values.items() if name != SAMPLING_OFFSET}
     packed = model.pack({**known, **dict.fromkeys(names, 0.0)}, checked=False)
     key = packed.tobytes()

@@ -20,13 +20,7 @@ def require_settings(
     max_evaluations: int | None = None,
     forgetting: float | None = None,
 ) -> None:
-    """Raise an error for invalid settings.
-
-    Raises
-    ------
-    IdentificationError
-        If a setting is out of range or not a number.
-    """
+    """Raise an error for invalid settings."""
     whole = {'seed': seed, 'number of workers': workers, 'budget': max_evaluations or 1}
     for name, value in whole.items():
         if not isinstance(value, Integral):
@@ -49,20 +43,7 @@ def require_settings(
 
 
 def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float]) -> Model:
-    """Return the model with the given values held; raise an error for invalid ones.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    hold, start : mapping of str to float
-        Values to hold, and start values of a fit, in SI units.
-
-    Raises
-    ------
-    IdentificationError
-        If a name is unknown, a value invalid, or a parameter has a held and a start value.
-    """
+    """Return the model with the given values held; raise an error for invalid ones."""
     known = {q.name: q for q in model.parameters}
     for verb, given in (('hold', hold), ('start from', start)):
         if not isinstance(given, Mapping):
@@ -96,21 +77,8 @@ def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float])
     return model.hold(**hold)
 
 
-def warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:
-    """Return records with another warm-up.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Measured records.
-    warm_up : float or None
-        Warm-up [s]; None keeps that of each record.
-
-    Raises
-    ------
-    IdentificationError
-        If the warm-up is as long as a record.
-    """
+def warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:  # warm_up [s]
+    """Return records with another warm-up."""
     if warm_up is None:
         return list(records)
     if not (isfinite(warm_up) and warm_up >= 0.0):
@@ -125,13 +93,7 @@ def warmed(records: Sequence[Record], warm_up: float | None) -> list[Record]:
 
 
 def driven_at(records: Sequence[Record], frequency: float | None) -> list[Record]:
-    """Return records with a given drive frequency, for records without their own.
-
-    Raises
-    ------
-    IdentificationError
-        If the frequency is not positive or above half the sampling rate.
-    """
+    """Return records with a given drive frequency, for records without their own."""
     if frequency is None:
         return list(records)
     slowest = min(record.rate for record in records)
@@ -147,13 +109,7 @@ def driven_at(records: Sequence[Record], frequency: float | None) -> list[Record
 
 
 def pairs(assignments: Sequence[str]) -> dict[str, float]:
-    """Return the values of arguments of the form NAME=VALUE, in SI units.
-
-    Raises
-    ------
-    IdentificationError
-        If an argument has another form, or a name occurs twice.
-    """
+    """Return the values of arguments of the form NAME=VALUE, in SI units."""
     found: dict[str, float] = {}
     for assignment in assignments:
         name, equals, value = assignment.partition('=')

@@ -16,21 +16,11 @@ GENERAL: tuple[str, ...] = ('output_error', *ONLINE_METHODS, *SEARCHES)
 
 @dataclass(frozen=True)
 class PaperMethod:
-    """A method of a paper.
+    """A method of a paper."""
 
-    Attributes
-    ----------
-    base : str
-        The general method that implements it.
-    description : str
-        One sentence.
-    options : mapping
-        Options set by the paper; a user may override them.
-    """
-
-    base: str
-    description: str
-    options: Mapping[str, Any] = field(default_factory=dict)
+    base: str  # the general method that implements it
+    description: str  # one sentence
+    options: Mapping[str, Any] = field(default_factory=dict)  # options set by the paper
 
 
 PAPERS: dict[str, PaperMethod] = {
@@ -65,13 +55,7 @@ METHODS: tuple[str, ...] = (*GENERAL, *PAPERS)
 
 
 def base_of(method: str) -> str:
-    """Return the general method behind a name.
-
-    Raises
-    ------
-    IdentificationError
-        If there is no such method.
-    """
+    """Return the general method behind a name."""
     if not isinstance(method, str):
         raise IdentificationError(
             f'a method is one of {", ".join(METHODS)}, not of type {type(method).__name__}'

@@ -43,39 +43,17 @@ _HELD_FOR = 2.0
 
 @dataclass(frozen=True)
 class RecordResidual:
-    """Residual of a free run on one record after its warm-up.
+    """Residual of a free run on one record after its warm-up."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the record.
-    error : ndarray, shape (n,)
-        Measured minus simulated [m].
-    dt : float
-        Sampling interval [s].
-    frequency : float
-        Frequency of the drive [Hz]; 0 if it is not periodic.
-    amplitude : float
-        Half the range of the input [V or N].
-    stroke : float
-        Range of the measured displacement [m].
-    noise : float
-        Rms of the measurement noise [m]; NaN if unknown.
-    noise_colour : float
-        Correlation of the noise from one sample to the next.
-    voltage : ndarray, shape (n,), or None
-        Input [V or N], the reference of the phases.
-    """
-
-    name: str
-    error: FloatArray
-    dt: float
-    frequency: float
-    amplitude: float
-    stroke: float
-    noise: float = nan
-    noise_colour: float = 0.0
-    voltage: FloatArray | None = None
+    name: str  # name of the record
+    error: FloatArray  # measured minus simulated [m], shape (n,)
+    dt: float  # sampling interval [s]
+    frequency: float  # frequency of the drive [Hz]; 0 if it is not periodic
+    amplitude: float  # half the range of the input [V or N]
+    stroke: float  # range of the measured displacement [m]
+    noise: float = nan  # rms of the measurement noise [m]; NaN if unknown
+    noise_colour: float = 0.0  # correlation of the noise from one sample to the next
+    voltage: FloatArray | None = None  # input [V or N], the reference of the phases, shape (n,)
 
 
 def residual_of(record: Record, found: Prediction) -> RecordResidual:
@@ -95,20 +73,7 @@ def residual_of(record: Record, found: Prediction) -> RecordResidual:
 
 
 def discrepancy_of(residuals: Iterable[RecordResidual], *, held_out: bool) -> Discrepancy | None:
-    """Return the discrepancy of a model by frequency, harmonic and amplitude.
-
-    Parameters
-    ----------
-    residuals : iterable of Residual
-        Residuals of its free runs; records at rest or with a divergent run are ignored.
-    held_out : bool
-        Whether the records were not used in the fit.
-
-    Returns
-    -------
-    Discrepancy or None
-        None if no record is informative.
-    """
+    """Return the discrepancy of a model by frequency, harmonic and amplitude."""
     found = [
         condition_of(each)
         for each in residuals
@@ -145,15 +110,8 @@ def condition_of(residual: RecordResidual) -> Condition:
 
 
 def waveform_of(voltage: FloatArray, dt: float, frequency: float) -> dict[int, float]:
-    """Return the waveform of a drive, as `Condition.drive` states it.
-
-    Parameters
-    ----------
-    voltage : ndarray, shape (n,)
-        Input [V or N].
-    dt, frequency : float
-        Sampling interval [s]; frequency of the drive [Hz], 0 if it is not periodic.
-    """
+    """Return the waveform of a drive, as `Condition.drive` states it."""
+    # voltage [V or N] (n,); dt [s]; frequency [Hz]
     if not np.ptp(voltage) > 0.0:
         return {}
     if frequency > 0.0 and voltage.size * dt * frequency >= 1.0:

@@ -74,35 +74,14 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise estimated from one record.
+    """Noise estimated from one record."""
 
-    Attributes
-    ----------
-    rms : float
-        Rms of the noise [m]; NaN if it cannot be estimated.
-    lines : int
-        Number of independent spectral lines: half of those of a windowed spectrum for white noise,
-        fewer if few lines contain most of the power. The relative standard deviation of `rms` is
-        about ``0.72 / sqrt(lines)``.
-    colour : float
-        Correlation of one sample with the next: 0 for white noise, towards 1 for slow noise; NaN
-        if it cannot be estimated.
-    order : int
-        Order of the differences from which `rms` was estimated for white noise; 0 for a spectrum.
-    rounding : float
-        Relative uncertainty of its mean square, because an unknown part of the rounding of a
-        converter repeats with the drive.
-    hidden : bool
-        Whether the differences are below a step of the converter: in the quiet windows the
-        rounding then hides the noise.
-    """
-
-    rms: float
-    lines: int
-    colour: float = float('nan')
-    order: int = 0
-    rounding: float = 0.0
-    hidden: bool = False
+    rms: float  # rms of the noise [m]; NaN if it cannot be estimated
+    lines: int  # number of independent spectral lines
+    colour: float = float('nan')  # correlation of one sample with the next
+    order: int = 0  # order of the differences from which `rms` was estimated for white noise
+    rounding: float = 0.0  # relative uncertainty of its mean square
+    hidden: bool = False  # whether the differences are below a step of the converter
 
     @property
     def excess_deviation(self) -> float:
@@ -389,16 +368,8 @@ def _steady(record: Record, measured: FloatArray, period: int) -> FloatArray:
     return measured[first:]
 
 
-def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:
-    """Return the noise in `signal`, robust to lines and to slow changes.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        Non-periodic part [m].
-    period : float
-        Lag of the periodic difference in samples; 0 without one.
-    """
+def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:  # signal [m] (n,)
+    """Return the noise in `signal`, robust to lines and to slow changes."""
     if signal.size < 4 * WIDTH:
         if signal.size <= 8:
             return UNKNOWN_NOISE

@@ -46,27 +46,7 @@ _ROUNDING = 1e-8
 
 
 class Objective:
-    """Half the weighted sum of squared free-run errors of a model over targets.
-
-    Parameters
-    ----------
-    model : Model
-        Any chain.
-    targets : sequence of Target
-        Data of the fit.
-    free : sequence of str
-        Unknowns, in order; may contain `SAMPLING_OFFSET` in addition to parameters of the chain.
-    values : mapping of str to float
-        Fixed values of the other parameters.
-    weights : sequence of float
-        Weight of each target's residual [1], in addition to that of its repeats.
-    priors : mapping of str to Prior
-        Priors of unknowns.
-    noise : float
-        Residual [m] equivalent to one standard deviation of a prior.
-    workers : int
-        Threads over the targets; the result does not depend on it.
-    """
+    """Half the weighted sum of squared free-run errors of a model over targets."""
 
     def __init__(
         self,
@@ -75,9 +55,9 @@ class Objective:
         free: Sequence[str],
         values: Mapping[str, float],
         *,
-        weights: Sequence[float] | None = None,
+        weights: Sequence[float] | None = None,  # [1]
         priors: Mapping[str, Prior] | None = None,
-        noise: float = 0.0,
+        noise: float = 0.0,  # [m]
         workers: int = 1,
     ) -> None:
         self.model = model
@@ -227,21 +207,8 @@ class Objective:
         return full[:p, :p], full[:p, p], cost
 
 
-def projected(full: FloatArray, q: int) -> FloatArray:
-    """Return a triangular factor with its first columns projected out of the others.
-
-    Parameters
-    ----------
-    full : ndarray, shape (p, p)
-        Triangular factor.
-    q : int
-        Number of these columns.
-
-    Returns
-    -------
-    ndarray, shape (r, p - q)
-        A column that they reproduce has only an entry of `_ROUNDING` of its size.
-    """
+def projected(full: FloatArray, q: int) -> FloatArray:  # full (p, p) -> (r, p - q)
+    """Return a triangular factor with its first columns projected out of the others."""
     if not q or not np.all(np.isfinite(full)):
         return full[q:, q:]
     left, sizes = full[q:, q:].copy(), np.linalg.norm(full[:, q:], axis=0)

@@ -72,46 +72,22 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
 
 @dataclass(frozen=True)
 class Zero:
-    """Offset estimated from the free runs after a recursion.
+    """Offset estimated from the free runs after a recursion."""
 
-    Attributes
-    ----------
-    offset : float
-        Mean over the records of their mean free-run errors [m].
-    spread : float
-        Its standard deviation between records; inf for one record [m].
-    """
-
-    offset: float
-    spread: float
+    offset: float  # mean over the records of their mean free-run errors [m]
+    spread: float  # its standard deviation between records; inf for one record [m]
 
 
 @dataclass(frozen=True)
 class OnlineRun:
-    """Result of a recursive method.
+    """Result of a recursive method."""
 
-    Attributes
-    ----------
-    method : OnlineMethod
-        State after the last sample.
-    warnings : tuple of str
-        Warnings for the user.
-    settled : bool
-        Whether the estimate was stationary over the last tenth of the data.
-    history : tuple of float
-        Rms of the prediction error over each tenth of the data [m].
-    sampling_offset : float
-        Delay of the sampling of the displacement relative to the convention [s].
-    zero : Zero or None
-        Mean error of the free runs, for a recursion without a mean in its regressor.
-    """
-
-    method: OnlineMethod
-    warnings: tuple[str, ...]
-    settled: bool
-    history: tuple[float, ...]
-    sampling_offset: float = 0.0
-    zero: Zero | None = None
+    method: OnlineMethod  # state after the last sample
+    warnings: tuple[str, ...]  # warnings for the user
+    settled: bool  # whether the estimate was stationary over the last tenth of the data
+    history: tuple[float, ...]  # rms of the prediction error over each tenth of the data [m]
+    sampling_offset: float = 0.0  # [s]
+    zero: Zero | None = None  # mean error of the free runs
 
 
 def run_online(
@@ -127,26 +103,6 @@ def run_online(
 
     A recursion assumes a given sampling offset, so it is repeated with shifted displacements, and
     the offset with the smallest prediction error is selected.
-
-    Parameters
-    ----------
-    model : Model
-        A chain that the method supports.
-    records : sequence of Record
-        At one rate.
-    method : str
-        One of `ONLINE_METHODS`.
-    sampling_offset : bool
-        Whether to estimate the sampling offset; False assumes the convention.
-    progress : callable, optional
-        Called with ``(fraction, words)``.
-    **options
-        Options of the method: start, forgetting, variant, offset, unit, p0.
-
-    Raises
-    ------
-    IdentificationError
-        If the method does not support the model, or the records differ in rate.
     """
     if 'natural_frequency' in model.parameter_names:
         options = {**options, 'start': _with_mode(records, options.get('start') or {})}

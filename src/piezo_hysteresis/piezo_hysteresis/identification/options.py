@@ -22,13 +22,7 @@ _ONLINE = {
 
 @cache
 def options_of(method: str) -> tuple[str, ...]:
-    """Return the names of the options of a method.
-
-    Raises
-    ------
-    IdentificationError
-        If there is no such method.
-    """
+    """Return the names of the options of a method."""
     base = base_of(method)
     if base in _ONLINE:
         return _ONLINE[base]
@@ -37,13 +31,7 @@ def options_of(method: str) -> tuple[str, ...]:
 
 
 def require_options(method: str, names: Iterable[str]) -> None:
-    """Raise an error for options that a method does not have.
-
-    Raises
-    ------
-    IdentificationError
-        If there is no such method, or it has no such option.
-    """
+    """Raise an error for options that a method does not have."""
     known = options_of(method)
     for name in names:
         if name not in known:

@@ -45,11 +45,11 @@ _MOST_STEPS = 20
 
 
 def outliers(
-    voltage: FloatArray,
-    displacement: FloatArray,
+    voltage: FloatArray,  # [V] (n,)
+    displacement: FloatArray,  # [m] (n,)
     period: int,
     first: int = 0,
-    alone: BoolArray | None = None,
+    alone: BoolArray | None = None,  # (n,)
 ) -> BoolArray:
     """Return which samples are spikes, drop-outs or out of range, shape (n,).
 
@@ -57,17 +57,6 @@ def outliers(
     of a few samples that return to their origin, and for a reading that jumps, is constant and
     jumps back. An excursion that the voltage makes as well is motion, and what begins or ends
     gradually is no outlier: a virgin curve, settling, a turning point of a coarse table.
-
-    Parameters
-    ----------
-    voltage, displacement : ndarray, shape (n,)
-        Input [V] and measurement [m].
-    period : int
-        Samples per period of the drive; 0 where it does not repeat.
-    first : int
-        Sample from which it repeats.
-    alone : ndarray of bool, shape (n,), optional
-        The result without a period, if it is known: all but the comparison of periods.
     """
     if alone is not None and not period:
         return alone
@@ -207,34 +196,19 @@ def _transient(first: FloatArray, allowed: FloatArray, samples: int) -> BoolArra
 
 @dataclass(frozen=True)
 class CounterStep:
-    """A jump of the reading that stays: a counter lost a fringe, or was set to zero.
+    """A jump of the reading that stays: a counter lost a fringe, or was set to zero."""
 
-    Attributes
-    ----------
-    sample : int
-        First sample after the jump.
-    height : float
-        Change of the reading [m].
-    """
-
-    sample: int
-    height: float
+    sample: int  # first sample after the jump
+    height: float  # change of the reading [m]
 
 
 def counter_steps(
     voltage: FloatArray, displacement: FloatArray, period: int = 0
-) -> list[CounterStep]:
+) -> list[CounterStep]:  # voltage [V] (n,); displacement [m] (n,)
     """Return the jumps that stay and that no jump of the voltage explains, in order.
 
     On either side of every sample a line is fitted to eight samples. Where the lines miss each
     other by much more than usual, and the reading does so within one sample, it jumped.
-
-    Parameters
-    ----------
-    voltage, displacement : ndarray, shape (n,)
-        Input [V] and measurement without spikes [m].
-    period : int
-        Samples per period of the drive; 0 where it does not repeat.
     """
     y, reach = displacement, float(np.ptp(voltage))
     if y.size < 8 * _SIDE or float(np.ptp(y)) == 0.0:
@@ -294,21 +268,8 @@ def without_steps(displacement: FloatArray, steps: Sequence[CounterStep]) -> Flo
 
 def step_of(
     y: FloatArray, *, same: float = _SAME, fewest: int = 2, negligible: float = 0.0
-) -> float:
-    """Return the smallest difference between two readings [m]: the step of a coarse sensor.
-
-    Parameters
-    ----------
-    y : ndarray, shape (n,)
-        Readings [m].
-    same : float
-        Share of the stroke within which two readings are the same.
-    fewest : int
-        Number of different readings below which there is no step, and 0 is returned.
-    negligible : float
-        Size [m] of a step without effect: if consecutive readings differ by so little, their
-        smallest difference is returned.
-    """
+) -> float:  # y [m] (n,); negligible [m]
+    """Return the smallest difference between two readings [m]: the step of a coarse sensor."""
     least = same * float(np.ptp(y))
 
     def differences(readings: FloatArray) -> FloatArray:
@@ -399,16 +360,8 @@ def interpolated(displacement: FloatArray, bad: BoolArray, period: int = 0) -> F
 
     With a periodic drive by the reading at the same phase of the previous or next period, else
     linearly.
-
-    Parameters
-    ----------
-    displacement : ndarray, shape (n,)
-        Measured [m].
-    bad : ndarray of bool, shape (n,)
-        From `outliers`.
-    period : int
-        Samples per period of the drive; 0 where it does not repeat.
     """
+    # displacement [m] (n,); bad (n,)
     if not np.any(bad) or np.all(bad):
         return displacement
     k = np.arange(displacement.size)

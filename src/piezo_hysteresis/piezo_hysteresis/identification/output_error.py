@@ -273,27 +273,7 @@ def refined(
     stopped: Callable[[], bool] = lambda: False,
     progress: Progress | None = None,
 ) -> FitResult:
-    """Fit from one start, alternating with estimates of the nuisances, until these converge.
-
-    Parameters
-    ----------
-    model : Model
-        Any chain, scaled to the records.
-    targets : sequence of Target
-        Data, with their nuisances as far as known.
-    records : sequence of Record
-        From which the targets were made.
-    start : mapping of str to float
-        Start values; may hold ``sampling_offset``.
-    choices : Choices
-        Initial condition and zero stated by the user.
-    free, priors, weights, sampling_offset, workers, progress
-        See `fit`; a sampling offset that explains nothing is set to zero.
-    max_evaluations : int
-        Of each fit.
-    stopped : callable
-        See `output_error`.
-    """
+    """Fit from one start, alternating with estimates of the nuisances, until these converge."""
     names = tuple(model.free_names if free is None else free)
 
     def attempt(
@@ -350,17 +330,6 @@ def with_held_levels(
     A fit removes the linearised response to these levels. A play bounds that response, its
     derivative does not. Where the run from the best levels leaves much more than that promises,
     they are held in a further fit, which counts if its runs have the smaller error.
-
-    Parameters
-    ----------
-    found : FitResult
-        Fit with estimated levels.
-    records : sequence of Record
-        The fitted records.
-    choices : Choices
-        Initial condition and zero stated by the user.
-    **options
-        Of `fit`: how `found` was fitted.
     """
     clock = True if SAMPLING_OFFSET in found.std else found.sampling_offset
     for _ in range(_HELD_TURNS):

@@ -51,13 +51,7 @@ class DriveFit:
 
 
 def order_of(record: Record) -> int:
-    """Return the odd harmonic of a record that exceeds its hysteresis: 3, 5, or 0 for none.
-
-    Parameters
-    ----------
-    record : Record
-        A periodic drive of known frequency.
-    """
+    """Return the odd harmonic of a record that exceeds its hysteresis: 3, 5, or 0 for none."""
     part = record.displacement[record.warm_up_samples :]
     return odd_oscillation(part, record.info.frequency, record.dt)
 
@@ -76,21 +70,6 @@ def identify_per_frequency(
     One sine determines its hysteresis but not the dynamics of the structure. The parameters of
     blocks with inertia are therefore those of all records; an autoregression of the papers belongs
     to its frequency, and the order of its model follows from the record (`order_of`).
-
-    Parameters
-    ----------
-    records, model, method, hold, progress, **options
-        As `identify`.
-
-    Returns
-    -------
-    Identification
-        Of all records, with the fits of the drives as its `drives`.
-
-    Raises
-    ------
-    IdentificationError
-        If a record does not state the frequency of its drive, or no drive has a model.
     """
     groups = _groups(listed(records))
     model, start = chain_of(model)

@@ -68,21 +68,12 @@ def _whole_period(u: FloatArray, *, several: bool) -> int:
     return 0
 
 
-def like_lags(change: FloatArray, power: float, share: float) -> list[int]:
+def like_lags(change: FloatArray, power: float, share: float) -> list[int]:  # change (m,)
     """Return lags at which a signal resembles itself and in between does not, smallest first.
 
     Half a period apart a periodic signal differs by more than its power, a period apart by less
     than a `share` of it. A slow signal resembles itself from each sample to the next, which is
     no period.
-
-    Parameters
-    ----------
-    change : ndarray, shape (m,)
-        From `mean_changes`.
-    power : float
-        Variance of the signal.
-    share : float
-        Largest mean square of the difference over the power.
     """
     differs = np.flatnonzero(change > power)
     if not differs.size or not power > 0.0:

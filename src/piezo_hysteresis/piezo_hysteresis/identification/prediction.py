@@ -30,30 +30,14 @@ _quiet = partial(np.errstate, over='ignore', invalid='ignore')
 
 
 class Prediction:
-    """The free run of a model over a target, with its nuisance parameters at their optimum.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    packed : ndarray, shape (p,)
-        Its parameters.
-    target : Target
-        Input and measured displacement.
-    sampling_offset : float
-        Delay of the displacement samples relative to the convention [s].
-    weighted : bool
-        True weights residuals by their influence, as in a fit; False equally, without lost ones.
-    cache : StageCache, optional
-        Stages already simulated for other models.
-    """
+    """The free run of a model over a target, with its nuisance parameters at their optimum."""
 
     def __init__(
         self,
         model: Model,
-        packed: FloatArray,
+        packed: FloatArray,  # (p,)
         target: Target,
-        sampling_offset: float = 0.0,
+        sampling_offset: float = 0.0,  # [s]
         *,
         weighted: bool = False,
         cache: StageCache | None = None,
@@ -157,23 +141,11 @@ def predictions(
     model: Model,
     values: Mapping[str, float],
     views: Sequence[Target],
-    sampling_offset: float = 0.0,
+    sampling_offset: float = 0.0,  # [s]
     *,
     checked: bool = True,
 ) -> Iterator[Prediction]:
-    """Yield the prediction of each whole record by a model.
-
-    Parameters
-    ----------
-    model, values : Model, mapping of str to float
-        The chain and its parameters.
-    views : sequence of Target
-        Records with initial conditions and zeros, see `error_measures.views_of`.
-    sampling_offset : float
-        Delay of the displacement samples relative to the convention [s].
-    checked : bool
-        False also simulates values outside the valid range, such as unstable recursions.
-    """
+    """Yield the prediction of each whole record by a model."""
     packed = model.pack(values, checked=checked)
     for view in views:
         yield Prediction(model, packed, view, sampling_offset)
@@ -183,21 +155,12 @@ def with_mean_zero(
     model: Model,
     values: Mapping[str, float],
     views: Sequence[Target],
-    sampling_offset: float = 0.0,
+    sampling_offset: float = 0.0,  # [s]
 ) -> dict[str, float]:
     """Return the values of a model, with the mean zero of records that have a zero of their own.
 
     A fit with one zero per record leaves the zero of the model where it was, which may be
     anywhere; a compensator needs that of the records.
-
-    Parameters
-    ----------
-    model, values : Model, mapping of str to float
-        The chain and its parameters.
-    views : sequence of Target
-        The fitted records, each with its own zero; for others the values are unchanged.
-    sampling_offset : float
-        Delay of the displacement samples relative to the convention [s].
     """
     zeros = model.zero_names - set(model.held)
     last = model.blocks[-1].part is Part.ZERO

@@ -40,19 +40,11 @@ _CORNER, _CORNER_SHARE = 21, 0.12
 
 @dataclass(frozen=True)
 class Repeat:
-    """The section of a record in which the drive is periodic.
+    """The section of a record in which the drive is periodic."""
 
-    Attributes
-    ----------
-    period : float
-        Period in samples, possibly fractional.
-    first, last : int
-        First sample of the section, and the sample after its last.
-    """
-
-    period: float
-    first: int
-    last: int
+    period: float  # period in samples, possibly fractional
+    first: int  # first sample of the section
+    last: int  # the sample after its last
 
     def shows_from(self, sample: int) -> bool:
         """Return whether the section after a sample is long enough for a difference of periods."""
@@ -85,16 +77,8 @@ def less_the_period_before(signal: FloatArray, period: float) -> FloatArray:
     return np.asarray(signal[first : first + count] - before[:count], dtype=np.float64)
 
 
-def gain_of_difference(window: FloatArray, period: float) -> FloatArray:
-    """Return the mean square of every line of a windowed difference, for white noise of rms 1.
-
-    Parameters
-    ----------
-    window : ndarray, shape (n,)
-        Weight of each sample of the difference.
-    period : float
-        Samples after which the signal was subtracted from itself.
-    """
+def gain_of_difference(window: FloatArray, period: float) -> FloatArray:  # window (n,)
+    """Return the mean square of every line of a windowed difference, for white noise of rms 1."""
     taps, lag = _taps(period)
     placed = np.zeros(window.size)
     np.add.at(placed, (lag - _HALF + np.arange(taps.size)) % window.size, taps)

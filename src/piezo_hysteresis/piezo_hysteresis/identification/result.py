@@ -186,17 +186,7 @@ def result_at(
     evaluations: int,
     history: tuple[float, ...],
 ) -> FitResult:
-    """Return the result of another method that ended at `values`, with its uncertainty there.
-
-    Parameters
-    ----------
-    objective : Objective
-        Cost of the output-error fit.
-    values : mapping of str to float
-        Every parameter.
-    converged, message, evaluations, history
-        As in `solver.Solution`.
-    """
+    """Return the result of another method that ended at `values`, with its uncertainty there."""
     x = np.array([values[name] for name in objective.free])
     factor, _, cost = objective.linearise(x)
     at_bound = (False,) * x.size

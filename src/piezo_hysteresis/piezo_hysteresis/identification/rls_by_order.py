@@ -18,16 +18,6 @@ class RlsByOrder(OnlineMethod):
 
     Which order a drive has is known only from the spectrum of its record. The recursions run side
     by side, so that the estimate is the one of `identify` whenever the order becomes known.
-
-    Parameters
-    ----------
-    method : OnlineRls
-        Without a harmonic.
-
-    Attributes
-    ----------
-    order : int
-        Whose estimate is given: 0, 3 or 5. One that is above half the rate counts as 0.
     """
 
     def __init__(self, method: OnlineRls) -> None:

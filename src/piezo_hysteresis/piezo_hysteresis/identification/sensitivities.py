@@ -32,19 +32,11 @@ _STEP = 1e-6  # relative step of numerical differences, above sqrt of the roundi
 
 
 class StateOffset(NamedTuple):
-    """Offset of one initial state from its value after the lead-in.
+    """Offset of one initial state from its value after the lead-in."""
 
-    Attributes
-    ----------
-    stage, place : int
-        Stage of the chain, and index of the state in it.
-    amount : float
-        Offset that is added at the first sample of the record.
-    """
-
-    stage: int
-    place: int
-    amount: float
+    stage: int  # stage of the chain
+    place: int  # index of the state in it
+    amount: float  # offset that is added at the first sample of the record
 
 
 class FirstStage(dict[tuple[object, ...], tuple[FloatArray, FloatArray]]):
@@ -68,41 +60,16 @@ class SensitivityRun:
     differenced by their own parameters. A delay of a held voltage moves it by whole ticks; the
     whole response is differenced from a tick less to a tick more, since a step of the voltage
     affects the residual on one side only.
-
-    Parameters
-    ----------
-    model : Model
-        Any chain.
-    packed : ndarray, shape (p,)
-        Parameters as `Model.pack` orders them.
-    free : sequence of str
-        Parameters to differentiate by.
-    dt, frequency, start : float
-        Sampling interval [s], fundamental frequency of the drive [Hz], time of the first sample
-        [s].
-    origin : int
-        Sample before which `offsets` are added to states.
-    offsets : sequence of StateOffset
-        Empty for a run from rest.
-    block : int
-        Number of samples of the largest block.
-    first : FirstStage, optional
-        Known results of the first stage for the same input in one block, which are extended.
-
-    Attributes
-    ----------
-    is_whole : bool
-        Whether all samples must be given at once, since a stage is differenced along its input.
     """
 
     def __init__(
         self,
         model: Model,
-        packed: FloatArray,
+        packed: FloatArray,  # (p,)
         free: Sequence[str],
-        dt: float,
-        frequency: float = 0.0,
-        start: float = 0.0,
+        dt: float,  # [s]
+        frequency: float = 0.0,  # [Hz]
+        start: float = 0.0,  # [s]
         *,
         origin: int = 0,
         offsets: Sequence[StateOffset] = (),
@@ -142,20 +109,8 @@ class SensitivityRun:
         self._order = [[*columns, *self._apart].index(name) for name in free]
 
     def advance(self, voltage: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the displacement of the next samples and its derivatives.
-
-        Parameters
-        ----------
-        voltage : ndarray, shape (n,)
-            Input, from rest in the first block [V].
-
-        Returns
-        -------
-        displacement : ndarray, shape (n,)
-            Free run [m].
-        rows : ndarray, shape (len(free), n)
-            Row j is the derivative by ``free[j]`` [m per unit of the parameter].
-        """
+        """Return the displacement of the next samples and its derivatives."""
+        # voltage [V] (n,) -> displacement [m] (n,), rows [j] (len(free)
         signal = np.ascontiguousarray(voltage, dtype=np.float64)
         tangent = np.empty((0, signal.size))
         for k, (carrier, jump) in enumerate(self._stages):

@@ -57,17 +57,6 @@ def free_runs(
     """Return the free runs of a model over records, with initial states, zeros and clock.
 
     A model with values outside of their range, such as an unstable recursion, runs from rest.
-
-    Parameters
-    ----------
-    given : ModelFile or Unsaved
-        The model with the sampling offset of its identification; that of the records is about it.
-    records : sequence of Record
-        Of one recording; see `as_measured`.
-    choices : Choices, optional
-        Given initial conditions and zeros.
-    workers : int
-        Threads over the records.
     """
     if isinstance(given, ModelFile) and given.schedule is not None:
         return _scheduled_runs(given, records, choices, workers)
@@ -93,13 +82,7 @@ def drive_of(record: Record) -> tuple[float, float]:
 
 
 def entry_for(given: ModelFile, records: Sequence[Record]) -> ModelFile:
-    """Return the entry of the schedule that all records belong to; a model without one as it is.
-
-    Raises
-    ------
-    ModelError
-        If the records belong to several entries: no single set of parameters describes them.
-    """
+    """Return the entry of the schedule of all records; a model without one as it is."""
     found = {id(own): own for own in (given.at(*drive_of(record)) for record in records)}
     if given.schedule is None:
         return given

@@ -32,13 +32,7 @@ Progress = Callable[[float, str], None]
 
 
 class Problem(Protocol):
-    """Interface of a least-squares problem with p unknowns.
-
-    Attributes
-    ----------
-    minimum_steps : ndarray, shape (p,)
-        Smallest step of each unknown that changes the cost; 0 where the cost is smooth.
-    """
+    """Interface of a least-squares problem with p unknowns."""
 
     @property
     def minimum_steps(self) -> FloatArray:
@@ -53,36 +47,16 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Solution:
-    """Result of the solver.
+    """Result of the solver."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (p,)
-        Best point.
-    factor : ndarray, shape (p, p)
-        R of the Jacobian at `x`: ``J'J = R'R``; of an earlier point if not requested.
-    cost : float
-        Half the sum of squares.
-    converged : bool
-        Whether a tolerance was met, and not a limit.
-    message : str
-        Reason for the termination.
-    evaluations : int
-        Simulations of the whole data set, linearisations included.
-    history : tuple of float
-        Cost at the start and after each accepted step.
-    at_bound : tuple of bool
-        Whether each unknown is at a bound.
-    """
-
-    x: FloatArray
-    factor: FloatArray
-    cost: float
-    converged: bool
-    message: str
-    evaluations: int
-    history: tuple[float, ...]
-    at_bound: tuple[bool, ...]
+    x: FloatArray  # best point, shape (p,)
+    factor: FloatArray  # R of the Jacobian at `x`: ``J'J = R'R``, shape (p, p)
+    cost: float  # half the sum of squares
+    converged: bool  # whether a tolerance was met, and not a limit
+    message: str  # reason for the termination
+    evaluations: int  # simulations of the whole data set, linearisations included
+    history: tuple[float, ...]  # cost at the start and after each accepted step
+    at_bound: tuple[bool, ...]  # whether each unknown is at a bound
 
 
 def bounded_step(
@@ -121,9 +95,9 @@ def bounded_step(
 
 def solve(
     problem: Problem,
-    start: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
+    start: FloatArray,  # (p,)
+    low: FloatArray,  # (p,)
+    high: FloatArray,  # (p,)
     *,
     max_evaluations: int = 100,
     tolerance: float = 1e-9,
@@ -132,34 +106,7 @@ def solve(
     stopped: Callable[[], bool] = lambda: False,
     progress: Progress | None = None,
 ) -> Solution:
-    """Minimise `problem` from `start` within bounds.
-
-    Parameters
-    ----------
-    problem : Problem
-        The least-squares problem.
-    start, low, high : ndarray, shape (p,)
-        Start and bounds; the start is clipped to them.
-    max_evaluations : int
-        Limit of simulations and linearisations.
-    tolerance : float
-        Negligible relative decrease of the cost, and relative size of a step if smaller than
-        `_STILL`.
-    enough : float
-        Largest useful cost: the solver terminates if twice the predicted decrease does not reach
-        it.
-    derivatives : bool
-        Whether the derivatives at the solution are needed; False saves the last evaluation.
-    stopped : callable
-        Returns True before a step to terminate.
-    progress : callable, optional
-        Called with ``(fraction of the evaluations used, text with the cost)``.
-
-    Returns
-    -------
-    Solution
-        Never worse than the start; check ``converged`` and ``message``.
-    """
+    """Minimise `problem` from `start` within bounds."""
     x = np.clip(np.asarray(start, dtype=float), low, high)
     factor, rhs, cost = problem.linearise(x)
     if not _usable(factor, rhs, cost):

@@ -27,18 +27,7 @@ def output_error_in_stages(
     start: Mapping[str, float] | None = None,
     **options: Any,
 ) -> FitResult:
-    """Fit a chain by `output_error`, and one with additions in stages.
-
-    Parameters
-    ----------
-    model, records, start, **options
-        See `output_error`; with a start value for an addition there are no stages.
-
-    Returns
-    -------
-    FitResult
-        Result of the last stage, with all unknowns of the chain.
-    """
+    """Fit a chain by `output_error`, and one with additions in stages."""
     if law_of(model):
         return output_error_of_inverse(model, records, start=start, **options)
     added = _added(model)

@@ -25,18 +25,10 @@ _LINES, _STANDS_OUT, _LEAST_INPUT = 3, 8.0, 0.03
 
 @dataclass(frozen=True)
 class Start:
-    """Start values with their cost.
+    """Start values with their cost."""
 
-    Attributes
-    ----------
-    values : dict of str to float
-        Every parameter of the chain, and the sampling offset.
-    cost : float
-        Sum of squares over the scanned records [m^2].
-    """
-
-    values: dict[str, float]
-    cost: float
+    values: dict[str, float]  # every parameter of the chain, and the sampling offset
+    cost: float  # sum of squares over the scanned records [m^2]
 
 
 def starts(
@@ -46,7 +38,7 @@ def starts(
     given: Mapping[str, float] | None = None,
     *,
     count: int = 8,
-    offsets: Sequence[float] = (0.0,),
+    offsets: Sequence[float] = (0.0,),  # [s]
     stopped: Callable[[], bool] = lambda: False,
     simulated: Simulated | None = None,
 ) -> list[Start]:
@@ -56,25 +48,6 @@ def starts(
     shape of the loop (beta, gamma) in units of the amplitude, and the resonance once more. Gains,
     weights and offset are solved exactly at each point, for each sampling offset: the phase of a
     wrong one would be explained by another resonance or loop.
-
-    Parameters
-    ----------
-    model : Model
-        Any chain, with defaults that suit the data (`models.for_range`).
-    targets : sequence of Target
-        Prepared records.
-    free : sequence of str
-        Unknowns.
-    given : mapping of str to float, optional
-        Values that are not scanned; a start of all unknowns is returned first, unchanged.
-    count : int
-        Largest number of start points.
-    offsets : sequence of float
-        Sampling offsets to try [s].
-    stopped : callable
-        Returns True to stop before the next point; the best so far are returned.
-    simulated : Simulated, optional
-        Simulations of a scan of the same records with other zeros.
     """
     seen = representative(targets)
     amplitude = max(float(np.max(np.abs(t.voltage))) for t in seen)
@@ -215,11 +188,6 @@ def resonant_lines(targets: Sequence[Target]) -> FloatArray:
     """Return frequencies at which records move much for their input, shape (k,) [Hz].
 
     A lightly damped resonance is narrower than the steps of a scan.
-
-    Parameters
-    ----------
-    targets : sequence of Target
-        Prepared records.
     """
     found = list[float]()
     for target in targets:

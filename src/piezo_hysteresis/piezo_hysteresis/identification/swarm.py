@@ -34,19 +34,11 @@ _TURNS = 2
 
 @dataclass(frozen=True)
 class Box:
-    """Bounds of a search, from the data.
+    """Bounds of a search, from the data."""
 
-    Attributes
-    ----------
-    low, high : ndarray, shape (p,)
-        Bounds; of the logarithm if `logarithmic`.
-    logarithmic : ndarray of bool, shape (p,)
-        Whether each unknown is searched by its logarithm.
-    """
-
-    low: FloatArray
-    high: FloatArray
-    logarithmic: BoolArray
+    low: FloatArray  # (p,)
+    high: FloatArray  # (p,)
+    logarithmic: BoolArray  # whether each unknown is searched by its logarithm, shape (p,)
 
     def point(self, z: FloatArray) -> FloatArray:
         """Return the parameters at the searched point `z`, shape (p,)."""
@@ -54,17 +46,7 @@ class Box:
 
 
 def box_of(model: Model, targets: Sequence[Target], free: Sequence[str]) -> Box:
-    """Return a box that suits the gain, the range and the rate of the data.
-
-    Parameters
-    ----------
-    model : Model
-        Chain with defaults that suit the data.
-    targets : sequence of Target
-        Prepared records.
-    free : sequence of str
-        Unknowns.
-    """
+    """Return a box that suits the gain, the range and the rate of the data."""
     known = {q.name: q for q in model.parameters}
     special = _ranges(targets)
     step = min(t.dt for t in targets)
@@ -141,33 +123,6 @@ def identify_by_search(
     slowest record with a rigid structure, then the structure on the fastest. The other methods
     search all unknowns on all records together. The inverse of Xiao 2014 can be searched from
     displacement to voltage, row by row.
-
-    Parameters
-    ----------
-    model, records, weights, folded, workers
-        See `fit`.
-    sampling_offset : bool
-        Whether to search the sampling offset, too.
-    begins, zero : str
-        Initial conditions and zeros of the records, see `revision.Choices`.
-    method, seed, max_evaluations, progress
-        See `search`.
-    swarm : mapping of str to float, optional
-        Constants of the swarm that differ from the defaults, see `global_search.Swarm`.
-    steps : str
-        ``one``, ``two``, or ``auto``: two for a swarm if the chain and the records allow it.
-    direct : bool
-        Whether an inverse is fitted from displacement to voltage; no effect on other chains.
-
-    Returns
-    -------
-    FitResult
-        With the uncertainty at the best point, which is rarely the exact optimum.
-
-    Raises
-    ------
-    IdentificationError
-        If two steps are not possible, or a constant is invalid.
     """
     constants = swarm_of(method, swarm or {})
     if direct and law_of(model):
@@ -209,13 +164,7 @@ def identify_by_search(
 
 
 def swarm_of(method: str, given: Mapping[str, float]) -> Swarm | None:
-    """Return the constants of a swarm, None for other methods.
-
-    Raises
-    ------
-    IdentificationError
-        If a constant is unknown or invalid, or the method has none.
-    """
+    """Return the constants of a swarm, None for other methods."""
     if method not in SWARMS:
         if given:
             raise IdentificationError(f'{method} is no swarm; leave its constants out')

@@ -265,17 +265,7 @@ def with_noise(target: Target, noise: Noise) -> Target:
 
 
 def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target:
-    """Return the whole record, compared after its warm-up at every `stride`-th sample.
-
-    Parameters
-    ----------
-    record : Record
-        A measured record.
-    stride : int
-        Step between compared samples.
-    begins : RecordStart
-        Initial condition.
-    """
+    """Return the whole record, compared after its warm-up at every `stride`-th sample."""
     return with_noise(_of_all_samples(record, stride, begins), noise_of(record))
 
 

@@ -32,17 +32,7 @@ if hasattr(os, 'register_at_fork'):  # threads remain in the parent process
 def of_each(
     function: Callable[[Item], Result], items: Sequence[Item], workers: int
 ) -> list[Result]:
-    """Return the function of all items in order, computed by several threads.
-
-    Parameters
-    ----------
-    function : callable
-        Function of one item; must not use the pool itself.
-    items : sequence
-        Records, or parts of them.
-    workers : int
-        Number of threads; with 1 or less the calling thread computes.
-    """
+    """Return the function of all items in order, computed by several threads."""
     if workers <= 1 or len(items) < 2:
         return [function(each) for each in items]
     shares = range(min(_SHARES * workers, len(items)))

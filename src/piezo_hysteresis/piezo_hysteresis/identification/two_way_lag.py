@@ -55,13 +55,7 @@ class TwoWayLag:
 
 
 def two_way_lag(record: Record) -> TwoWayLag | None:
-    """Return the difference between the ways of a scan; None without a way up and a way down.
-
-    Parameters
-    ----------
-    record : Record
-        Measured record of a voltage that goes up and down over its range.
-    """
+    """Return the difference between the ways of a scan; None without a way up and a way down."""
     u, y = record.voltage, record.displacement
     low, span, stroke = float(u.min()), float(np.ptp(u)), float(np.ptp(y))
     if not (span > 0.0 and stroke > 0.0 and np.all(np.isfinite(y))):

@@ -26,38 +26,17 @@ CORRELATION_LIMIT = 0.995
 
 @dataclass(frozen=True)
 class Covariance:
-    """Linearised uncertainty of p parameters.
+    """Linearised uncertainty of p parameters."""
 
-    Attributes
-    ----------
-    std : ndarray, shape (p,)
-        Standard deviations; inf if the data do not determine a parameter.
-    correlation : ndarray, shape (p, p)
-        Correlation matrix.
-    condition : float
-        Condition number of the column-scaled Jacobian.
-    directions : tuple
-        For each undetermined direction: names and shares of its parameters.
-    """
-
-    std: FloatArray
-    correlation: FloatArray
-    condition: float
-    directions: tuple[tuple[tuple[str, float], ...], ...]
+    std: FloatArray  # standard deviations, shape (p,)
+    correlation: FloatArray  # correlation matrix, shape (p, p)
+    condition: float  # condition number of the column-scaled Jacobian
+    directions: tuple[tuple[tuple[str, float], ...], ...]  # for each undetermined direction
 
 
 def covariance(factor: FloatArray, variance: float, names: Sequence[str]) -> Covariance:
-    """Return the uncertainty from R of the Jacobian and the variance of one residual.
-
-    Parameters
-    ----------
-    factor : ndarray, shape (p, p)
-        ``J'J = R'R``.
-    variance : float
-        Variance of an independent residual, in the square of its unit.
-    names : sequence of str
-        Names of the parameters.
-    """
+    """Return the uncertainty from R of the Jacobian and the variance of one residual."""
+    # factor (p, p)
     p = len(names)
     if p == 0:
         return Covariance(np.empty(0), np.empty((0, 0)), 1.0, ())
@@ -104,16 +83,8 @@ def inflation(residuals: Sequence[FloatArray]) -> float:
     return max(total / weight, 1.0) if weight > 0 else 1.0
 
 
-def cramer_rao(factor: FloatArray, noise: float) -> FloatArray:
-    """Return the smallest standard deviations that white noise of rms `noise` [m] allows.
-
-    Parameters
-    ----------
-    factor : ndarray, shape (p, p)
-        R of the Jacobian, weighted by the number of samples of the records.
-    noise : float
-        Noise floor of one sample [m].
-    """
+def cramer_rao(factor: FloatArray, noise: float) -> FloatArray:  # factor (p, p); noise [m]
+    """Return the smallest standard deviations that white noise of rms `noise` [m] allows."""
     return covariance(factor, noise**2, [str(j) for j in range(factor.shape[1])]).std
 
 

@@ -20,18 +20,7 @@ _NAME_IT = 'name it with its unit (displacement_um, _nm, _mm, _m)'
 
 
 def unit_findings(record: Record) -> list[tuple[bool, str]]:
-    """Return indications that a record with motion has wrong units.
-
-    Parameters
-    ----------
-    record : Record
-        Record in SI units, according to the names of its columns.
-
-    Returns
-    -------
-    list of (bool, str)
-        Whether the values are impossible rather than unlikely, and the remedy.
-    """
+    """Return indications that a record with motion has wrong units."""
     stroke, swing = stroke_of(record), float(np.ptp(record.voltage))
     if stroke == 0.0 or swing == 0.0:
         return []

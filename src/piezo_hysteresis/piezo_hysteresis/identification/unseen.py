@@ -35,22 +35,6 @@ def without_unseen(
     """Return a fit without undetermined blocks, and sentences on omitted blocks and held values.
 
     The hysteresis and the zero are always kept.
-
-    Parameters
-    ----------
-    found : FitResult
-        Fit of the whole chain.
-    records : sequence of Record
-        The fitted records.
-    options : mapping
-        Further arguments of `output_error`.
-
-    Returns
-    -------
-    FitResult
-        Fit of the reduced chain; `found` itself if everything is determined.
-    tuple of str
-        A sentence for each omitted block and each held value.
     """
     remarks: list[str] = []
     more = {k: v for k, v in options.items() if k not in ('start', 'count', 'free', 'guesses')}

@@ -26,62 +26,27 @@ NO_EFFECT = 'none'
 
 @dataclass(frozen=True)
 class CandidateModel:
-    """One candidate model with its values.
+    """One candidate model with its values."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the effect; ``none`` for the model without it.
-    chance : float
-        Probability among the candidates.
-    fit : ModelSpec
-        The model.
-    deviations : dict of str to float
-        Standard deviation of each fitted value, in its unit.
-    """
-
-    name: str
-    chance: float
+    name: str  # name of the effect; ``none`` for the model without it
+    chance: float  # probability among the candidates
     fit: ModelSpec
-    deviations: dict[str, float]
+    deviations: dict[str, float]  # standard deviation of each fitted value, in its unit
 
 
 @dataclass(frozen=True)
 class Belief:
-    """Probabilities of effects after the experiments so far.
+    """Probabilities of effects after the experiments so far."""
 
-    Attributes
-    ----------
-    verdict : str
-        ``none``, ``named`` or ``unknown``, as in discovery.
-    names : tuple of str
-        Named effects, in the order of their selection.
-    chances : dict of str to float
-        Probability by effect, most probable first: of every named effect, and of the alternatives
-        to the least certain one.
-    most_probable : (str, float)
-        Most probable name of the least certain effect, and its probability.
-    candidates : tuple of CandidateModel
-        Candidate models that further experiments could discriminate.
-    left : bool
-        Whether a significant residual remains without a name.
-    floors : float
-        Held-out gap of the model with the named effects, in multiples of the noise.
-    alike : bool
-        Whether the records cannot distinguish a named effect from another one.
-    incomplete : bool
-        Whether the time limit ended the evaluation of the records.
-    """
-
-    verdict: str
-    names: tuple[str, ...]
+    verdict: str  # ``none``, ``named`` or ``unknown``, as in discovery
+    names: tuple[str, ...]  # named effects, in the order of their selection
     chances: dict[str, float]
-    most_probable: tuple[str, float]
+    most_probable: tuple[str, float]  # most probable name of the least certain effect
     candidates: tuple[CandidateModel, ...]
-    left: bool
-    floors: float
-    alike: bool = False
-    incomplete: bool = False
+    left: bool  # whether a significant residual remains without a name
+    floors: float  # held-out gap of the model with the named effects, in multiples of the noise
+    alike: bool = False  # whether the records cannot distinguish a named effect from another one
+    incomplete: bool = False  # whether the time limit ended the evaluation of the records
 
 
 def prior_belief(hidden: Hidden) -> Belief:
@@ -91,17 +56,7 @@ def prior_belief(hidden: Hidden) -> Belief:
 
 
 def belief_of(found: Discovery, hidden: Hidden, done: Sequence[str]) -> Belief:
-    """Return the belief after a discovery on all records so far.
-
-    Parameters
-    ----------
-    found : Discovery
-        Result of the discovery.
-    hidden : Hidden
-        Effects that may be missing without a visible residual in any record.
-    done : sequence of str
-        Names of the experiments so far.
-    """
+    """Return the belief after a discovery on all records so far."""
     verdict = found.verdict
     names = tuple(effect.name for effect in verdict.effects)
     rounds = _first_rounds(found) if names else []

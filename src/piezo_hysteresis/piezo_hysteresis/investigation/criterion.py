@@ -33,17 +33,8 @@ def grouped(chances: FloatArray, names: Sequence[str]) -> FloatArray:
 
 
 def discrimination(chances: FloatArray, names: Sequence[str], nats: FloatArray) -> float:
-    """Return the expected decrease of the entropy of the names by an experiment [nats].
-
-    Parameters
-    ----------
-    chances : ndarray, shape (n,)
-        Prior probability of each candidate, with sum 1.
-    names : sequence of str
-        Name of each candidate; candidates of one name need not be distinguished.
-    nats : ndarray, shape (n, n)
-        Loss of log likelihood of candidate j if candidate i is correct.
-    """
+    """Return the expected decrease of the entropy of the names by an experiment [nats]."""
+    # chances (n,); nats (n, n)
     after = 0.0
     for place in np.flatnonzero(chances):
         weights = chances * np.exp(-np.maximum(nats[place], 0.0))
@@ -60,20 +51,8 @@ def hidden_share(size: FloatArray) -> FloatArray:
 
 def detection_probability(
     weights: FloatArray, seen: FloatArray, new: FloatArray, nothing: float
-) -> float:
-    """Return the probability that an experiment shows an effect that no record has shown.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (n,)
-        Prior probability of each effect.
-    seen : ndarray, shape (n,)
-        Smallest detectable size of each effect in the records so far.
-    new : ndarray, shape (n,)
-        Smallest detectable size of each effect in the experiment.
-    nothing : float
-        Prior probability that no effect is hidden.
-    """
+) -> float:  # weights, seen, new (n,)
+    """Return the probability that an experiment shows an effect that no record has shown."""
     before = hidden_share(seen)
     gained = np.maximum(before - hidden_share(new), 0.0)
     return float(weights @ gained / (nothing + weights @ before))

@@ -23,24 +23,12 @@ MOST_RUNS = 2
 
 @dataclass(frozen=True)
 class ExperimentChoice:
-    """The next experiment and the reason of its selection.
+    """The next experiment and the reason of its selection."""
 
-    Attributes
-    ----------
-    experiment : PlannedExperiment
-        The selected experiment.
-    discrimination : float
-        Expected decrease of the entropy of the candidate names [nats].
-    first_detection : float
-        Probability that it shows an effect that no record so far has shown.
-    why : str
-        Reason, in one sentence.
-    """
-
-    experiment: PlannedExperiment
-    discrimination: float
-    first_detection: float
-    why: str
+    experiment: PlannedExperiment  # the selected experiment
+    discrimination: float  # expected decrease of the entropy of the candidate names [nats]
+    first_detection: float  # probability that it shows an effect that no record so far has shown
+    why: str  # reason, in one sentence
 
     @property
     def worth(self) -> float:
@@ -58,23 +46,9 @@ def choices(
     belief: Belief,
     hidden: Hidden,
     done: Sequence[str],
-    seconds: float,
+    seconds: float,  # [s]
 ) -> list[ExperimentChoice]:
-    """Return the possible next experiments, highest expected information per second first.
-
-    Parameters
-    ----------
-    outlooks : sequence of Outlook
-        Experiments with their predictions.
-    belief : Belief
-        Present belief.
-    hidden : Hidden
-        Effects that may be missing without a visible residual.
-    done : sequence of str
-        Names of the experiments so far.
-    seconds : float
-        Remaining actuator time [s].
-    """
+    """Return the possible next experiments, highest expected information per second first."""
     runs = Counter(done)
     possible = [
         each

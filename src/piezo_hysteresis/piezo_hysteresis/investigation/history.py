@@ -23,16 +23,9 @@ LONGEST = 60.0
 
 
 class History:
-    """The records so far as one continuous voltage signal.
+    """The records so far as one continuous voltage signal."""
 
-    Parameters
-    ----------
-    rest : float
-        Voltage between the records [V]. A model starts at 0 V: at another voltage it rests for as
-        long as a history reaches.
-    """
-
-    def __init__(self, rest: float = 0.0) -> None:
+    def __init__(self, rest: float = 0.0) -> None:  # rest [V]
         self._rest = rest
         self._last: Record | None = None
         self._zero = 0.0
@@ -50,13 +43,6 @@ class History:
         """Return a record with its voltage history, and append it to the history.
 
         The initial state of a record is estimated unless its history is known for `LONGEST`.
-
-        Parameters
-        ----------
-        record : Record
-            Next record, which starts at rest; its start time refers to the clock of the
-            actuator. If it lies before the end of the last record, the clock was restarted and the
-            history is unknown.
         """
         start, before = record.start - self._zero, None
         if self._last is not None:

@@ -29,24 +29,12 @@ BASELINE, JOURNAL, BAGS = 'baseline.yaml', 'journal.jsonl', 'bags'
 
 @dataclass(frozen=True)
 class Setup:
-    """Conditions of an investigation.
+    """Conditions of an investigation."""
 
-    Attributes
-    ----------
-    model : ModelFile
-        The model in use.
-    limits : ExperimentLimits
-        Limits of every experiment.
-    rules : Rules
-        Stopping rules.
-    rate : float
-        Ticks per second [Hz].
-    """
-
-    model: ModelFile
-    limits: ExperimentLimits
-    rules: Rules
-    rate: float
+    model: ModelFile  # the model in use
+    limits: ExperimentLimits  # limits of every experiment
+    rules: Rules  # stopping rules
+    rate: float  # ticks per second [Hz]
 
     def investigation(self, workers: int = 1) -> Investigation:
         """Return the investigation in its initial state."""
@@ -63,17 +51,7 @@ class Setup:
 
 
 class Journal:
-    """Log of the experiments of a folder, one line each.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the investigation.
-    setup : Setup
-        Its conditions.
-    lines : sequence of dict
-        Lines of the finished experiments.
-    """
+    """Log of the experiments of a folder, one line each."""
 
     def __init__(self, folder: Path, setup: Setup, lines: Sequence[dict[str, Any]] = ()) -> None:
         self.folder, self.setup, self.lines = folder, setup, list(lines)
@@ -83,11 +61,6 @@ class Journal:
         """Create a journal, or continue one with the same conditions; the budget may differ.
 
         No file is written before the first experiment, so that a rejected call leaves no files.
-
-        Raises
-        ------
-        InvestigationError
-            If the folder contains other files or another investigation.
         """
         # rounded as in the file, so that a repetition starts with the same numbers
         setup = replace(setup, model=ModelFile.parse(setup.model.text()))
@@ -107,13 +80,7 @@ class Journal:
 
     @classmethod
     def read(cls, folder: Path) -> Journal:
-        """Read the journal of a folder.
-
-        Raises
-        ------
-        InvestigationError
-            If the journal is missing or damaged.
-        """
+        """Read the journal of a folder."""
         try:
             text = (folder / JOURNAL).read_text(encoding='utf-8')
             head, *lines = [json.loads(line) for line in text.splitlines()]
@@ -136,13 +103,7 @@ class Journal:
         return self.folder / BAGS / f'{number:02}'
 
     def cleared(self, number: int) -> Path:
-        """Return the bag path of the next experiment, after removal of an incomplete bag.
-
-        Raises
-        ------
-        InvestigationError
-            If the folder cannot be written.
-        """
+        """Return the bag path of the next experiment, after removal of an incomplete bag."""
         path = self.bag(number)
         if not self.lines:
             self._begin()
@@ -226,11 +187,5 @@ def belief_from_dict(content: dict[str, Any]) -> Belief:
 
 
 def record_of(bag: Path) -> Record:
-    """Return the record of a bag, with times on the clock of the actuator.
-
-    Raises
-    ------
-    PiezoError
-        If the bag contains no valid record.
-    """
+    """Return the record of a bag, with times on the clock of the actuator."""
     return load([bag])[-1]

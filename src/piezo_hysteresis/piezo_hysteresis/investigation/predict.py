@@ -25,30 +25,14 @@ from piezo_hysteresis.numerics.qr import inner
 
 @dataclass(frozen=True)
 class Outlook:
-    """An experiment with the prediction of the model in use.
-
-    Attributes
-    ----------
-    experiment : PlannedExperiment
-        The experiment.
-    view : Target
-        The experiment as a view of the fit functions.
-    answer : ndarray, shape (n,)
-        Displacement predicted by the model in use, after the conditioning [m].
-    stroke : float
-        Range of the predicted displacement, including the conditioning [m].
-    expected : Expectation
-        Expected residual power from noise and known discrepancy.
-    clock : float
-        Largest difference of the sampling offset of the record from that of the model [s].
-    """
+    """An experiment with the prediction of the model in use."""
 
     experiment: PlannedExperiment
-    view: Target
-    answer: FloatArray
-    stroke: float
-    expected: Expectation
-    clock: float
+    view: Target  # the experiment as a view of the fit functions
+    answer: FloatArray  # displacement predicted by the model in use [m], shape (n,)
+    stroke: float  # range of the predicted displacement, including the conditioning [m]
+    expected: Expectation  # expected residual power from noise and known discrepancy
+    clock: float  # [s]
 
     @cached_property
     def slope(self) -> FloatArray:
@@ -77,14 +61,8 @@ class Outlook:
         It is the distance of `detection.look_alikes` in a record that is only planned: the
         expected power replaces the spectrum of the residual. Offset and clock are free within
         their bounds, the values of the other model within their uncertainty.
-
-        Parameters
-        ----------
-        one, other : ndarray, shape (n,)
-            Responses [m].
-        rows : ndarray, shape (p, n)
-            Changes of `other` by one standard deviation of each of its values [m].
         """
+        # one, other [m] (n,); rows [m] (p, n)
         if not (np.all(np.isfinite(one)) and np.all(np.isfinite(other))):
             return np.inf
         whitened = self.expected.whitened

@@ -47,30 +47,16 @@ class Actuator(Protocol):
 
 @dataclass(frozen=True)
 class InvestigationProgress:
-    """Progress of an investigation.
+    """Progress of an investigation."""
 
-    Attributes
-    ----------
-    stage : str
-        ``prepare``, ``run``, ``judge`` or ``apply``.
-    number : int
-        Number of the experiment, from 1.
-    experiment, why, answer : str
-        Name of the experiment, reason of its selection, and result of the last one.
-    chances : dict of str to float
-        Present probability by effect.
-    spent, fraction : float
-        Actuator time so far [s], and as a share of the budget.
-    """
-
-    stage: str
-    number: int = 0
-    experiment: str = ''
-    why: str = ''
-    answer: str = ''
-    chances: dict[str, float] = field(default_factory=dict)
-    spent: float = 0.0
-    fraction: float = 0.0
+    stage: str  # ``prepare``, ``run``, ``judge`` or ``apply``
+    number: int = 0  # number of the experiment, from 1
+    experiment: str = ''  # name of the experiment
+    why: str = ''  # reason of its selection
+    answer: str = ''  # result of the last one
+    chances: dict[str, float] = field(default_factory=dict)  # present probability by effect
+    spent: float = 0.0  # actuator time so far [s]
+    fraction: float = 0.0  # as a share of the budget
 
 
 OnProgress = Callable[[InvestigationProgress], None]
@@ -127,28 +113,7 @@ def conduct(
     workers: int = 1,
     apply: bool = True,
 ) -> Result:
-    """Run an investigation, or continue the one of a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the investigation, with journal, bags and finally the verdict.
-    setup : Setup
-        Conditions of the investigation.
-    actuator : Actuator
-        Actuator that runs the experiments.
-    on_progress : callable
-        Called with the progress.
-    workers : int
-        Number of threads of a discovery.
-    apply : bool
-        Whether the actuator uses the new model.
-
-    Raises
-    ------
-    PiezoError
-        If an experiment cannot run or the records cannot be evaluated.
-    """
+    """Run an investigation, or continue the one of a folder."""
     journal = Journal.create_or_resume(folder, setup)
     on_progress(InvestigationProgress('prepare'))
     course = _Course(journal, journal.setup.investigation(workers), actuator, on_progress)
@@ -295,33 +260,17 @@ def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
 
 @dataclass(frozen=True)
 class Repeated:
-    """An investigation evaluated again from its bags.
+    """An investigation evaluated again from its bags."""
 
-    Attributes
-    ----------
-    lines : tuple of dict
-        Result of each experiment, as in the journal.
-    stop : Stop or None
-        Reason of the end; None if the investigation was interrupted.
-    differences : tuple of str
-        Deviations from the journal.
-    """
-
-    lines: tuple[dict[str, Any], ...]
-    stop: Stop | None
-    differences: tuple[str, ...]
+    lines: tuple[dict[str, Any], ...]  # result of each experiment, as in the journal
+    stop: Stop | None  # reason of the end; None if the investigation was interrupted
+    differences: tuple[str, ...]  # deviations from the journal
 
 
 def repeated(
     folder: Path, workers: int = 1, on_progress: OnProgress = lambda progress: None
 ) -> Repeated:
-    """Evaluate an investigation again from its bags; no experiment runs and no file is written.
-
-    Raises
-    ------
-    PiezoError
-        If the folder contains no investigation or a bag is damaged.
-    """
+    """Evaluate an investigation again from its bags; no experiment runs and no file is written."""
     journal = Journal.read(folder)
     on_progress(InvestigationProgress('prepare'))
     now = journal.setup.investigation(workers)

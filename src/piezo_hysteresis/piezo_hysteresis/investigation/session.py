@@ -29,37 +29,16 @@ _SHORTEST = 5.0
 
 @dataclass(frozen=True)
 class Rules:
-    """Stopping rules of an investigation.
+    """Stopping rules of an investigation."""
 
-    Attributes
-    ----------
-    budget : float
-        Actuator time budget [s].
-    sure : float
-        Probability from which a name is certain [1].
-    confirmed : int
-        Number of further experiments that must confirm a certain name [1].
-    quiet : float
-        Probability of a new effect below which an experiment is not worth running [1].
-    least : float
-        Decrease of the entropy of the candidate names below which an experiment is not worth
-        running [nats].
-    nameless : int
-        Consecutive experiments after which the search for an unknown effect ends [1].
-    time_limit : float
-        Time of all evaluations together, after which no new step and no experiment starts [s].
-    seed : int
-        Seed of all random choices.
-    """
-
-    budget: float = 200.0
-    sure: float = 0.9
-    confirmed: int = 1
-    quiet: float = 0.03
-    least: float = 0.02
-    nameless: int = 6
-    time_limit: float = 120.0
-    seed: int = 0
+    budget: float = 200.0  # actuator time budget [s]
+    sure: float = 0.9  # probability from which a name is certain [1]
+    confirmed: int = 1  # number of further experiments that must confirm a certain name [1]
+    quiet: float = 0.03  # [1]
+    least: float = 0.02  # [nats]
+    nameless: int = 6  # [1]
+    time_limit: float = 120.0  # time of all evaluations together [s]
+    seed: int = 0  # seed of all random choices
 
     def __post_init__(self) -> None:
         if not (isfinite(self.budget) and self.budget > 0.0):
@@ -70,38 +49,20 @@ class Rules:
 
 @dataclass(frozen=True)
 class Stop:
-    """Reason of the end of an investigation.
+    """Reason of the end of an investigation."""
 
-    Attributes
-    ----------
-    reason : str
-        ``sure``, ``nothing``, ``budget``, ``exhausted`` or ``time``.
-    words : str
-        Reason in one sentence.
-    """
-
-    reason: str
-    words: str
+    reason: str  # ``sure``, ``nothing``, ``budget``, ``exhausted`` or ``time``
+    words: str  # reason in one sentence
 
 
 @dataclass(frozen=True)
 class ExperimentAnswer:
-    """Result of one experiment.
-
-    Attributes
-    ----------
-    experiment : PlannedExperiment
-        The experiment.
-    before, after : Belief
-        Belief before and after it.
-    spent : float
-        Actuator time so far, including this experiment [s].
-    """
+    """Result of one experiment."""
 
     experiment: PlannedExperiment
-    before: Belief
-    after: Belief
-    spent: float
+    before: Belief  # belief before
+    after: Belief  # after it
+    spent: float  # actuator time so far, including this experiment [s]
 
     @property
     def words(self) -> str:
@@ -124,48 +85,14 @@ def _chance(belief: Belief) -> str:
 
 @dataclass
 class Investigation:
-    """Search of the effects that a model lacks, with experiments on the actuator.
+    """Search of the effects that a model lacks, with experiments on the actuator."""
 
-    Parameters
-    ----------
-    model : ModelFile
-        The model in use, with its known discrepancy.
-    limits : ExperimentLimits
-        Limits of every experiment.
-    rate : float
-        Ticks per second [Hz].
-    rules : Rules
-        Stopping rules.
-    workers : int
-        Number of threads of a discovery.
-
-    Raises
-    ------
-    InvestigationError
-        If the model has no discrepancy or the limits allow no experiment.
-
-    Attributes
-    ----------
-    belief : Belief
-        Present belief.
-    records : list of Record
-        Measured records.
-    answers : list of ExperimentAnswer
-        Result of each experiment.
-    found : Discovery or None
-        Latest discovery.
-    history : History
-        Voltage history of the actuator.
-    evaluated : float
-        Time of the evaluations so far [s].
-    """
-
-    model: ModelFile
-    limits: ExperimentLimits
-    rate: float
-    rules: Rules = field(default_factory=Rules)
-    workers: int = 1
-    evaluated: float = field(default=0.0, init=False)
+    model: ModelFile  # the model in use, with its known discrepancy
+    limits: ExperimentLimits  # limits of every experiment
+    rate: float  # ticks per second [Hz]
+    rules: Rules = field(default_factory=Rules)  # stopping rules
+    workers: int = 1  # number of threads of a discovery
+    evaluated: float = field(default=0.0, init=False)  # time of the evaluations so far [s]
 
     def __post_init__(self) -> None:
         if self.model.schedule is not None:
@@ -207,13 +134,7 @@ class Investigation:
         return self.answers[-1].spent if self.answers else 0.0
 
     def experiment(self, name: str) -> PlannedExperiment:
-        """Return the experiment with the given name.
-
-        Raises
-        ------
-        InvestigationError
-            If the limits allow no experiment with this name.
-        """
+        """Return the experiment with the given name."""
         for each in self.outlooks:
             if each.experiment.name == name:
                 return each.experiment
@@ -296,13 +217,7 @@ class Investigation:
         measured: Record,
         progress: Callable[[float, str], None] = lambda fraction, words: None,
     ) -> ExperimentAnswer:
-        """Add the record of an experiment and update the belief.
-
-        Raises
-        ------
-        PiezoError
-            If the records cannot be evaluated.
-        """
+        """Add the record of an experiment and update the belief."""
         self.keep(experiment, measured)
         return self.judge(progress)
 
@@ -348,20 +263,7 @@ def investigate(
     on_answer: Callable[[ExperimentChoice, ExperimentAnswer], None] = lambda choice, answer: None,
     chooser: Chooser = Investigation.next,
 ) -> Stop:
-    """Run an investigation to its end.
-
-    Parameters
-    ----------
-    investigation : Investigation
-        Investigation, new or in progress.
-    run : callable
-        Runs an experiment and returns its record.
-    on_answer : callable
-        Called with each choice and its result.
-    chooser : callable
-        Selects the next experiment; by default the one with the highest expected information per
-        second.
-    """
+    """Run an investigation to its end."""
     while True:
         choice = chooser(investigation)
         if isinstance(choice, Stop):

@@ -31,22 +31,11 @@ NOTHING = 0.5
 
 @dataclass(frozen=True)
 class Hidden:
-    """Effects that a model may lack, and their smallest detectable size in each experiment.
+    """Effects that a model may lack, and their smallest detectable size in each experiment."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Effect of each tested variant and starting value.
-    weights : ndarray, shape (n,)
-        Prior probability of each; the sum with `NOTHING` is 1.
-    smallest : dict of str to ndarray, shape (n,)
-        Smallest detectable size by experiment, relative to the usual size; infinite if no size is
-        detectable.
-    """
-
-    names: tuple[str, ...]
-    weights: FloatArray
-    smallest: dict[str, FloatArray]
+    names: tuple[str, ...]  # effect of each tested variant and starting value
+    weights: FloatArray  # prior probability of each; the sum with `NOTHING` is 1, shape (n,)
+    smallest: dict[str, FloatArray]  # smallest detectable size by experiment, shape (n,)
 
     def seen(self, done: Sequence[str]) -> FloatArray:
         """Return the smallest detectable size of each effect so far, shape (n,)."""
@@ -54,17 +43,7 @@ class Hidden:
         return np.min(rows, axis=0) if rows else np.full(len(self.names), np.inf)
 
     def first_detection(self, done: Sequence[str], name: str, known: Sequence[str] = ()) -> float:
-        """Return the probability that an experiment shows an effect for the first time.
-
-        Parameters
-        ----------
-        done : sequence of str
-            Names of the experiments so far.
-        name : str
-            Name of the evaluated experiment.
-        known : sequence of str
-            Effects that are already named.
-        """
+        """Return the probability that an experiment shows an effect for the first time."""
         weights = self.weights * [each not in known for each in self.names]
         return detection_probability(weights, self.seen(done), self.smallest[name], NOTHING)
 
@@ -79,17 +58,8 @@ class Hidden:
 
 
 def hidden_effects(base: ModelSpec, outlooks: Sequence[Outlook], amplitude: float) -> Hidden:
-    """Compute the smallest detectable size of every effect in every experiment.
-
-    Parameters
-    ----------
-    base : ModelSpec
-        The model in use.
-    outlooks : sequence of Outlook
-        Experiments with their predictions.
-    amplitude : float
-        Largest command [V].
-    """
+    """Compute the smallest detectable size of every effect in every experiment."""
+    # amplitude [V]
     span = 0.5 * max(each.stroke for each in outlooks if np.isfinite(each.stroke))
     names, models = [], []
     for name, spec in _lacking(base, amplitude, span):

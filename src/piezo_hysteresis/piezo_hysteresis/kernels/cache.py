@@ -31,13 +31,7 @@ _FORM = '2'
 
 
 class KernelCache(_BASE):
-    """Takes the place of numba's cache in the dispatcher of one kernel.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-    """
+    """Takes the place of numba's cache in the dispatcher of one kernel."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function

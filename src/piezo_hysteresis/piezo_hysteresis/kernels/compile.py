@@ -147,23 +147,7 @@ def generated(
     *,
     inner: bool,
 ) -> Callable[..., Any]:
-    """Compile a function from generated `text`, with the same cache.
-
-    Parameters
-    ----------
-    name : str
-        Name of the function in `text`.
-    text : str
-        Its source.
-    space : dict of str to object
-        Its global names.
-    source : callable
-        The function from which it was generated.
-    digest : str
-        Digest of `text` and of the functions that it calls.
-    inner : bool
-        Whether only other kernels call it; it is then not cached.
-    """
+    """Compile a function from generated `text`, with the same cache."""
     exec(compile(text, f'<{name}>', 'exec'), space)
     function: Any = space[name]
     function.__module__, function.text = source.__module__, text

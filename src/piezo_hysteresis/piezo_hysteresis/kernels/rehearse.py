@@ -25,24 +25,12 @@ PACKAGES = ('piezo_sim', 'piezo_hysteresis')
 
 @dataclass(frozen=True)
 class Done:
-    """Result of a rehearsal.
+    """Result of a rehearsal."""
 
-    Attributes
-    ----------
-    name : str
-        Package and function.
-    compiled : int
-        Number of compiled kernels.
-    seconds : float
-        Wall time [s].
-    failed : str
-        Reason of a failure; empty if it succeeded.
-    """
-
-    name: str
-    compiled: int
-    seconds: float
-    failed: str = ''
+    name: str  # package and function
+    compiled: int  # number of compiled kernels
+    seconds: float  # wall time [s]
+    failed: str = ''  # reason of a failure; empty if it succeeded
 
 
 def rehearsals(names: Sequence[str] = ()) -> list[tuple[str, str]]:

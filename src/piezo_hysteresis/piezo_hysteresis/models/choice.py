@@ -42,19 +42,7 @@ ModelLike: TypeAlias = str | Path | Model | ModelFile | Modelled
 
 
 def chosen(given: ModelLike) -> Model | ModelFile:
-    """Return the model, or the model with its values, for an argument.
-
-    Parameters
-    ----------
-    given : str, Path, Model, ModelFile or Modelled
-        ``NAME[+BLOCK...]`` of a named model, the path of a ``model.yaml``, a model, or a result
-        that contains one.
-
-    Raises
-    ------
-    ModelError
-        If there is no such model, block or file, or something else is given.
-    """
+    """Return the model, or the model with its values, for an argument."""
     if isinstance(given, Modelled):
         return given.model
     if isinstance(given, (Model, ModelFile)):
@@ -70,13 +58,7 @@ def chosen(given: ModelLike) -> Model | ModelFile:
 
 
 def with_values(given: ModelLike) -> ModelFile:
-    """Return the model with its values for an argument.
-
-    Raises
-    ------
-    ModelError
-        As `chosen` does, or if the values of the model are unknown.
-    """
+    """Return the model with its values for an argument."""
     found = chosen(given)
     if isinstance(found, Model):
         raise ModelError(
@@ -87,13 +69,7 @@ def with_values(given: ModelLike) -> ModelFile:
 
 
 def chain_of(given: ModelLike) -> tuple[Model, dict[str, float]]:
-    """Return the chain for an argument, and the starting values of a fit; none for a name.
-
-    Raises
-    ------
-    ModelError
-        As `chosen` does.
-    """
+    """Return the chain for an argument, and the starting values of a fit; none for a name."""
     found = chosen(given)
     if isinstance(found, Model):
         return found, {}

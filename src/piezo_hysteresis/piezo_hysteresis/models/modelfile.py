@@ -438,13 +438,7 @@ _KEYS = {
 
 
 def is_modal(path: str | Path) -> bool:
-    """Return whether a file is that of a model of several axes.
-
-    Raises
-    ------
-    ModelError
-        If the file cannot be read.
-    """
+    """Return whether a file is that of a model of several axes."""
     found = read_yaml(path)
     return isinstance(found, dict) and found.get('schema') == MODAL_SCHEMA
 

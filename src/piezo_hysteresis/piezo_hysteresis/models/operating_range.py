@@ -32,27 +32,12 @@ class Driven(Protocol):
 
 @dataclass(frozen=True)
 class OperatingRange:
-    """The voltages at which a model was identified.
+    """The voltages at which a model was identified."""
 
-    Attributes
-    ----------
-    low, high : float
-        Lowest and highest voltage of the records [V].
-    slew : float
-        Fastest change of the voltage from sample to sample [V/s].
-    rest : float
-        Voltage at rest [V]: 0 V where the records reach it, else the middle of the range.
-
-    Raises
-    ------
-    ModelError
-        If a value is not finite, the range is empty, or rest lies outside it.
-    """
-
-    low: float
-    high: float
-    slew: float
-    rest: float
+    low: float  # lowest [V]
+    high: float  # highest voltage of the records [V]
+    slew: float  # fastest change of the voltage from sample to sample [V/s]
+    rest: float  # voltage at rest [V]
 
     def __post_init__(self) -> None:
         known = all(isfinite(value) for value in asdict(self).values())
@@ -92,13 +77,7 @@ class OperatingRange:
 
     @classmethod
     def parse(cls, content: object) -> OperatingRange:
-        """Read the mapping of a model file.
-
-        Raises
-        ------
-        ModelError
-            If an entry is missing, unknown or impossible.
-        """
+        """Read the mapping of a model file."""
         rows: Mapping[str, object] = mapping(content, 'provenance voltage')
         names = [each.name for each in fields(cls)]
         refuse_unknown(rows, set(names), 'provenance voltage')

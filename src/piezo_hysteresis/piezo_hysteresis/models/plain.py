@@ -52,13 +52,7 @@ def yaml_text(content: Mapping[str, Any]) -> str:
 
 
 def read_yaml(path: str | Path) -> object:
-    """Return the content of a YAML file, of plain types only.
-
-    Raises
-    ------
-    ModelError
-        If the file cannot be read.
-    """
+    """Return the content of a YAML file, of plain types only."""
     if not isinstance(path, (str, Path)):
         raise ModelError(f'a model file is given by its path, not by a {type(path).__name__}')
     try:
@@ -72,13 +66,7 @@ def read_yaml(path: str | Path) -> object:
 
 
 def write_yaml(content: Mapping[str, Any], path: str | Path) -> None:
-    """Write `content` as YAML under a temporary name first, then rename.
-
-    Raises
-    ------
-    ModelError
-        If the file cannot be written.
-    """
+    """Write `content` as YAML under a temporary name first, then rename."""
     target = Path(path)
     text = yaml_text(content)
     try:

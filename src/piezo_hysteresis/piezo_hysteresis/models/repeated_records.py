@@ -47,21 +47,11 @@ LEVEL = 0.05
 
 @dataclass(frozen=True)
 class Support:
-    """What untouched records say on new ones.
+    """What untouched records say on new ones."""
 
-    Attributes
-    ----------
-    count : int
-        Untouched records of each kind.
-    chance : float
-        Chance of such a deviation where nothing was changed [1].
-    complete : bool
-        Whether each new record is of a kind with untouched records.
-    """
-
-    count: int
-    chance: float
-    complete: bool = True
+    count: int  # untouched records of each kind
+    chance: float  # chance of such a deviation where nothing was changed [1]
+    complete: bool = True  # whether each new record is of a kind with untouched records
 
     @property
     def attainable(self) -> float:
@@ -212,16 +202,6 @@ def support_of(new: Sequence[Condition], known: Iterable[Condition]) -> Support 
     """Return what untouched records say on new records.
 
     Several kinds count together, one record of each kind at a time.
-
-    Parameters
-    ----------
-    new, known : sequence of Condition
-        Error of the model on new and on untouched records, one row each.
-
-    Returns
-    -------
-    Support or None
-        None if no new record is of a kind with at least two untouched records.
     """
     kinds = [group for group in kinds_of(known) if len(group) > 1]
     own, usual = 0.0, np.zeros(0)

@@ -54,14 +54,8 @@ class Repeating:
     square: FloatArray
 
 
-def usual_powers(phasors: ComplexArray) -> FloatArray:
-    """Return the mean square of each harmonic that is usual under other conditions, shape (n,).
-
-    Parameters
-    ----------
-    phasors : ndarray of complex, shape (n, conditions)
-        Known phasors, the fundamental first.
-    """
+def usual_powers(phasors: ComplexArray) -> FloatArray:  # phasors (n, conditions)
+    """Return the mean square of each harmonic that is usual under other conditions, shape (n,)."""
     shape = np.arange(1.0, len(phasors) + 1.0) ** -_DECAY
     above = float(np.sum(np.mean(np.abs(phasors[1:]) ** 2, axis=1)))
     return np.asarray(shape * above / max(float(shape[1:].sum()), _NOTHING))
@@ -70,23 +64,8 @@ def usual_powers(phasors: ComplexArray) -> FloatArray:
 def repeating(
     places: FloatArray, phasors: ComplexArray, wanted: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
-    """Return the prediction of phasors under other conditions.
-
-    Parameters
-    ----------
-    places : ndarray, shape (n, 2)
-        Known frequencies and amplitudes; 0 is none.
-    phasors : ndarray of complex, shape (orders, n)
-        Known phasors.
-    wanted : ndarray, shape (m, 2)
-        Frequencies and amplitudes of the prediction.
-
-    Returns
-    -------
-    mean : ndarray of complex, shape (orders, m)
-    square : ndarray, shape (orders, m)
-        Mean square uncertainty.
-    """
+    """Return the prediction of phasors under other conditions."""
+    # places (n, 2); phasors (orders, n); wanted (m, 2) -> mean (orders, m), square (orders, m)
     count = len(places)
     counted = np.full(len(phasors), count + 1.0)
     counted[0] -= 1.0  # absorbed by the fit

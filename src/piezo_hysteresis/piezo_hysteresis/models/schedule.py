@@ -19,27 +19,13 @@ _OWN = ('frequency', 'amplitude', 'travel', 'order')
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """The model of one drive.
+    """The model of one drive."""
 
-    Attributes
-    ----------
-    frequency : float
-        Fundamental frequency of the drive [Hz].
-    amplitude : float
-        Amplitude of its voltage [V].
-    travel : float
-        Half the range of its displacement [m].
-    order : int
-        Odd harmonic of the displacement that is above the hysteresis, 0 for none.
-    model : ModelFile
-        Chain, values and deviations, without a schedule of its own.
-    """
-
-    frequency: float
-    amplitude: float
-    travel: float
-    order: int
-    model: ModelFile
+    frequency: float  # fundamental frequency of the drive [Hz]
+    amplitude: float  # amplitude of its voltage [V]
+    travel: float  # half the range of its displacement [m]
+    order: int  # odd harmonic of the displacement that is above the hysteresis, 0 for none
+    model: ModelFile  # chain, values and deviations, without a schedule of its own
 
     def __post_init__(self) -> None:
         if not (self.frequency > 0.0 and self.amplitude > 0.0 and self.travel >= 0.0):
@@ -60,14 +46,9 @@ class Schedule:
 
     Parameters between two frequencies are not interpolated: those of a hysteresis are strongly
     correlated, and the mean of two sets describes a third actuator.
-
-    Attributes
-    ----------
-    points : tuple of OperatingPoint
-        At least one; sorted by frequency and amplitude.
     """
 
-    points: tuple[OperatingPoint, ...]
+    points: tuple[OperatingPoint, ...]  # at least one; sorted by frequency and amplitude
 
     def __post_init__(self) -> None:
         if not self.points:
@@ -80,15 +61,8 @@ class Schedule:
             raise ModelError(f'the schedule has two entries for {sorted(twice)[0]}; keep one')
 
     def at(self, frequency: float, amplitude: float | None = None) -> OperatingPoint:
-        """Return the entry of the nearest frequency [Hz] and of it the nearest amplitude [V].
-
-        Parameters
-        ----------
-        frequency : float
-            Of the drive [Hz].
-        amplitude : float, optional
-            Of its voltage [V]; the largest by default.
-        """
+        """Return the entry of the nearest frequency [Hz] and of it the nearest amplitude [V]."""
+        # frequency [Hz]; amplitude [V]
         row = self.row(frequency)
         if amplitude is None:
             return row[-1]
@@ -116,13 +90,7 @@ class Schedule:
 
     @classmethod
     def parse(cls, content: object, read: Callable[[Mapping[str, Any]], ModelFile]) -> Schedule:
-        """Return the schedule of plain types; `read` reads the model of an entry.
-
-        Raises
-        ------
-        ModelError
-            If an entry is unknown, missing or out of range.
-        """
+        """Return the schedule of plain types; `read` reads the model of an entry."""
         points = []
         for name, each in mapping(content, 'entries of the schedule').items():
             row = dict(mapping(each, f'entry {name}'))

@@ -23,24 +23,12 @@ _SAME_RATE = 1e-6
 
 @dataclass(frozen=True)
 class Trace:
-    """Residual on one record after its warm-up.
+    """Residual on one record after its warm-up."""
 
-    Attributes
-    ----------
-    voltage : ndarray, shape (n,)
-        Input [V or N].
-    error : ndarray, shape (n,)
-        Measured minus simulated [m].
-    dt : float
-        Sampling interval [s].
-    begins : str
-        Assumed initial condition of the record, '' if unknown.
-    """
-
-    voltage: FloatArray
-    error: FloatArray
-    dt: float
-    begins: str = ''
+    voltage: FloatArray  # input [V or N], shape (n,)
+    error: FloatArray  # measured minus simulated [m], shape (n,)
+    dt: float  # sampling interval [s]
+    begins: str = ''  # assumed initial condition of the record, '' if unknown
 
     def began_similarly(self, voltage: FloatArray, dt: float, begins: str) -> bool:
         """Return whether the record began alike, with a similar voltage as in `stretches`.
@@ -53,15 +41,8 @@ class Trace:
         return same and self.begins == begins and self._has_rate_of(dt)
 
     def stretches(self, voltage: FloatArray, dt: float) -> list[tuple[float, FloatArray]]:
-        """Return sections with the same voltage: rms difference [V] and residual of each.
-
-        Parameters
-        ----------
-        voltage : ndarray, shape (m,)
-            Voltage to find [V or N].
-        dt : float
-            Its sampling interval [s].
-        """
+        """Return sections with the same voltage: rms difference [V] and residual of each."""
+        # voltage [V or N] (m,); dt [s]
         scale = float(np.std(voltage))
         if not self._has_rate_of(dt) or voltage.size > self.voltage.size or scale == 0.0:
             return []
@@ -78,22 +59,7 @@ class Trace:
 def stretches_of(
     traces: Iterable[Trace], voltage: FloatArray, dt: float, stride: int = 1
 ) -> FloatArray | None:
-    """Return the residuals under the same voltage, shape (k, m), the most similar first [m].
-
-    Parameters
-    ----------
-    traces : iterable of Trace
-        Available residuals.
-    voltage, dt
-        As in `Trace.stretches`.
-    stride : int
-        Step between the returned samples.
-
-    Returns
-    -------
-    ndarray or None
-        None if the voltage was never applied.
-    """
+    """Return the residuals under the same voltage, shape (k, m), the most similar first [m]."""
     found = [each for trace in traces for each in trace.stretches(voltage, dt)]
     found.sort(key=lambda pair: pair[0])
     return np.array([error[::stride] for _, error in found[:MOST]]) if found else None

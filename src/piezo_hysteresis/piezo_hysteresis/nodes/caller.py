@@ -26,16 +26,9 @@ _OF_RCL = ('rcl_interfaces/', 'type_description_interfaces/')
 
 
 class Caller(Client):
-    """Client node, alive within a `with` block.
+    """Client node, alive within a `with` block."""
 
-    Parameters
-    ----------
-    timeout : float
-        Timeout of the discovery of a name, of the response of a service and of the acceptance of a
-        goal [s]. An action may take any time.
-    """
-
-    def __init__(self, timeout: float) -> None:
+    def __init__(self, timeout: float) -> None:  # timeout [s]
         super().__init__('_call')
         self._timeout = timeout
 
@@ -46,23 +39,7 @@ class Caller(Client):
         return {name: kind for name, kind in known if not kind.startswith(_OF_RCL)}
 
     def call(self, name: str, text: str, report: Report) -> tuple[list[str], bool]:
-        """Call a service or an action, and return its response as YAML and whether it succeeded.
-
-        Parameters
-        ----------
-        name : str
-            With its namespace.
-        text : str
-            Fields of the request as a YAML mapping; the others keep their defaults.
-        report : callable
-            Takes each feedback of an action as a line.
-
-        Raises
-        ------
-        PiezoError
-            If there is no such name, a field does not exist or has another type, or the node does
-            not respond.
-        """
+        """Call a service or an action; return its response as YAML and whether it succeeded."""
         if not self.wait(lambda: name in self._known(), self._timeout):
             known = self._known()
             raise PiezoError(
@@ -128,13 +105,7 @@ class Caller(Client):
 
 
 def filled(message: Any, values: Mapping[str, Any], where: str) -> Any:
-    """Set the fields of a message, and of those inside, and return it.
-
-    Raises
-    ------
-    PiezoError
-        If a field does not exist or a value is none of its type.
-    """
+    """Set the fields of a message, and of those inside, and return it."""
     fields = message.get_fields_and_field_types()
     for name, value in values.items():
         if name not in fields:

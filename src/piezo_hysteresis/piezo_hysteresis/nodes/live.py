@@ -30,40 +30,22 @@ STILL = 60.0
 
 @dataclass(frozen=True)
 class LiveSweep:
-    """A sweep to record.
+    """A sweep to record."""
 
-    Attributes
-    ----------
-    frequencies, amplitudes : sequence of float
-        Every frequency [Hz] at every amplitude [V].
-    seconds, warm_up : float
-        Length of each record and the part that errors leave out [s].
-    """
-
-    frequencies: Sequence[float]
-    amplitudes: Sequence[float]
-    seconds: float
-    warm_up: float
+    frequencies: Sequence[float]  # [Hz]
+    amplitudes: Sequence[float]  # [V]
+    seconds: float  # length of each record [s]
+    warm_up: float  # the part that errors leave out [s]
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """A reference to track.
+    """A reference to track."""
 
-    Attributes
-    ----------
-    frequency : float
-        Of the sinusoid [Hz].
-    amplitude, offset : float
-        Of the reference [m].
-    seconds : float
-        Length [s].
-    """
-
-    frequency: float
-    amplitude: float
-    offset: float
-    seconds: float
+    frequency: float  # of the sinusoid [Hz]
+    amplitude: float  # [m]
+    offset: float  # [m]
+    seconds: float  # length [s]
 
 
 class Observer(Client):
@@ -77,24 +59,7 @@ class Observer(Client):
     def until(
         self, condition: Callable[[], bool], what: str, moved: Callable[[], object] = lambda: None
     ) -> None:
-        """Spin until `condition` holds, as long as there is progress.
-
-        Parameters
-        ----------
-        condition : callable
-            The awaited condition.
-        what : str
-            Its description for messages.
-        moved : callable, optional
-            Returns a value that changes with progress. Nodes that start or compile also count as
-            progress.
-
-        Raises
-        ------
-        PiezoError
-            If a process dies or there is no progress until the timeout; the message states the
-            awaited condition.
-        """
+        """Spin until `condition` holds, as long as there is progress."""
         still, before = time.monotonic(), object()
 
         def check() -> None:
@@ -125,25 +90,13 @@ class Observer(Client):
         return ready, self._neighbours.newest, tuple(busy)
 
     def until_ready(self, *names: str) -> None:
-        """Wait until each of the nodes is ready.
-
-        Raises
-        ------
-        PiezoError
-            If one does not become ready.
-        """
+        """Wait until each of the nodes is ready."""
         for name in names:
             ready = functools.partial(self._neighbours.is_ready, name)
             self.until(ready, f'the start of the {name}')
 
     def sweep(self, order: LiveSweep, bag: Path, progress: Progress) -> None:
-        """Request a recorded sweep from the excitation.
-
-        Raises
-        ------
-        PiezoError
-            If it is refused or fails.
-        """
+        """Request a recorded sweep from the excitation."""
         client = ActionClient(self.node, RunSweep, 'run_sweep')
         self.until(client.server_is_ready, 'the action of the excitation')
         goal = RunSweep.Goal(
@@ -211,26 +164,7 @@ def record_sweep(
     simulator: Mapping[str, object] | None = None,
     progress: Progress = lambda fraction, words: None,
 ) -> list[Record]:
-    """Record a sweep of a simulated actuator over live processes and read it back.
-
-    Parameters
-    ----------
-    preset : str
-        Actuator to simulate.
-    order : LiveSweep
-        The sweep.
-    bag : Path
-        Bag to create; an existing one is replaced.
-    simulator : mapping, optional
-        Further parameters of the simulator.
-    progress : callable
-        Called with ``(fraction, words)``.
-
-    Raises
-    ------
-    PiezoError
-        If a process dies or the sweep fails.
-    """
+    """Record a sweep of a simulated actuator over live processes and read it back."""
     _make_room(bag)
     with NodeProcesses() as processes, Observer(processes) as observer:
         settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 1, **(simulator or {})}
@@ -251,24 +185,7 @@ def track(
     attenuation: Mapping[str, object],
     simulator: Mapping[str, object] | None = None,
 ) -> Record:
-    """Track a reference over the live chain of processes and read the record back.
-
-    Parameters
-    ----------
-    preset : str
-        Actuator to simulate.
-    tracking : Tracking
-        The reference.
-    bag : Path
-        Bag to create; an existing one is replaced.
-    feedforward, attenuation, simulator : mapping
-        Parameters of the nodes.
-
-    Raises
-    ------
-    PiezoError
-        If a process dies or does not respond, or a sample of the reference was not recorded.
-    """
+    """Track a reference over the live chain of processes and read the record back."""
     with NodeProcesses() as processes, Observer(processes) as observer:
         settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 3, **(simulator or {})}
         processes.start('piezo_sim', 'simulator', settings)

@@ -39,13 +39,7 @@ def estimate_into(estimate: Estimate, model: Model | None, message: ModelEstimat
 
 
 def model_from(message: ModelEstimate) -> ModelFile:
-    """Return the model of `message`.
-
-    Raises
-    ------
-    ModelError
-        If it has none, or its values define none.
-    """
+    """Return the model of `message`."""
     if not message.model:
         raise ModelError('the estimate belongs to no model; choose another method or variant')
     values = dict(zip(message.names, message.values, strict=False))

@@ -61,19 +61,7 @@ def model_table(model: Model, values: Mapping[str, float]) -> ParameterTable:
 
 
 class ModelParameters:
-    """Keeps ``model.*`` consistent with the model that a node uses.
-
-    Parameters
-    ----------
-    node : Node
-        The node that uses the model.
-    parameters : NodeParameters
-        Of the node.
-    use : callable
-        Activates a model; raises PiezoError if that fails, and then keeps the previous one.
-    refusal : callable, optional
-        Returns '' or the reason why a model cannot be used; has no side effects.
-    """
+    """Keeps ``model.*`` consistent with the model that a node uses."""
 
     def __init__(
         self,
@@ -92,13 +80,7 @@ class ModelParameters:
         self._follow_chain()
 
     def load(self, loaded: ModelFile) -> None:
-        """Make `loaded` the model of the node.
-
-        Raises
-        ------
-        PiezoError
-            If the node cannot use it; the previous one remains, in the parameters too.
-        """
+        """Make `loaded` the model of the node."""
         self._write(loaded)
         self.follow(loaded)
 
@@ -106,11 +88,6 @@ class ModelParameters:
         """Use the model that the parameters describe, if they have changed.
 
         A model given as a file is used unchanged: the parameters contain only its values.
-
-        Raises
-        ------
-        PiezoError
-            If they define no usable model; they are then reset to the previous one.
         """
         if not self._changed:
             return
@@ -132,13 +109,7 @@ class ModelParameters:
         self._used = loaded
 
     def _with_schedule(self, loaded: ModelFile) -> ModelFile:
-        """Return the described model with the schedule in use, which has no parameters.
-
-        Raises
-        ------
-        ModelError
-            If the schedule would be lost because a value has changed; another chain replaces it.
-        """
+        """Return the described model with the schedule in use, which has no parameters."""
         used = self._used
         if (
             used is None

@@ -26,26 +26,14 @@ AGAIN = 1.0
 
 
 class ParameterClient(Client):
-    """Client node, alive within a `with` block.
+    """Client node, alive within a `with` block."""
 
-    Parameters
-    ----------
-    timeout : float
-        Timeout of each response, and of the discovery of a node [s].
-    """
-
-    def __init__(self, timeout: float) -> None:
+    def __init__(self, timeout: float) -> None:  # timeout [s]
         super().__init__('_param')
         self._timeout = timeout
 
     def listed(self, node: str = '') -> list[str]:
-        """Return the nodes, or parameters of one with their values.
-
-        Raises
-        ------
-        PiezoError
-            If it does not respond.
-        """
+        """Return the nodes, or parameters of one with their values."""
         if not node:
             return self._nodes() or ['no node is running in this domain']
         client, names = self._client(node), self._names(node)
@@ -56,13 +44,7 @@ class ParameterClient(Client):
         ]
 
     def value(self, node: str, name: str) -> list[str]:
-        """Return the value of a parameter.
-
-        Raises
-        ------
-        PiezoError
-            If the node does not respond or has no parameter of that name.
-        """
+        """Return the value of a parameter."""
         values = self._values(node, self._client(node), [name])
         if not values or parameter_value_to_python(values[0]) is None:
             raise PiezoError(
@@ -72,24 +54,12 @@ class ParameterClient(Client):
         return [_shown(parameter_value_to_python(values[0]))]
 
     def change(self, node: str, name: str, text: str) -> list[str]:
-        """Set a parameter to a value in YAML.
-
-        Raises
-        ------
-        PiezoError
-            If the node does not respond or refuses; the message is its reason.
-        """
+        """Set a parameter to a value in YAML."""
         self._set(node, {name: _meant(text)})
         return [f'{node} {name} is {text}']
 
     def load(self, node: str, file: str) -> list[str]:
-        """Set the parameters of a node from a file.
-
-        Raises
-        ------
-        PiezoError
-            If the file is invalid or has no entry for the node, or the node refuses.
-        """
+        """Set the parameters of a node from a file."""
         try:
             content = plain_yaml.load_file(file)
         except (OSError, yaml.YAMLError) as error:

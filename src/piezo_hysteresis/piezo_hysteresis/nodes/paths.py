@@ -11,13 +11,7 @@ from piezo_interfaces.srv import LoadModel
 
 
 def inside(folder: str, path: str) -> Path:
-    """Return `path` inside `folder`, both resolved.
-
-    Raises
-    ------
-    PiezoError
-        If it is outside the folder, by ``..``, a link or an absolute path, or no valid path.
-    """
+    """Return `path` inside `folder`, both resolved."""
     base = Path(folder or '.').expanduser().resolve()
     try:
         target = (base / path).resolve()
@@ -30,13 +24,7 @@ def inside(folder: str, path: str) -> Path:
 
 
 def new_inside(folder: str, path: str) -> Path:
-    """Return the new `path` inside `folder`.
-
-    Raises
-    ------
-    PiezoError
-        If it is outside the folder, or exists.
-    """
+    """Return the new `path` inside `folder`."""
     target = inside(folder, path)
     if target.exists():
         raise PiezoError(f'{target} exists already; give another name')
@@ -44,13 +32,7 @@ def new_inside(folder: str, path: str) -> Path:
 
 
 def requested_model(request: LoadModel.Request, folder: str) -> ModelFile:
-    """Return the model that `request` carries as text, or names by a path inside `folder`.
-
-    Raises
-    ------
-    PiezoError
-        If the path leads out of the folder, or there is no valid model.
-    """
+    """Return the model that `request` carries as text, or names by a path inside `folder`."""
     if request.yaml:
         return ModelFile.parse(request.yaml)
     return ModelFile.load(inside(folder, request.path))

@@ -20,42 +20,16 @@ _OSCILLATION = 0.05
 
 
 def phase_of(frequency: float, dt: float, count: int, first: int = 0) -> FloatArray:
-    """Return the phase of a tone [rad] at `count` samples from `first` on, 0 at sample 0.
-
-    Parameters
-    ----------
-    frequency : float
-        Frequency of the tone [Hz].
-    dt : float
-        Sampling interval [s].
-    """
+    """Return the phase of a tone [rad] at `count` samples from `first` on, 0 at sample 0."""
+    # frequency [Hz]; dt [s]
     return np.asarray(2.0 * np.pi * frequency * dt * (first + np.arange(count)), np.float64)
 
 
 def harmonics(
     signal: FloatArray, frequency: float, dt: float
 ) -> tuple[list[int], FloatArray, float]:
-    """Fit the harmonics of `frequency` to a signal.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        Signal over at least one period.
-    frequency : float
-        Frequency of the fundamental [Hz].
-    dt : float
-        Sampling interval [s].
-
-    Returns
-    -------
-    orders : list of int
-        From 0, the mean, to the highest below half the sampling rate, at most `HIGHEST_ORDER`.
-    phasors : ndarray of complex, shape (orders,)
-        In the unit of the signal: ``signal = sum Re(phasor exp(j order phi))``; zeros if the
-        signal is not finite.
-    left : float
-        Rms of the remainder.
-    """
+    """Fit the harmonics of `frequency` to a signal."""
+    # signal (n,); frequency [Hz]; dt [s] -> phasors (orders,)
     orders, phase = orders_below(frequency, dt), phase_of(frequency, dt, signal.size)
     mean, phasors, left = lines_and_rest(signal, phase, orders)
     return [0, *orders], np.concatenate([[mean], phasors]), float(np.sqrt(np.mean(left**2)))
@@ -76,23 +50,8 @@ def line_amplitudes(
 def lines_and_rest(
     signal: FloatArray, phase: FloatArray, orders: Sequence[int]
 ) -> tuple[float, ComplexArray, FloatArray]:
-    """Fit mean and complex amplitudes of `orders` to `signal` by least squares.
-
-    Parameters
-    ----------
-    signal, phase : ndarray, shape (n,)
-        Signal and accumulated phase of its fundamental [rad].
-    orders : sequence of int
-        Orders above 0.
-
-    Returns
-    -------
-    mean : float
-    phasors : ndarray of complex, shape (len(orders),)
-        E such that the signal is ``mean + sum Re(E exp(j n phi))``.
-    left : ndarray, shape (n,)
-        Remainder of the signal.
-    """
+    """Fit mean and complex amplitudes of `orders` to `signal` by least squares."""
+    # signal, phase [rad] (n,) -> phasors (len(orders), left (n,)
     count, size = 2 + 2 * len(orders), phase.size
     blocks = [slice(begin, min(begin + BLOCK, size)) for begin in range(0, size, BLOCK)]
     factor = np.zeros((count, count))
@@ -117,22 +76,8 @@ def _turns(phase: FloatArray, orders: Sequence[int]) -> FloatArray:
 
 
 def tone_amplitude(signal: FloatArray, frequency: float, dt: float, first: int = 0) -> complex:
-    """Fit a mean and one tone, as `lines_and_rest` does, in one pass.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        Signal over a large part of a period or more.
-    frequency, dt : float
-        Frequency of the tone [Hz]; sampling interval [s].
-    first : int
-        Index of the first sample: the phase of the tone is 0 at index 0.
-
-    Returns
-    -------
-    complex
-        E such that the signal is ``mean + Re(E exp(j phi))``; 0 where that cannot be determined.
-    """
+    """Fit a mean and one tone, as `lines_and_rest` does, in one pass."""
+    # signal (n,); frequency [Hz]; dt [s]
     step = 2.0 * pi * frequency * dt
     return complex(*_tone(np.ascontiguousarray(signal), step, step * first))
 
@@ -162,15 +107,8 @@ def _tone(signal: FloatArray, step: float, phase: float) -> tuple[float, float]:
 
 
 def without_tone(signal: FloatArray, frequency: float, dt: float) -> float:
-    """Return the sum of squares that a fitted mean and tone leave of a signal, in two passes.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        Signal over a large part of a period or more, best without its mean.
-    frequency, dt : float
-        Frequency of the tone [Hz]; sampling interval [s].
-    """
+    """Return the sum of squares that a fitted mean and tone leave of a signal, in two passes."""
+    # signal (n,); frequency [Hz]; dt [s]
     step, signal = 2.0 * pi * frequency * dt, np.ascontiguousarray(signal)
     return float(_less_tone(signal, step, *_tone(signal, step, 0.0)))
 
@@ -189,17 +127,8 @@ def _less_tone(signal: FloatArray, step: float, real: float, imag: float) -> flo
 
 
 def odd_oscillation(signal: FloatArray, frequency: float, dt: float) -> int:
-    """Return the odd harmonic of a signal that exceeds that of a hysteresis: 3, 5, or 0 for none.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        Displacement at intervals `dt` [s]; values that are not finite are left out.
-    frequency : float
-        Its fundamental [Hz].
-    dt : float
-        Sampling interval [s].
-    """
+    """Return the odd harmonic of a signal that exceeds that of a hysteresis: 3, 5; 0: none."""
+    # signal [s] (n,); frequency [Hz]; dt [s]
     seen = np.isfinite(signal)
     highest = int(0.5 / (frequency * dt))
     orders = [order for order in (1, 2, 3, 5, 7) if order < highest]

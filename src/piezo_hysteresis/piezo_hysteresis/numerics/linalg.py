@@ -23,40 +23,16 @@ _TALL = 16
 
 @dataclass(frozen=True)
 class Solved:
-    """The solution of a linear problem.
+    """The solution of a linear problem."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (p,)
-        The unknowns; zeros where there is no solution.
-    sound : bool
-        Whether they solve the problem.
-    """
-
-    values: FloatArray
-    sound: bool
+    values: FloatArray  # the unknowns; zeros where there is no solution, shape (p,)
+    sound: bool  # whether they solve the problem
 
 
 def solve_least_squares(
     matrix: FloatArray, target: FloatArray, rcond: float | None = None
-) -> Solved:
-    """Minimise ``|matrix x - target|``; of several such x take the smallest.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, p)
-        May have dependent columns.
-    target : ndarray, shape (n,)
-        Right-hand side.
-    rcond : float, optional
-        Singular values below this share of the largest are treated as zero; the default follows
-        from the rounding for n and p.
-
-    Returns
-    -------
-    Solved
-        Unsound if an entry or the solution is not finite.
-    """
+) -> Solved:  # matrix (n, p); target (n,)
+    """Minimise ``|matrix x - target|``; of several such x take the smallest."""
     count, unknowns = np.shape(matrix)
     if count > _TALL * unknowns:
         rcond = np.finfo(float).eps * count if rcond is None else rcond
@@ -92,59 +68,26 @@ def _scaled_least_squares(
     return np.asarray(found / sizes * size, dtype=np.float64)
 
 
-def solve_square(matrix: FloatArray, right: FloatArray) -> Solved:
-    """Solve ``matrix x = right``; a singular matrix gets the smallest least-squares solution.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (p, p)
-    right : ndarray, shape (p,)
-
-    Returns
-    -------
-    Solved
-        Unsound if an entry or the solution is not finite.
-    """
+def solve_square(matrix: FloatArray, right: FloatArray) -> Solved:  # matrix (p, p); right (p,)
+    """Solve ``matrix x = right``; a singular matrix gets the smallest least-squares solution."""
     found = _attempt(lambda: (np.linalg.solve(matrix, right),), (matrix, right))
     return Solved(found[0], True) if found is not None else solve_least_squares(matrix, right)
 
 
-def symmetric_eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Return eigenvalues, ascending, and vectors as columns; None after a failure.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (p, p)
-        Symmetric.
-    """
+def symmetric_eigen(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:  # matrix (p, p)
+    """Return eigenvalues, ascending, and vectors as columns; None after a failure."""
     found = _attempt(lambda: tuple(np.linalg.eigh(matrix)), (matrix,))
     return None if found is None else (found[0], found[1])
 
 
-def right_singular(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Return singular values, descending, and the right vectors as rows; None after a failure.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, p)
-        With n >= p.
-    """
+def right_singular(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:  # matrix (n, p)
+    """Return singular values, descending, and the right vectors as rows; None after a failure."""
     found = _attempt(lambda: np.linalg.svd(matrix, full_matrices=False)[1:], (matrix,))
     return None if found is None else (found[0], found[1])
 
 
-def column_norms(matrix: FloatArray) -> FloatArray:
-    """Return the Euclidean norm of every column, also if its square overflows.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, p)
-
-    Returns
-    -------
-    ndarray, shape (p,)
-        NaN for a column with an entry that is not finite.
-    """
+def column_norms(matrix: FloatArray) -> FloatArray:  # matrix (n, p) -> (p,)
+    """Return the Euclidean norm of every column, also if its square overflows."""
     with np.errstate(over='ignore', invalid='ignore'):
         norms = np.linalg.norm(matrix, axis=0)
         huge = ~np.isfinite(norms)
@@ -154,19 +97,8 @@ def column_norms(matrix: FloatArray) -> FloatArray:
     return np.asarray(norms)
 
 
-def straight_line(values: FloatArray) -> tuple[float, float]:
-    """Return level at the first sample and slope per sample of the least-squares line.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        With n >= 2.
-
-    Returns
-    -------
-    tuple of float
-        Not finite where a value is not.
-    """
+def straight_line(values: FloatArray) -> tuple[float, float]:  # values (n,)
+    """Return level at the first sample and slope per sample of the least-squares line."""
     place = np.arange(values.size) - 0.5 * (values.size - 1)
     slope = float(place @ values) / float(place @ place)
     return float(np.mean(values)) - 0.5 * (values.size - 1) * slope, slope

@@ -20,28 +20,11 @@ _PIECE = 512
 
 
 class ModulatedLines:
-    """Orthonormal lines ``law cos(order phase)`` and ``law sin(order phase)`` with their mean.
-
-    Parameters
-    ----------
-    laws : ndarray, shape (a, n)
-        Amplitudes of the lines, the first one constant; overwritten.
-    phase : ndarray, shape (n,)
-        Angle of the fundamental at each sample [rad].
-    highest : int
-        Highest order.
-    dependent : float
-        Remaining share of an orthogonalised line up to which it depends on the lines before it.
-
-    Attributes
-    ----------
-    orders : ndarray of int, shape (q,)
-        Order of each line, the mean excluded; 0 for a law alone.
-    """
+    """Orthonormal lines ``law cos(order phase)`` and ``law sin(order phase)`` with their mean."""
 
     def __init__(
         self, laws: FloatArray, phase: FloatArray, highest: int, dependent: float
-    ) -> None:
+    ) -> None:  # laws (a, n); phase [rad] (n,)
         orthonormalise(laws, dependent)
         self._laws, self._phase, self._highest = laws, phase, highest
         count = len(laws)
@@ -72,14 +55,8 @@ class ModulatedLines:
         found = np.where(first, np.where(second, c_less - c_more, s_more + s_less), found)
         return np.asarray(0.5 * found, dtype=np.float64)
 
-    def split(self, signal: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the coefficient of each orthonormal line, shape (q,), and the rest of a signal.
-
-        Parameters
-        ----------
-        signal : ndarray, shape (n,)
-            Signal without its mean.
-        """
+    def split(self, signal: FloatArray) -> tuple[FloatArray, FloatArray]:  # signal (n,)
+        """Return the coefficients of orthonormal lines, shape (q,), and the rest of a signal."""
         law, order, kind = self._places()
         even, odd = _signal_sums(self._laws, signal, self._phase, self._highest)
         right = np.where(kind, odd[law, order], even[law, order])

@@ -68,19 +68,8 @@ BLOCK = 64 * _PIECE
 
 
 @jit
-def triangle(rows: FloatArray) -> FloatArray:
-    """Return R of the QR factorisation of ``rows.T`` by Householder reflections, piece by piece.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (p, m)
-        The columns of the matrix, one per row; overwritten.
-
-    Returns
-    -------
-    ndarray, shape (p, p)
-        Upper triangle with ``R'R = rows @ rows.T``; rows of zeros where m < p.
-    """
+def triangle(rows: FloatArray) -> FloatArray:  # rows (p, m) -> (p, p)
+    """Return R of the QR factorisation of ``rows.T`` by Householder reflections, in pieces."""
     r = np.zeros((rows.shape[0], rows.shape[0]))
     extend(r, rows)
     return r

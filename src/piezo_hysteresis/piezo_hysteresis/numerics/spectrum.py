@@ -43,16 +43,8 @@ def autocorrelation(signal: FloatArray) -> FloatArray:
     return np.asarray(irfft(spectrum, size, overwrite_x=True)[: signal.size], dtype=np.float64)
 
 
-def windowed(signal: FloatArray, *, trend: bool = False) -> FloatArray:
-    """Return the magnitudes of the lines of a signal in a Hann window.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        In any unit.
-    trend : bool
-        Whether a straight line is subtracted first, and not only the mean.
-    """
+def windowed(signal: FloatArray, *, trend: bool = False) -> FloatArray:  # signal (n,)
+    """Return the magnitudes of the lines of a signal in a Hann window."""
     if trend:
         level, slope = straight_line(signal)
         flat = signal - (level + slope * np.arange(signal.size))
@@ -70,21 +62,10 @@ def resolved_lines(signal: FloatArray, *, trend: bool = False) -> FloatArray:
 
 def non_harmonic_lines(
     signal: FloatArray, dt: float, drive: float, *, trend: bool = False
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:  # signal (n,); dt [s]; drive [Hz]
     """Return frequencies [Hz] and magnitudes of the lines that are no harmonic of the drive.
 
     The others are 0, but those of high orders that stand alone.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        Of any unit.
-    dt : float
-        Sampling interval [s].
-    drive : float
-        Fundamental frequency [Hz]; 0 where there is none.
-    trend : bool
-        See `windowed`.
     """
     lines = resolved_lines(signal, trend=trend)
     frequency = np.asarray(np.fft.rfftfreq(signal.size, dt))

@@ -22,35 +22,17 @@ KINDS = ('.npy', '.npz', '.mat', '.h5', '.hdf5')
 
 @dataclass(frozen=True)
 class ArrayPair:
-    """Voltages and displacements of one experiment.
+    """Voltages and displacements of one experiment."""
 
-    Attributes
-    ----------
-    name : str
-        What the two names share; empty if nothing.
-    names : tuple of str
-        Of the two arrays.
-    voltage, displacement : ndarray, shape (n, channels[, realisations[, periods]])
-        As the file holds them.
-    interval : float
-        Sampling interval that the file states [s]; 0 if none.
-    """
-
-    name: str
-    names: tuple[str, str]
-    voltage: Any
-    displacement: Any
-    interval: float = 0.0
+    name: str  # what the two names share; empty if nothing
+    names: tuple[str, str]  # of the two arrays
+    voltage: Any  # (n, channels[, realisations[, periods]])
+    displacement: Any  # (n, channels[, realisations[, periods]])
+    interval: float = 0.0  # sampling interval that the file states [s]; 0 if none
 
 
 def file_pairs(path: Path, voltage: str = '', displacement: str = '') -> list[ArrayPair]:
-    """Return the pairs of arrays in one file; none if it holds columns.
-
-    Raises
-    ------
-    RecordError
-        If an array has no partner, or the file cannot be read.
-    """
+    """Return the pairs of arrays in one file; none if it holds columns."""
     if path.suffix.lower() not in KINDS:
         return []
     found = _arrays_of(path)
@@ -61,13 +43,7 @@ def file_pairs(path: Path, voltage: str = '', displacement: str = '') -> list[Ar
 def folder_pairs(
     path: Path, files: Sequence[Path], voltage: str = '', displacement: str = ''
 ) -> list[ArrayPair]:
-    """Return the pairs of ``.npy`` files in a folder; none if its files hold columns.
-
-    Raises
-    ------
-    RecordError
-        As `file_pairs` does.
-    """
+    """Return the pairs of ``.npy`` files in a folder; none if its files hold columns."""
     arrays: dict[str, Any] = {}
     for each in files:
         if each.suffix.lower() == '.npy':
@@ -76,13 +52,7 @@ def folder_pairs(
 
 
 def refuse_arrays(path: Path, files: Sequence[Path] = ()) -> None:
-    """Refuse the arrays of several axes in a file, or in the files of a folder.
-
-    Raises
-    ------
-    SeveralAxesError
-        If there are any.
-    """
+    """Refuse the arrays of several axes in a file, or in the files of a folder."""
     pairs: list[ArrayPair] = []
     with suppress(RecordError):  # what is no pair is read as columns
         pairs = file_pairs(path) if path.is_file() else folder_pairs(path, files)

@@ -21,11 +21,6 @@ def axes_tracks(content: BagContent, log: DamageLog) -> list[Track]:
     """Return the samples of each record, with the columns ``voltage_1``, ``displacement_1``, ...
 
     Axes are in the order of the numbers in their topics. Samples are joined by their stamps.
-
-    Raises
-    ------
-    RecordError
-        If the stamps of two topics differ, or their records do.
     """
     states = content.of_type(STATE)
     if not states:

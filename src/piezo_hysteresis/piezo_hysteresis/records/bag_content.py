@@ -31,32 +31,16 @@ RECORDING = 'recording'
 
 @dataclass
 class TopicContent:
-    """What a bag holds of one topic.
+    """What a bag holds of one topic."""
 
-    Attributes
-    ----------
-    topic : Topic
-        Name, type and definition.
-    count : int
-        Messages.
-    first, last : int
-        Log times [ns].
-    stamps, log_times : list of ndarray
-        Header stamps, and when they were recorded, block by block [ns] (fixed-size types of ours).
-    columns : dict of list of ndarray
-        Fields block by block.
-    messages : list of Marker
-        Decoded markers.
-    """
-
-    topic: Topic
-    count: int = 0
-    first: int = (1 << 63) - 1
-    last: int = 0
+    topic: Topic  # name, type and definition
+    count: int = 0  # messages
+    first: int = (1 << 63) - 1  # [ns]
+    last: int = 0  # [ns]
     stamps: list[IntArray] = field(default_factory=list)
     log_times: list[IntArray] = field(default_factory=list)
-    columns: dict[str, list[Any]] = field(default_factory=dict)
-    messages: list[Marker] = field(default_factory=list)
+    columns: dict[str, list[Any]] = field(default_factory=dict)  # fields block by block
+    messages: list[Marker] = field(default_factory=list)  # decoded markers
 
     def stamp(self) -> IntArray:
         """Return the header stamps [ns], shape (n,)."""
@@ -88,13 +72,7 @@ class BagContent:
 def blocks_of(
     path: Path, log: DamageLog, metadata: Metadata | None = None
 ) -> Iterator[tuple[dict[int, Topic], MessageBlock]]:
-    """Yield the topics of the storage file and the block, for every block of a bag.
-
-    Raises
-    ------
-    RecordError
-        If the bag is damaged and the log does not salvage, or if it holds no storage file.
-    """
+    """Yield the topics of the storage file and the block, for every block of a bag."""
     if metadata is None and path.is_dir():
         metadata = read_metadata(path, log)
     by_message = metadata is not None and metadata.compression == 'message'
@@ -128,13 +106,7 @@ def _storages(path: Path, metadata: Metadata | None, log: DamageLog) -> Iterator
 
 
 def read_content(path: Path, log: DamageLog) -> BagContent:
-    """Read a bag folder or storage file.
-
-    Raises
-    ------
-    RecordError
-        If the bag is damaged and the log does not salvage, or if no part of it is readable.
-    """
+    """Read a bag folder or storage file."""
     metadata = read_metadata(path, log) if path.is_dir() else None
     content = BagContent(path, metadata=metadata)
     for topics, block in blocks_of(path, log, metadata):

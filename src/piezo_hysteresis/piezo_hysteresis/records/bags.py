@@ -53,13 +53,7 @@ def read_bag(
 
 
 def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None) -> list[Record]:
-    """Return the records among the topics of a bag.
-
-    Raises
-    ------
-    RecordError
-        If there are none, or they are damaged and the log does not salvage.
-    """
+    """Return the records among the topics of a bag."""
     states = content.of_type(STATE)
     if not states:
         raise RecordError(no_states(content))

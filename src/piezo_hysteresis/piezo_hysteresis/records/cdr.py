@@ -30,14 +30,7 @@ NUMPY_CODES = {
 
 
 def fixed_fields(topic: Topic) -> Fields:
-    """Return name and NumPy type of the fields after the header, from the definition of a topic.
-
-    Raises
-    ------
-    RecordError
-        If the definition cannot be used (see `definitions.stored_types`), does not begin with a
-        header, or a further field has no fixed size.
-    """
+    """Return name and NumPy type of the fields after the header of a topic."""
     from rosbags.interfaces import Nodetype
 
     msgtype = topic.msgtype
@@ -57,17 +50,8 @@ def fixed_fields(topic: Topic) -> Fields:
 
 
 def row_type(fields: Fields, frame_length: int, byte_order: str = '<') -> np.dtype[np.void]:
-    """Return the layout of one message, padding included.
-
-    Parameters
-    ----------
-    fields : tuple of (str, str)
-        Name and NumPy code of every field behind the header.
-    frame_length : int
-        Length of ``frame_id`` with its closing zero [byte].
-    byte_order : str
-        ``<`` little endian, ``>`` big endian.
-    """
+    """Return the layout of one message, padding included."""
+    # frame_length [byte]
     names = ['encapsulation', 'sec', 'nanosec', 'frame_length', 'frame_id']
     formats = ['>u4', byte_order + 'i4', byte_order + 'u4', byte_order + 'u4', f'S{frame_length}']
     offsets = [0, 4, 8, FRAME_ID, FRAME_ID + 4]
@@ -86,19 +70,8 @@ def row_type(fields: Fields, frame_length: int, byte_order: str = '<') -> np.dty
 
 
 def encode(fields: Fields, stamps: IntArray, columns: dict[str, Any], frame_id: str = '') -> Rows:
-    """Return one serialised message per row.
-
-    Parameters
-    ----------
-    fields : tuple of (str, str)
-        Name and NumPy code of every field behind the header.
-    stamps : ndarray, shape (n,)
-        Header stamps [ns].
-    columns : dict
-        Values of every field, arrays of shape (n,) or numbers.
-    frame_id : str
-        Frame of the header.
-    """
+    """Return one serialised message per row."""
+    # stamps [ns] (n,)
     text = frame_id.encode() + b'\0'
     kind = row_type(fields, len(text))
     # Written from zeroed bytes, so that equal records give equal files.
@@ -114,35 +87,16 @@ def encode(fields: Fields, stamps: IntArray, columns: dict[str, Any], frame_id: 
 
 @dataclass(frozen=True)
 class Decoded:
-    """Messages of one topic.
+    """Messages of one topic."""
 
-    Attributes
-    ----------
-    stamps : ndarray, shape (n,)
-        Header stamps [ns].
-    columns : dict of ndarray, shape (n,)
-        Values of every field.
-    good : ndarray of bool, shape (m,)
-        Which of the given messages could be decoded (n of m).
-    """
-
-    stamps: IntArray
-    columns: dict[str, Any]
-    good: BoolArray
+    stamps: IntArray  # header stamps [ns], shape (n,)
+    columns: dict[str, Any]  # values of every field, shape (n,)
+    good: BoolArray  # which of the given messages could be decoded (n of m), shape (m,)
 
 
 def decode(fields: Fields, buffer: Rows, offset: IntArray, length: IntArray) -> Decoded:
-    """Decode messages that lie anywhere in one buffer.
-
-    Parameters
-    ----------
-    fields : tuple of (str, str)
-        Name and NumPy code of every field behind the header.
-    buffer : ndarray of uint8, shape (b,)
-        Bytes in which the messages lie.
-    offset, length : ndarray, shape (m,)
-        Where each message begins and how long it is [byte].
-    """
+    """Decode messages that lie anywhere in one buffer."""
+    # buffer (b,); offset, length [byte] (m,)
     stamps = np.zeros(offset.size, np.int64)
     columns: dict[str, Any] = {name: np.zeros(offset.size, code) for name, code in fields}
     good = np.zeros(offset.size, np.bool_)

@@ -27,13 +27,7 @@ def used_columns(
     hints: Mapping[int, Meaning],
     timed: object,
 ) -> list[int]:
-    """Return the columns that are read: time, voltages, displacements, reference.
-
-    Raises
-    ------
-    RecordError
-        If a quantity cannot be identified (the time only where none is `timed`).
-    """
+    """Return the columns that are read: time, voltages, displacements, reference."""
     chosen, several = dict(options.columns), set()
     if options.axes:
         channels = channels_of(names, where, options, hints)
@@ -53,11 +47,6 @@ def channels_of(
 
     They match the pattern of their quantity in ``options.columns`` or, without one, are all of its
     columns that state a unit: one, or names that differ in one number (or letter x, y, z).
-
-    Raises
-    ------
-    RecordError
-        If a quantity has no column, its columns are unlike, or a column is of both.
     """
     meanings = meanings_of(names, hints, options.unit)
     found = {}

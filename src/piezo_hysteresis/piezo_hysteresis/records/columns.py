@@ -57,21 +57,11 @@ CERTAIN, NAMED, BY_UNIT, NOT_ENOUGH = range(4)
 
 @dataclass(frozen=True)
 class Meaning:
-    """Meaning assigned to a column.
+    """Meaning assigned to a column."""
 
-    Attributes
-    ----------
-    what : str
-        Quantity: a key of `UNITS`; empty if unknown.
-    unit : str
-        A key of ``UNITS[what]``; empty if unknown.
-    rank : int
-        Certainty: `CERTAIN`, `NAMED`, `BY_UNIT` or `NOT_ENOUGH`.
-    """
-
-    what: str = ''
-    unit: str = ''
-    rank: int = NOT_ENOUGH
+    what: str = ''  # quantity: a key of `UNITS`; empty if unknown
+    unit: str = ''  # a key of ``UNITS[what]``; empty if unknown
+    rank: int = NOT_ENOUGH  # certainty: `CERTAIN`, `NAMED`, `BY_UNIT` or `NOT_ENOUGH`
 
 
 def meaning(name: str) -> Meaning:
@@ -139,33 +129,7 @@ def assigned(
     needed: Sequence[str] = ('time', 'voltage', 'displacement'),
     of_file: bool = True,
 ) -> tuple[dict[int, tuple[str, str]], str]:
-    """Return quantity and unit of the columns by position, and what was assumed.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the columns.
-    where : object
-        File, for messages.
-    chosen : mapping of str to str, optional
-        ``NAME:UNIT`` or the number of a column, from 1, by quantity. Without a unit, that of its
-        name or the SI unit applies.
-    hints : mapping of int to Meaning, optional
-        What columns are by the format of the file, by position.
-    length : str
-        Unit of a displacement that states none.
-    needed : sequence of str
-        Quantities that must be found; a force replaces the voltage.
-    of_file : bool
-        Whether the columns are those of a file, which the verb `import` can name.
-
-    Raises
-    ------
-    RecordError
-        If a quantity cannot be identified, a unit is unknown, or two columns are the same.
-    SeveralAxesError
-        If the columns are those of several axes.
-    """
+    """Return quantity and unit of the columns by position, and what was assumed."""
     meanings = meanings_of(names, hints or {}, length)
     by_hand, assumed = _chosen(names, meanings, chosen or {}, length, where)
     found: dict[int, tuple[str, str]] = dict(by_hand)
@@ -202,13 +166,7 @@ def assigned(
 
 
 def meanings_of(names: Sequence[str], hints: Mapping[int, Meaning], length: str) -> list[Meaning]:
-    """Return what the columns mean; `length` is the unit of a displacement that states none.
-
-    Raises
-    ------
-    RecordError
-        If the unit is unknown.
-    """
+    """Return what the columns mean; `length` is the unit of a displacement that states none."""
     if length and length not in LENGTHS:
         raise RecordError(f'{length!r} is no unit of a displacement; use {", ".join(LENGTHS)}')
     found = [hints.get(k) or meaning(name) for k, name in enumerate(names)]

@@ -24,13 +24,7 @@ RATIO, SMALL = 1000, 1 << 30
 
 
 def inflated(data: bytes, compression: str, size: int = LARGEST) -> bytes:
-    """Return the content of a chunk or message, at most `size` + 1 bytes.
-
-    Raises
-    ------
-    ValueError
-        If the compression is not known, the data are damaged, or more than `LARGEST` bytes.
-    """
+    """Return the content of a chunk or message, at most `size` + 1 bytes."""
     if size > LARGEST:
         raise ValueError(f'it would take {size} bytes, at most {LARGEST} are read at once')
     if compression == '':
@@ -51,17 +45,7 @@ def inflated(data: bytes, compression: str, size: int = LARGEST) -> bytes:
 
 
 class CompressedFile:
-    """A storage file compressed as a whole (``.mcap.zstd``, ``.db3.zstd``).
-
-    Parameters
-    ----------
-    path : Path
-        The compressed file.
-    log : DamageLog
-        Where damage is listed, or raised.
-    reader : callable
-        Makes the storage of the uncompressed file.
-    """
+    """A storage file compressed as a whole (``.mcap.zstd``, ``.db3.zstd``)."""
 
     def __init__(
         self, path: Path, log: DamageLog, reader: Callable[[Path, DamageLog], Storage]

@@ -19,19 +19,7 @@ LARGE = 4_000_000
 
 
 def columns(path: Path, head: int, delimiter: str, places: Sequence[int]) -> FloatArray | None:
-    """Return the numbers of some columns, shape (n, places); None if they are not all plain.
-
-    Parameters
-    ----------
-    path : Path
-        File in UTF-8.
-    head : int
-        Line of the column names, from 0.
-    delimiter : str
-        Column separator.
-    places : sequence of int
-        Columns to read, from 0.
-    """
+    """Return the numbers of some columns, shape (n, places); None if they are not all plain."""
     try:
         import pyarrow
         from pyarrow import csv

@@ -44,30 +44,14 @@ class Damage:
 
 @dataclass
 class DamageLog:
-    """Collects findings, or raises the first one as an error.
+    """Collects findings, or raises the first one as an error."""
 
-    Attributes
-    ----------
-    salvage : bool
-        Keep what is readable and list the findings; otherwise the first one raises.
-    interpolate : bool
-        An uneven rate is no damage, because the data are resampled.
-    findings : list of Damage
-        Damage in the order of detection.
-    notes : list of Damage
-        Notes without loss of data (such as a recording that ended between two flushes).
-    left_out : list of Damage
-        Notes on rejected records.
-    guesses : list of Damage
-        Notes on guessed columns.
-    """
-
-    salvage: bool = False
-    interpolate: bool = False
-    findings: list[Damage] = field(default_factory=list)
-    notes: list[Damage] = field(default_factory=list)
-    left_out: list[Damage] = field(default_factory=list)
-    guesses: list[Damage] = field(default_factory=list)
+    salvage: bool = False  # keep what is readable and list the findings
+    interpolate: bool = False  # an uneven rate is no damage, because the data are resampled
+    findings: list[Damage] = field(default_factory=list)  # damage in the order of detection
+    notes: list[Damage] = field(default_factory=list)  # notes without loss of data
+    left_out: list[Damage] = field(default_factory=list)  # notes on rejected records
+    guesses: list[Damage] = field(default_factory=list)  # notes on guessed columns
 
     def add(
         self,
@@ -79,13 +63,7 @@ class DamageLog:
         remedy: str = '',
         done: str = '',
     ) -> None:
-        """List a finding, and its treatment `done` to salvage the rest.
-
-        Raises
-        ------
-        RecordError
-            Unless salvaging; the message ends with `remedy` and with the hint to salvage.
-        """
+        """List a finding, and its treatment `done` to salvage the rest."""
         what = ' '.join(what.split())  # libraries report in several lines
         if not self.salvage:
             advice = f'{remedy}, or {SALVAGE_HINT}' if remedy else SALVAGE_HINT

@@ -68,11 +68,6 @@ def definition_of(msgtype: str) -> tuple[str, str]:
     """Return the definition with all it depends on, and the type hash (RIHS01).
 
     Types that are neither ours nor common are searched in the sourced ROS 2 prefixes.
-
-    Raises
-    ------
-    RecordError
-        If the type is not known.
     """
     store = typestore()
     _register_from_prefixes(store, msgtype)
@@ -81,13 +76,7 @@ def definition_of(msgtype: str) -> tuple[str, str]:
 
 
 def stored_types(topic: Topic) -> Any:
-    """Return the types that a bag's own definition of a topic holds, as rosbags describes them.
-
-    Raises
-    ------
-    RecordError
-        If the definition is missing, cannot be read or does not agree with its hash.
-    """
+    """Return the types that a bag's own definition of a topic holds, as rosbags describes them."""
     from rosbags.typesys import (
         Stores,
         TypesysError,

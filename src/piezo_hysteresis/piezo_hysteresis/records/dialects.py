@@ -20,68 +20,29 @@ _SAMPLE = 200  # lines of numbers that decide what separates the cells
 
 @dataclass(frozen=True)
 class TextLayout:
-    """Where the columns of one table stand in the lines of a text file.
+    """Where the columns of one table stand in the lines of a text file."""
 
-    Attributes
-    ----------
-    names : list of str
-        Of the columns, with the units that the head states; numbers if there are none.
-    first, last : int
-        Lines of numbers, from 0; `last` is not one of them, -1 for the end of the file.
-    separator : str
-        Between the cells; empty for spaces.
-    interval, count : float, int
-        As the head states them [s]; 0 if it does not.
-    assumed : str
-        What was recognised and assumed.
-    decimal : str
-        Decimal mark that the head states; empty: found from the cells.
-    known : mapping of int to Meaning
-        What columns are by the dialect.
-    clock : str
-        ``''``: a column; ``'index'``: the first column counts intervals; ``'sec_nanosec'``: the
-        first two are seconds and nanoseconds.
-    sparse, title : bool, str
-        See `ColumnTable`.
-    head : int
-        Lines in front that were not read.
-    """
-
-    names: list[str]
+    names: list[str]  # of the columns, with the units that the head states
     first: int
     last: int = -1
-    separator: str = ','
+    separator: str = ','  # between the cells; empty for spaces
     interval: float = 0.0
     count: int = 0
-    assumed: str = ''
-    decimal: str = ''
-    known: Mapping[int, Meaning] = field(default_factory=dict)
-    clock: str = ''
+    assumed: str = ''  # what was recognised and assumed
+    decimal: str = ''  # decimal mark that the head states; empty: found from the cells
+    known: Mapping[int, Meaning] = field(default_factory=dict)  # what columns are by the dialect
+    clock: str = ''  # ``''``: a column
     sparse: bool = False
     title: str = ''
-    head: int = 0
+    head: int = 0  # lines in front that were not read
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """One kind of text file.
+    """One kind of text file."""
 
-    Attributes
-    ----------
-    name, assumes : str
-        For `info` and the documentation.
-    mark : str
-        Regular expression that its head contains.
-    interval, count : str
-        Regular expressions with the interval (a number, perhaps a unit) and the number of samples.
-    known : mapping of str to (str, str)
-        Quantity and unit of a column by a regular expression of its name.
-    layouts : callable, optional
-        Finds the tables where the general rule does not.
-    """
-
-    name: str
-    mark: str
+    name: str  # for `info`
+    mark: str  # regular expression that its head contains
     assumes: str
     interval: str = ''
     count: str = ''
@@ -120,13 +81,7 @@ def dialect_of(lines: Sequence[str]) -> Dialect | None:
 
 
 def plain(lines: Sequence[str], header_row: int | None, path: object) -> TextLayout:
-    """Return the table of a file of no dialect: names, perhaps their units, then numbers.
-
-    Raises
-    ------
-    RecordError
-        If the file is empty or has no such line.
-    """
+    """Return the table of a file of no dialect: names, perhaps their units, then numbers."""
     begin = 0
     if header_row is not None:
         if not 1 <= header_row <= len(lines):

@@ -68,13 +68,7 @@ def files_of(path: Path) -> list[Path]:
 
 
 def matching(pattern: str | Path) -> list[Path]:
-    """Return the paths that a pattern such as ``train/*.csv`` stands for; a plain path is itself.
-
-    Raises
-    ------
-    RecordError
-        If nothing matches.
-    """
+    """Return the paths that a pattern such as ``train/*.csv`` stands for, or a plain path."""
     if not has_magic(str(pattern)) or os.path.exists(pattern):  # noqa: PTH110 - never raises
         return [Path(pattern)]
     found = sorted(map(Path, glob(str(pattern), recursive=True)))  # noqa: PTH207 - absolute too

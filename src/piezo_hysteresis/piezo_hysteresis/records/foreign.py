@@ -46,18 +46,6 @@ def parse_signal(text: str, quantity: str) -> Signal:
     """Parse a field such as ``/laser/position.point.x:um`` or ``/adc.data[2]:V``.
 
     ``/joint_states.position[stage]`` selects the element by the ``name`` list of the message.
-
-    Parameters
-    ----------
-    text : str
-        Topic, path of the field, and unit (default V or m).
-    quantity : str
-        ``voltage``, ``force``, ``displacement`` or ``reference``.
-
-    Raises
-    ------
-    RecordError
-        If the text is invalid.
     """
     name, _, unit = text.partition(':')
     topic, dot, path = name.partition('.')
@@ -84,22 +72,6 @@ def foreign_records(
 
     Every displacement is a sample; voltage and reference hold until their next message. The time
     is that of the header, if all messages have one and their clocks agree; else of the recording.
-
-    Parameters
-    ----------
-    path : str or Path
-        Bag folder or storage file.
-    log : DamageLog
-        Lists or raises damage.
-    voltage, displacement, reference, force : str
-        Fields, see `parse_signal`; a force [N] replaces the voltage.
-    time_from : str
-        ``header`` or ``recording``; empty: as above.
-
-    Raises
-    ------
-    RecordError
-        If a field is missing, or the samples are no record and the log does not salvage.
     """
     path = Path(path)
     if (voltage is None) == (force is None):

@@ -56,24 +56,8 @@ def columns_of_arrays(given: object) -> dict[str, Any] | None:
 
 
 def frame_records(given: Columns, name: str, log: DamageLog, options: ReadOptions) -> list[Record]:
-    """Return columns in memory as one record, or as its intact pieces when salvaging.
-
-    Parameters
-    ----------
-    given : mapping of str to array_like, shape (n,), or data frame
-        Columns named as in a CSV file; a quantity without its unit is in SI units.
-    name : str
-        Name of the record.
-    log : DamageLog
-        Where damage is listed, or raised.
-    options : ReadOptions
-        Its interval is the time of columns without one.
-
-    Raises
-    ------
-    RecordError
-        If the columns are no record.
-    """
+    """Return columns in memory as one record, or as its intact pieces when salvaging."""
+    # given (n,)
     columns = columns_in(given)
     timed = any((each.known or meaning(each.name)).what == 'time' for each in columns)
     if timed and options.interval is not None:

@@ -12,27 +12,13 @@ from piezo_hysteresis.arrays import FloatArray
 
 @dataclass(frozen=True)
 class InputUncertainty:
-    """Error that a measured input still has: harmonics of the drive, and the rest.
+    """Error that a measured input still has: harmonics of the drive, and the rest."""
 
-    Attributes
-    ----------
-    rms : float
-        Error of one sample [V or N].
-    colour : float
-        Correlation of the rest from one sample to the next.
-    period : float
-        Samples per period of the drive; 0 if it has none.
-    orders : tuple of int
-        Orders of the harmonics that were estimated.
-    term : float
-        Rms error of the constant, and of each cosine and sine of these orders [V or N].
-    """
-
-    rms: float
-    colour: float = 0.0
-    period: float = 0.0
-    orders: tuple[int, ...] = ()
-    term: float = 0.0
+    rms: float  # error of one sample [V or N]
+    colour: float = 0.0  # correlation of the rest from one sample to the next
+    period: float = 0.0  # samples per period of the drive; 0 if it has none
+    orders: tuple[int, ...] = ()  # orders of the harmonics that were estimated
+    term: float = 0.0  # rms error of the constant [V or N]
 
     @property
     def rest(self) -> float:

@@ -379,13 +379,7 @@ class _OneAxis(Reading[Record]):
 
 @contextmanager
 def sentences(path: Path) -> Iterator[None]:
-    """Refuse anything but a file or folder, with the reason in one sentence.
-
-    Raises
-    ------
-    RecordError
-        Replaces all other exceptions of reading damaged data.
-    """
+    """Refuse anything but a file or folder, with the reason in one sentence."""
     try:
         if not path.exists():
             raise RecordError(f'{path} does not exist; check the path')
@@ -409,25 +403,13 @@ def unknown_kind(path: Path) -> str:
 
 
 def column_records(path: Path, log: DamageLog, options: ReadOptions | None = None) -> list[Record]:
-    """Return the records of a file of columns in any format.
-
-    Raises
-    ------
-    RecordError
-        If the file is unusable, or a line of a file that is no text is requested.
-    """
+    """Return the records of a file of columns in any format."""
     options = options or ReadOptions()
     return file_records(path, tables_of_file(path, log, options), log, options)
 
 
 def tables_of_file(path: Path, log: DamageLog, options: ReadOptions) -> list[ColumnTable]:
-    """Return the tables of a file of columns in any format.
-
-    Raises
-    ------
-    RecordError
-        As `column_records` does.
-    """
+    """Return the tables of a file of columns in any format."""
     if is_csv(path):
         return text_tables(path, log, options)
     if options.header_row is not None:
@@ -438,13 +420,7 @@ def tables_of_file(path: Path, log: DamageLog, options: ReadOptions) -> list[Col
 def reference_record(
     path: Path, options: ReadOptions | None = None, salvage: bool = False
 ) -> Record:
-    """Return the first record of a file, also of one without a voltage: of a desired displacement.
-
-    Raises
-    ------
-    RecordError
-        If the file is unusable, or holds no displacement and no reference.
-    """
+    """Return the first record of a file, also of a desired displacement without a voltage."""
     if not is_of_columns(path):
         return loaded([path], options or ReadOptions(), salvage)[0]
     chosen, log = options or ReadOptions(), DamageLog(salvage)

@@ -28,46 +28,20 @@ NUMBERS = ('frequency', 'amplitude', 'warm_up', 'rate')
 
 @dataclass(frozen=True)
 class Marker:
-    """Content of a marker.
+    """Content of a marker."""
 
-    Attributes
-    ----------
-    stamp : int
-        Header stamp: start of its record [ns].
-    record : str
-        Name of the record; empty if it only ends the previous one.
-    rate : float
-        Sampling rate [Hz].
-    info : RecordInfo
-        Further metadata.
-    judged : str
-        Name of a rejected record; empty if none is rejected.
-    verdict : str
-        Reason of the rejection: one of `VERDICTS`.
-    sample : int
-        Sample at which it starts or ends; -1 if only the stamp is given.
-    log_time : int
-        Time of recording [ns].
-    """
-
-    stamp: int
-    record: str
-    rate: float
-    info: RecordInfo
-    judged: str = ''
-    verdict: str = ''
-    sample: int = -1
-    log_time: int = 0
+    stamp: int  # header stamp: start of its record [ns]
+    record: str  # name of the record; empty if it only ends the previous one
+    rate: float  # sampling rate [Hz]
+    info: RecordInfo  # further metadata
+    judged: str = ''  # name of a rejected record; empty if none is rejected
+    verdict: str = ''  # reason of the rejection: one of `VERDICTS`
+    sample: int = -1  # sample at which it starts or ends; -1 if only the stamp is given
+    log_time: int = 0  # time of recording [ns]
 
 
 def decode_markers(path: Path, topic: Topic, block: MessageBlock, log: DamageLog) -> list[Marker]:
-    """Return the markers of a block, all of one topic.
-
-    Raises
-    ------
-    RecordError
-        If one cannot be read and the log does not salvage.
-    """
+    """Return the markers of a block, all of one topic."""
     from rosbags.serde import SerdeError
 
     try:

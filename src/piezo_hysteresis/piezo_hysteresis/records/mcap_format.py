@@ -103,21 +103,11 @@ def _walk(buffer: Any, fields: Any, others: Any) -> tuple[int, int, int]:
 
 @dataclass(frozen=True)
 class Walk:
-    """Records found in a buffer.
+    """Records found in a buffer."""
 
-    Attributes
-    ----------
-    messages : ndarray, shape (m, 4)
-        Channel, log time [ns], offset and length of each payload.
-    others : ndarray, shape (r, 3)
-        Opcode, offset and length of the content of every other record.
-    stop : int
-        Where the walk stopped: behind the last complete record, or at `MOST_OTHERS`.
-    """
-
-    messages: IntArray
-    others: IntArray
-    stop: int
+    messages: IntArray  # channel, log time [ns], offset and length of each payload, shape (m, 4)
+    others: IntArray  # (r, 3)
+    stop: int  # where the walk stopped: behind the last complete record, or at `MOST_OTHERS`
 
 
 def walk(buffer: np.ndarray[Any, Any]) -> Walk:

@@ -24,22 +24,7 @@ WANTED = (mcap.SCHEMA, mcap.CHANNEL, mcap.MESSAGE, mcap.CHUNK)
 
 
 class McapFile:
-    """One MCAP file, read once from front to back.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    log : DamageLog
-        Where damage is listed, or raised.
-
-    Attributes
-    ----------
-    topics : dict of int to Topic
-        Channels by their number in the file; complete when all blocks were read.
-    finished : bool
-        The file ends with an index, so its recording was closed.
-    """
+    """One MCAP file, read once from front to back."""
 
     def __init__(self, path: Path, log: DamageLog) -> None:
         self.path = path
@@ -54,13 +39,7 @@ class McapFile:
         self._data_end = 0
 
     def blocks(self) -> Generator[MessageBlock]:
-        """Yield the messages of every chunk (and of every stretch without chunks).
-
-        Raises
-        ------
-        RecordError
-            If the file is no MCAP file, or is damaged and the log does not salvage.
-        """
+        """Yield the messages of every chunk (and of every stretch without chunks)."""
         if self._size == 0:
             self.log.add(self.path, 'the file is empty')
             return

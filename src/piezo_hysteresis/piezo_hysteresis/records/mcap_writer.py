@@ -69,19 +69,9 @@ class PlainFile:
 
 
 class PaddedFile:
-    """Appends to a file that is valid at every instant (see the head of this module).
+    """Appends to a file that is valid at every instant (see the head of this module)."""
 
-    Parameters
-    ----------
-    path : Path
-        File to create.
-    head : bytes
-        Magic and header record.
-    reserve : int
-        Size until the file is finished [byte]; a sparse file, so it takes no room by itself.
-    """
-
-    def __init__(self, path: Path, head: bytes, reserve: int = RESERVE) -> None:
+    def __init__(self, path: Path, head: bytes, reserve: int = RESERVE) -> None:  # reserve [byte]
         ending = mcap.record(mcap.DATA_END, bytes(4)) + mcap.tail()
         self._limit = reserve - len(ending)
         self.end = len(head)
@@ -145,26 +135,9 @@ class PaddedFile:
 
 
 class McapWriter:
-    """Writes topics and chunks of messages.
+    """Writes topics and chunks of messages."""
 
-    Parameters
-    ----------
-    path : Path
-        File to create.
-    reserve : int
-        0 for a file that is not read before it is closed; else its size while it grows [byte].
-
-    Attributes
-    ----------
-    topics : list of Topic
-        Channel k + 1 is ``topics[k]``.
-    counts : list of int
-        Messages of each topic.
-    first, last : int
-        Smallest and largest log time [ns].
-    """
-
-    def __init__(self, path: Path, *, reserve: int = 0) -> None:
+    def __init__(self, path: Path, *, reserve: int = 0) -> None:  # reserve [byte]
         head = mcap.MAGIC + mcap.record(
             mcap.HEADER, mcap.text('ros2'), mcap.text('piezo_hysteresis')
         )
@@ -221,16 +194,8 @@ class McapWriter:
 
     def write_chunk(
         self, data: bytes, channel: IntArray, log_time: IntArray, offset: IntArray
-    ) -> bool:
-        """Append one chunk; return False where the file is full (start the next one).
-
-        Parameters
-        ----------
-        data : bytes
-            Message records one after another.
-        channel, log_time, offset : ndarray, shape (m,)
-            Channel number, log time [ns] and place in `data` of every record.
-        """
+    ) -> bool:  # channel, log_time, offset (m,)
+        """Append one chunk; return False where the file is full (start the next one)."""
         definitions = self._definitions(self.topics[self._defined :])
         content = definitions + data
         first, last = int(log_time.min()), int(log_time.max())
@@ -267,13 +232,7 @@ class McapWriter:
         return 2048 + 3 * definitions + chunk * (self._chunks + 1) + 600 * len(self.topics)
 
     def close(self, metadata: str) -> None:
-        """Write index and footer.
-
-        Parameters
-        ----------
-        metadata : str
-            Content of ``metadata.yaml``, which rosbag2 also stores in the file.
-        """
+        """Write index and footer."""
         start = self._file.closing_at
         inner = mcap.text('serialized_metadata') + mcap.text(metadata)
         data = mcap.record(
@@ -316,21 +275,8 @@ _CHUNK = struct.Struct('<QQQIIQ')
 _CHANNEL = struct.Struct('<H')
 
 
-def chunk_indexes(file: int, start: int, end: int) -> Iterator[bytes]:
-    """Yield the chunk index record of every chunk of a file.
-
-    Parameters
-    ----------
-    file : int
-        Descriptor of a file with uncompressed chunks, each followed by its message indexes.
-    start, end : int
-        Where its first record begins, and where the last one ends [byte].
-
-    Raises
-    ------
-    OSError
-        If it cannot be read.
-    """
+def chunk_indexes(file: int, start: int, end: int) -> Iterator[bytes]:  # start, end [byte]
+    """Yield the chunk index record of every chunk of a file."""
     at = start
     while at < end:
         head = os.pread(file, mcap.PREFIX.size + _CHUNK.size, at)

@@ -31,27 +31,13 @@ class FileSummary:
 
 @dataclass
 class Metadata:
-    """Metadata of a bag.
+    """Metadata of a bag."""
 
-    Attributes
-    ----------
-    storage : str
-        ``mcap`` or ``sqlite3``.
-    files : list of FileSummary
-        Storage files in order.
-    topics : dict of str to (Topic, int)
-        Topics with their number of messages, by name.
-    custom : dict of str
-        Free entries; ours begin with ``piezo_hysteresis.``.
-    compression : str
-        Empty, ``file`` or ``message``.
-    """
-
-    storage: str
-    files: list[FileSummary] = field(default_factory=list)
+    storage: str  # ``mcap`` or ``sqlite3``
+    files: list[FileSummary] = field(default_factory=list)  # storage files in order
     topics: dict[str, tuple[Topic, int]] = field(default_factory=dict)
-    custom: dict[str, str] = field(default_factory=dict)
-    compression: str = ''
+    custom: dict[str, str] = field(default_factory=dict)  # free entries
+    compression: str = ''  # empty, ``file`` or ``message``
 
     @property
     def count(self) -> int:
@@ -113,11 +99,6 @@ def read_metadata(folder: Path, log: DamageLog) -> Metadata:
 
     If ``metadata.yaml`` is missing or unreadable and the log salvages, the storage files of the
     folder are listed instead.
-
-    Raises
-    ------
-    RecordError
-        If the metadata cannot be used and the log does not salvage.
     """
     path = folder / NAME
     if not path.is_file():

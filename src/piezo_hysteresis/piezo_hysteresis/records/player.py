@@ -19,65 +19,17 @@ from piezo_hysteresis.records.storage import MessageBlock, Topic
 
 @dataclass(frozen=True)
 class Played:
-    """A message that is due.
+    """A message that is due."""
 
-    Attributes
-    ----------
-    topic : Topic
-        Name, type and definition.
-    payload : bytes
-        The serialised message as it was recorded.
-    log_time : int
-        Time of recording, which is the time of ``/clock`` [ns].
-    lap : int
-        Rounds played before, with ``loop``.
-    late : float
-        Delay of the message; 0 in lock-step [s].
-    """
-
-    topic: Topic
-    payload: bytes
-    log_time: int
-    lap: int
-    late: float
+    topic: Topic  # name, type and definition
+    payload: bytes  # the serialised message as it was recorded
+    log_time: int  # time of recording, which is the time of ``/clock`` [ns]
+    lap: int  # rounds played before, with ``loop``
+    late: float  # delay of the message; 0 in lock-step [s]
 
 
 class Player:
-    """Iterates over the messages of a bag, waiting until each is due.
-
-    Parameters
-    ----------
-    path : str or Path
-        Bag folder or storage file.
-    rate : float
-        Speed relative to the recording; ``inf`` never waits (lock-step).
-    loop : bool
-        Repeat until `stop`.
-    topics : collection of str, optional
-        Names of the topics to play; default all.
-    salvage : bool
-        Play the readable part of a damaged bag.
-    clock : callable
-        Monotonic time [s].
-    wait : callable, optional
-        Waits for a number of seconds; the default returns early when `stop` is called.
-
-    Attributes
-    ----------
-    topics : dict of str to Topic
-        Topics to be played.
-    first, last : int
-        Log times of the first and the last message [ns].
-    count : int
-        Messages of one round.
-    damage : list of Damage
-        Damage of the bag, when salvaging.
-
-    Raises
-    ------
-    RecordError
-        If the rate is not positive, the bag is unusable, or it contains no topic to play.
-    """
+    """Iterates over the messages of a bag, waiting until each is due."""
 
     def __init__(
         self,
@@ -87,7 +39,7 @@ class Player:
         loop: bool = False,
         topics: Collection[str] | None = None,
         salvage: bool = False,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = time.monotonic,  # [s]
         wait: Callable[[float], object] | None = None,
     ) -> None:
         if not rate > 0:

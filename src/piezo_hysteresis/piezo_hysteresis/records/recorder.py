@@ -38,24 +38,12 @@ HEAD = struct.Struct('<BQHIQQ')
 
 @dataclass(frozen=True)
 class RecorderStatus:
-    """Counters of a recorder.
+    """Counters of a recorder."""
 
-    Attributes
-    ----------
-    received : int
-        Messages passed to the recorder.
-    written : int
-        Messages that are in the bag.
-    dropped : int
-        Messages lost because the disk was full or too slow.
-    problem : str
-        Reason why writing fails at present; empty without a problem.
-    """
-
-    received: int
-    written: int
-    dropped: int
-    problem: str
+    received: int  # messages passed to the recorder
+    written: int  # messages that are in the bag
+    dropped: int  # messages lost because the disk was full or too slow
+    problem: str  # reason why writing fails at present; empty without a problem
 
 
 @dataclass(frozen=True)
@@ -67,32 +55,15 @@ class _Message:
 
 
 class Recorder:
-    """Writes one bag; a context manager, or `close` it.
-
-    Parameters
-    ----------
-    path : str or Path
-        Bag folder to create.
-    flush_interval : float
-        Time between chunks, which is what a killed process loses [s].
-    split : int
-        A new file of the bag is started when one reaches this size [byte].
-    queue : int
-        Messages waiting for a slow disk may take this room, then they are dropped [byte].
-
-    Raises
-    ------
-    RecordError
-        If the folder exists or cannot be made.
-    """
+    """Writes one bag; a context manager, or `close` it."""
 
     def __init__(
         self,
         path: str | Path,
         *,
-        flush_interval: float = FLUSH_INTERVAL,
-        split: int = RESERVE,
-        queue: int = QUEUE,
+        flush_interval: float = FLUSH_INTERVAL,  # [s]
+        split: int = RESERVE,  # [byte]
+        queue: int = QUEUE,  # [byte]
     ) -> None:
         self.path = Path(path)
         self._interval, self._split, self._room = flush_interval, split, queue
@@ -140,23 +111,7 @@ class Recorder:
     def add_topic(
         self, name: str, msgtype: str, *, definition: str = '', type_hash: str = '', qos: str = ''
     ) -> int:
-        """Return the number of a new topic.
-
-        Parameters
-        ----------
-        name, msgtype : str
-            Topic name and ``package/msg/Name``.
-        definition, type_hash : str
-            Definition with all it depends on, and its RIHS01 hash (see
-            `definitions.definition_of`); without them only ROS itself can read the messages.
-        qos : str
-            Offered QoS profiles, a YAML list as rosbag2 stores it.
-
-        Raises
-        ------
-        RecordError
-            If a topic of that name is recorded already, or the QoS text is no YAML.
-        """
+        """Return the number of a new topic."""
         topic = Topic(name, msgtype, definition, type_hash, qos)
         try:
             plain_yaml.load(qos)
@@ -170,18 +125,8 @@ class Recorder:
             self._counts.append(0)
             return len(self._topics)
 
-    def write(self, topic: int, payload: bytes, log_time: int) -> bool:
-        """Queue a serialized message as received; return False if it had to be dropped.
-
-        Parameters
-        ----------
-        topic : int
-            Number from `add_topic`.
-        payload : bytes
-            The serialized message.
-        log_time : int
-            Time of reception [ns].
-        """
+    def write(self, topic: int, payload: bytes, log_time: int) -> bool:  # log_time [ns]
+        """Queue a serialized message as received; return False if it had to be dropped."""
         with self._lock:
             sequence = self._received[topic - 1]
             self._received[topic - 1] += 1
@@ -202,14 +147,8 @@ class Recorder:
                 sum(self._received), sum(self._counts), self._dropped, self._problem
             )
 
-    def flush(self, timeout: float = 0.0) -> None:
-        """Write the queue, as the thread does at every interval.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest wait until it is in the bag [s].
-        """
+    def flush(self, timeout: float = 0.0) -> None:  # timeout [s]
+        """Write the queue, as the thread does at every interval."""
         self._wake.set()
         with self._written:
             goal = sum(self._received) - self._dropped

@@ -17,23 +17,11 @@ FINEST = 200
 SAME = 1e-9
 
 
-def resampled(record: Record, rate: float) -> Record:
+def resampled(record: Record, rate: float) -> Record:  # rate [Hz]
     """Return a record at another rate, after an anti-aliasing filter.
 
     Input, displacement and reference pass the same zero-phase filter, so that none is shifted
     relative to another.
-
-    Parameters
-    ----------
-    record : Record
-        Whole, at a constant rate.
-    rate : float
-        New rate [Hz].
-
-    Raises
-    ------
-    RecordError
-        If the rate is invalid, or a thousand times that of the record.
     """
     if not (np.isfinite(rate) and rate > 0.0):
         raise RecordError(f'--resample {rate:g}: a rate in Hz is above 0')

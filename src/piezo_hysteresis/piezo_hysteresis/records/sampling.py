@@ -30,31 +30,14 @@ LARGEST_VOLTAGE = 5000.0  # no amplifier of this kind gives more [V]
 
 @dataclass(frozen=True)
 class Track:
-    """Samples as read, before their order is checked.
+    """Samples as read, before their order is checked."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the resulting record.
-    time : ndarray, shape (n,)
-        Time of each sample [s].
-    columns : dict of ndarray, shape (n,)
-        ``voltage`` [V], ``displacement`` [m] and perhaps ``reference`` [m]; of several axes
-        ``voltage_1``, ``voltage_2``, ..., ``displacement_1``, ...
-    sample : ndarray, shape (n,), or None
-        Number of each sample, if the source counts them.
-    info : RecordInfo
-        Metadata.
-    rate : float
-        Sampling rate stated by the source, 0 if unknown [Hz].
-    """
-
-    name: str
-    time: FloatArray
-    columns: dict[str, FloatArray]
-    sample: IntArray | None = None
-    info: RecordInfo = field(default_factory=RecordInfo)
-    rate: float = 0.0
+    name: str  # name of the resulting record
+    time: FloatArray  # time of each sample [s], shape (n,)
+    columns: dict[str, FloatArray]  # [V] [m], shape (n,)
+    sample: IntArray | None = None  # number of each sample, if the source counts them, shape (n,)
+    info: RecordInfo = field(default_factory=RecordInfo)  # metadata
+    rate: float = 0.0  # sampling rate stated by the source, 0 if unknown [Hz]
 
     def take(self, index: IntArray | BoolArray | slice) -> Track:
         """Return some of the samples."""
@@ -102,22 +85,7 @@ def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
 
 
 def sampled(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
-    """Return the samples of a track at a constant rate, or its intact pieces when salvaging.
-
-    Parameters
-    ----------
-    track : Track
-        Samples in any state.
-    where : str
-        File, for messages.
-    log : DamageLog
-        Where damage is listed, or raised.
-
-    Raises
-    ------
-    RecordError
-        If the samples are no record at a constant rate and the log does not salvage.
-    """
+    """Return the samples of a track at a constant rate, or its intact pieces when salvaging."""
     place = f'{where}: record {track.name}'
     if track.sample is not None and track.sample.size and np.all(track.sample == track.sample[0]):
         track = Track(track.name, track.time, track.columns, None, track.info, track.rate)
@@ -172,17 +140,10 @@ def _finite(track: Track, place: str, log: DamageLog) -> Track:
     return track
 
 
-def restarts(sample: IntArray, log_time: IntArray) -> IntArray:
+def restarts(sample: IntArray, log_time: IntArray) -> IntArray:  # sample (n,); log_time [ns] (n,)
     """Return the places at which the numbers of samples start again, shape (r,).
 
     Empty where that is ambiguous: numbers that are out of order, or pieces too short for a run.
-
-    Parameters
-    ----------
-    sample : ndarray, shape (n,)
-        Number of each sample, in the order of arrival.
-    log_time : ndarray, shape (n,)
-        When each was recorded [ns]: where that falls too, the order of the file is wrong.
     """
     falls = np.flatnonzero(np.diff(sample) < 0) + 1
     if not falls.size or np.any(np.diff(log_time)[falls - 1] < 0):

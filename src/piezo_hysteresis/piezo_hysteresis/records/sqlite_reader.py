@@ -21,20 +21,7 @@ ROWS = 1 << 13
 
 
 class SqliteFile:
-    """One sqlite3 file of a bag, read once in the order of its log times.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    log : DamageLog
-        Where damage is listed, or raised.
-
-    Attributes
-    ----------
-    topics : dict of int to Topic
-        Topics by their number in the file.
-    """
+    """One sqlite3 file of a bag, read once in the order of its log times."""
 
     def __init__(self, path: Path, log: DamageLog) -> None:
         self.path = path
@@ -42,13 +29,7 @@ class SqliteFile:
         self.topics: dict[int, Topic] = {}
 
     def blocks(self) -> Generator[MessageBlock]:
-        """Yield messages; of a damaged file those in front of the damage.
-
-        Raises
-        ------
-        RecordError
-            If the file is damaged and the log does not salvage.
-        """
+        """Yield messages; of a damaged file those in front of the damage."""
         if self.path.stat().st_size == 0:
             self.log.add(self.path, 'the file is empty')
             return

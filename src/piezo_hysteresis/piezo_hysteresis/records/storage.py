@@ -14,51 +14,25 @@ from piezo_hysteresis.arrays import BoolArray, IntArray
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic of a bag.
+    """One topic of a bag."""
 
-    Attributes
-    ----------
-    name, msgtype : str
-        Topic name and ``package/msg/Name``.
-    definition : str
-        Message definition with all dependencies; empty if unknown.
-    type_hash : str
-        RIHS01 hash of the type; empty if unknown.
-    qos : str
-        Offered QoS profiles as YAML text, as rosbag2 stores them.
-    encoding : str
-        Format of the definition: ``ros2msg`` or ``ros2idl``.
-    """
-
-    name: str
-    msgtype: str
-    definition: str = ''
-    type_hash: str = ''
-    qos: str = ''
-    encoding: str = 'ros2msg'
+    name: str  # topic name
+    msgtype: str  # ``package/msg/Name``
+    definition: str = ''  # message definition with all dependencies; empty if unknown
+    type_hash: str = ''  # RIHS01 hash of the type; empty if unknown
+    qos: str = ''  # offered QoS profiles as YAML text, as rosbag2 stores them
+    encoding: str = 'ros2msg'  # format of the definition: ``ros2msg`` or ``ros2idl``
 
 
 @dataclass(frozen=True)
 class MessageBlock:
-    """Serialised messages that lie in one buffer.
+    """Serialised messages that lie in one buffer."""
 
-    Attributes
-    ----------
-    buffer : ndarray of uint8, shape (b,)
-        The bytes.
-    topic : ndarray, shape (m,)
-        Number of each message's topic in the storage.
-    log_time : ndarray, shape (m,)
-        When each message was recorded [ns].
-    offset, length : ndarray, shape (m,)
-        Where each payload begins and how long it is [byte].
-    """
-
-    buffer: np.ndarray[Any, Any]
-    topic: IntArray
-    log_time: IntArray
-    offset: IntArray
-    length: IntArray
+    buffer: np.ndarray[Any, Any]  # (b,)
+    topic: IntArray  # number of each message's topic in the storage, shape (m,)
+    log_time: IntArray  # when each message was recorded [ns], shape (m,)
+    offset: IntArray  # where each payload begins [byte], shape (m,)
+    length: IntArray  # how long it is [byte], shape (m,)
 
     def take(self, mask: BoolArray) -> MessageBlock:
         """Return some of the messages; the bytes are shared."""
@@ -79,18 +53,10 @@ class MessageBlock:
 
 
 class Storage(Protocol):
-    """A storage file that can be read block by block.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    topics : dict of int to Topic
-        Topics by their number in the file.
-    """
+    """A storage file that can be read block by block."""
 
     path: Path
-    topics: dict[int, Topic]
+    topics: dict[int, Topic]  # topics by their number in the file
 
     def blocks(self) -> Generator[MessageBlock]:
         """Yield blocks in file order; `topics` is complete when the last one was read."""

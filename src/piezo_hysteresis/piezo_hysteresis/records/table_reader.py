@@ -38,11 +38,6 @@ def file_samples(
     """Return the samples of a file: those of each table with the required columns.
 
     If no table has them all, the tables are read as one: some programs write one channel a group.
-
-    Raises
-    ------
-    RecordError
-        If the file is unusable, or none of its tables has the required columns.
     """
     if sum(len(table.columns) for table in tables) < 2:
         raise RecordError(f'{path}: it holds no columns of numbers; save time, voltage and '
@@ -120,13 +115,7 @@ def track_of(
     rate: float = 0.0,
     of_file: bool = True,
 ) -> Track:
-    """Return the samples of one table in SI units, with their times; of several axes if asked.
-
-    Raises
-    ------
-    RecordError
-        If columns are missing, doubtful, or of two rates.
-    """
+    """Return the samples of one table in SI units, with their times; of several axes if asked."""
     if options.axes:
         return _track_of_axes(table, name, where, log, options, rate)
     columns = table.columns

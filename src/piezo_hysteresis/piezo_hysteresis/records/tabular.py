@@ -22,20 +22,7 @@ INFO_FILE = 'records.yaml'
 
 
 def columns_of(record: Record, unit: str = 'um') -> dict[str, FloatArray]:
-    """Return a record as named columns, ``time_s, voltage_V, displacement_um``.
-
-    Parameters
-    ----------
-    record : Record
-        Has ``force_N`` if its input is a force, and a reference if it has one.
-    unit : str
-        Unit of the displacement: m, mm, um or nm. In ``m`` every number is exact.
-
-    Raises
-    ------
-    RecordError
-        If the unit is unknown.
-    """
+    """Return a record as named columns, ``time_s, voltage_V, displacement_um``."""
     if unit not in LENGTHS:
         raise RecordError(f'unit {unit!r} is not known; use m, mm, um or nm')
     columns = {}
@@ -50,13 +37,7 @@ def columns_of(record: Record, unit: str = 'um') -> dict[str, FloatArray]:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Provide a temporary name for a file that appears only when it is complete.
-
-    Raises
-    ------
-    RecordError
-        If the file exists or cannot be written; no partial file remains.
-    """
+    """Provide a temporary name for a file that appears only when it is complete."""
     if path.exists():
         raise RecordError(f'{path} exists already; remove it or choose another name')
     try:

@@ -74,13 +74,7 @@ def _is_cell(cell: str) -> bool:
 
 
 def decimal_mark(cells: Iterable[str], where: object) -> tuple[str, bool]:
-    """Return the decimal mark of a file by all its cells, and whether the other groups thousands.
-
-    Raises
-    ------
-    RecordError
-        If the cells do not show it.
-    """
+    """Return the decimal mark of a file, and whether the other mark groups thousands."""
     cells = list(cells)
     text = '\n'.join(cells)
     if ',' not in text and not _TWO_POINTS.search(text):
@@ -149,11 +143,6 @@ def seconds(cells: Sequence[str], where: object) -> FloatArray:
     """Return times of day or dates as seconds from the first; NaN for a cell that is none.
 
     A time without a date that falls by more than half a day passes midnight.
-
-    Raises
-    ------
-    RecordError
-        If the order of day and month is not clear and matters.
     """
     whole = np.zeros(len(cells), np.int64)
     part = np.zeros(len(cells), np.int64)

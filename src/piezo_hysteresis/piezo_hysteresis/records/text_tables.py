@@ -32,13 +32,7 @@ _HEAD = 100_000
 
 
 def text_tables(path: Path, log: DamageLog, options: ReadOptions) -> list[ColumnTable]:
-    """Return the tables of a text file.
-
-    Raises
-    ------
-    RecordError
-        If it is no text, has no columns, or cells are no numbers and the log does not salvage.
-    """
+    """Return the tables of a text file."""
     large = path.stat().st_size > csv_columns.LARGE
     lines = _lines(path, log, most=_HEAD if large else -1)
     layouts = _layouts(lines, path, options)

@@ -25,17 +25,7 @@ from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figur
 def write_axes_identification(
     out: str, found: ModalIdentification, records: Sequence[AxesRecord]
 ) -> None:
-    """Write report.html, summary.json and model.yaml.
-
-    Parameters
-    ----------
-    out : str
-        Folder; created if missing.
-    found : ModalIdentification
-        The model and its steps.
-    records : sequence of AxesRecord
-        The records, fitted and held out.
-    """
+    """Write report.html, summary.json and model.yaml."""
     summary = summary_of(found)
     files = {
         'report.html': _page(found, records),
@@ -47,20 +37,8 @@ def write_axes_identification(
 
 def write_axes_tracking(
     out: str, runs: Sequence[AxesRun], dt: float, references: Sequence[str]
-) -> None:
-    """Write report.html, summary.json and voltage.csv: the voltages of the last run.
-
-    Parameters
-    ----------
-    out : str
-        Folder; created if missing.
-    runs : sequence of AxesRun
-        The runs, see `axes_tracking.tracked`.
-    dt : float
-        Sampling interval [s].
-    references : sequence of str
-        Reference of each output; empty: it is to stand still.
-    """
+) -> None:  # dt [s]
+    """Write report.html, summary.json and voltage.csv: the voltages of the last run."""
     rows = [{'run': each.name, 'rms_m': each.rms.tolist()} for each in runs]
     best, inputs = runs[-1], range(runs[-1].voltage.shape[1])
     text = io.StringIO()

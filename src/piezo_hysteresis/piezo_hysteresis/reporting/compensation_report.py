@@ -39,17 +39,7 @@ _OTHER = 'fed_back'  # any feedback law
 def compensation_page(
     runs: Sequence[Run], model: str, plant: str, reference: str, from_seconds: float
 ) -> str:
-    """Return the whole report as HTML.
-
-    Parameters
-    ----------
-    runs : sequence of Run
-        Runs, the first one without compensation.
-    model, plant, reference : str
-        Inverted model, driven plant, and reference.
-    from_seconds : float
-        Start of the evaluated part.
-    """
+    """Return the whole report as HTML."""
     sections = [_errors(runs, from_seconds), _left(runs), _voltages(runs)]
     if plant == model:
         text = (
@@ -163,27 +153,8 @@ def colour_of(run: Run) -> str:
 
 def write_compensation(
     out: str | Path, study: Study, runs: Sequence[Run], reference: str, seconds: float
-) -> None:
-    """Write ``summary.json``, ``report.html``, ``tracking.png`` and `VOLTAGE`.
-
-    Parameters
-    ----------
-    out : str or Path
-        Folder; created if missing.
-    study : Study
-        All settings.
-    runs : sequence of Run
-        Runs, the first one without compensation.
-    reference : str
-        Description of the reference.
-    seconds : float
-        Computing time [s].
-
-    Raises
-    ------
-    PiezoError
-        If the folder cannot be written, or holds the results of another verb.
-    """
+) -> None:  # seconds [s]
+    """Write ``summary.json``, ``report.html``, ``tracking.png`` and `VOLTAGE`."""
     controllers = study.controllers
     summary: dict[str, Any] = {
         'model': study.model.model.name,

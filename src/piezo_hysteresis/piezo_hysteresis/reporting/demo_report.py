@@ -66,28 +66,7 @@ def write_demo_report(
     plan: TrackingPlan,
     results: Path,
 ) -> None:
-    """Write the report of the demo.
-
-    Parameters
-    ----------
-    path : Path
-        HTML file to write.
-    sweep : sequence of Record
-        Records from which the model was identified.
-    found : Identification
-        The model.
-    runs : sequence of TrackingRun
-        Tracking runs, the first one without compensation, the last one with all controllers.
-    plan : TrackingPlan
-        Settings of the demo.
-    results : Path
-        Folder named in the printed commands; `path` may be moved into it later.
-
-    Raises
-    ------
-    PiezoError
-        If the file cannot be written.
-    """
+    """Write the report of the demo."""
     simulated = found.runs.simulated
     sections = [
         _before_after(runs, plan),
@@ -112,11 +91,6 @@ def write_data_report(
     """Write the report of an identification with automatic model selection.
 
     Its commands name the folder `results`; `path` may be moved into it later.
-
-    Raises
-    ------
-    PiezoError
-        If the file cannot be written.
     """
     page = identification_page(records, found, steps=steps, data=data, folder=str(results))
     write_folder(path.parent, {path.name: page})

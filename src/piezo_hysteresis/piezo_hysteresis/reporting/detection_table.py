@@ -27,15 +27,7 @@ _APART = (
 def detection_section(
     limits: Sequence[DetectionLimit], file: str = 'verdict.json'
 ) -> PageSection | None:
-    """Return the section of the report, None without detection limits.
-
-    Parameters
-    ----------
-    limits : sequence of DetectionLimit
-        Of every effect.
-    file : str
-        Name of the file next to the report that lists all variants.
-    """
+    """Return the section of the report, None without detection limits."""
     if not limits:
         return None
     header = ('effect', 'detection limit', 'better experiment', 'rms change', 'similar effect')

@@ -377,13 +377,7 @@ def _unique(names: Sequence[str]) -> list[str]:
 
 
 def write_discovery(out: str | Path, found: Discovery, data: Sequence[str] = ()) -> None:
-    """Write verdict.json, model.yaml, params.yaml and report.html.
-
-    Raises
-    ------
-    PiezoError
-        If the folder cannot be written, or holds the results of another verb.
-    """
+    """Write verdict.json, model.yaml, params.yaml and report.html."""
     saved = found.model_file(data)
     ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
     verdict = json.dumps(found.verdict.to_dict(), indent=2, allow_nan=False)

@@ -46,15 +46,7 @@ def micrometres(metres: float | None) -> str:
 
 
 def with_deviation(value: float, std: float | None) -> tuple[str, str]:
-    """Return a number with the digits that its standard deviation permits, and the deviation.
-
-    Parameters
-    ----------
-    value : float
-        Value in the display unit.
-    std : float or None
-        Standard deviation in the same unit; None or infinite if unknown.
-    """
+    """Return a number with the digits that its standard deviation permits, and the deviation."""
     if std is None or math.isnan(std):
         return f'{value:.5g}', 'held'
     if math.isinf(std):

@@ -22,18 +22,10 @@ MARKER = '.results.json'
 
 @dataclass(frozen=True)
 class FolderMarker:
-    """Owner of the results in a folder.
+    """Owner of the results in a folder."""
 
-    Attributes
-    ----------
-    verb : str
-        Verb that wrote the results.
-    files : tuple of str
-        Names of the written files and folders.
-    """
-
-    verb: str
-    files: tuple[str, ...] = ()
+    verb: str  # verb that wrote the results
+    files: tuple[str, ...] = ()  # names of the written files and folders
 
     def text(self) -> str:
         """Return the content of the file."""
@@ -67,13 +59,7 @@ def _plain(name: str) -> bool:
 
 
 def check_folder(folder: str | Path, verb: str) -> None:
-    """Reject a folder that contains anything but results of `verb`; call it before a long task.
-
-    Raises
-    ------
-    PiezoError
-        If the folder holds results of another verb, or files and no results.
-    """
+    """Reject a folder that contains anything but results of `verb`; call it before a long task."""
     target = Path(folder)
     found = marker_of(target)
     try:
@@ -99,26 +85,14 @@ def overwrite(folder: str | Path, verb: str) -> None:
 
 
 def claim(folder: str | Path, verb: str) -> None:
-    """Mark a folder before a task that writes its results one by one; its content stays.
-
-    Raises
-    ------
-    PiezoError
-        As `check_folder` does, or if the folder cannot be written.
-    """
+    """Mark a folder before a task that writes its results one by one; its content stays."""
     check_folder(folder, verb)
     if not (Path(folder) / MARKER).is_file():
         _mark(folder, FolderMarker(verb))
 
 
 def clear(folder: str | Path, verb: str) -> None:
-    """Remove the results of an earlier run of `verb`, keep other files, and mark the folder.
-
-    Raises
-    ------
-    PiezoError
-        As `check_folder` does, or if the folder cannot be written.
-    """
+    """Remove the results of an earlier run of `verb`, keep other files, and mark the folder."""
     check_folder(folder, verb)
     for name in _stale(Path(folder), ()):
         (Path(folder) / name).unlink()
@@ -130,23 +104,7 @@ def _mark(folder: str | Path, marker: FolderMarker) -> None:
 
 
 def write_folder(folder: str | Path, files: Mapping[str, bytes | str], verb: str = '') -> None:
-    """Write files into a folder: first all under temporary names, then renamed.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Folder; created if missing. Other files in it stay.
-    files : mapping of str to bytes or str
-        Content by file name.
-    verb : str
-        Owner of the results: the folder is marked with it, and files of an earlier run that this
-        run does not write are removed. '' for files that are not results.
-
-    Raises
-    ------
-    PiezoError
-        If the folder has other content or cannot be written; no file is then changed.
-    """
+    """Write files into a folder: first all under temporary names, then renamed."""
     target = Path(folder)
     stale: set[str] = set()
     if verb:
@@ -187,11 +145,6 @@ def replacing(folder: Path, verb: str) -> Iterator[Path]:
     """Provide an empty folder whose content moves into `folder` only after success.
 
     Results of an earlier run of `verb` are removed, other files stay.
-
-    Raises
-    ------
-    PiezoError
-        If `folder` has other content or cannot be written.
     """
     check_folder(folder, verb)
     try:

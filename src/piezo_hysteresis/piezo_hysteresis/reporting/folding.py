@@ -21,24 +21,12 @@ _NUMBERED = re.compile(r'^(.*?)(\d+)$')
 
 @dataclass(frozen=True)
 class Value:
-    """One reported parameter.
+    """One reported parameter."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the parameter.
-    value : float
-        In SI units.
-    std : float or None
-        Standard deviation; None if the parameter is fixed or the value unknown.
-    unit : str
-        SI unit.
-    """
-
-    name: str
-    value: float
-    std: float | None
-    unit: str
+    name: str  # name of the parameter
+    value: float  # in SI units
+    std: float | None  # standard deviation; None if the parameter is fixed or the value unknown
+    unit: str  # SI unit
 
 
 def groups_of(values: Iterable[Value]) -> list[list[Value]]:

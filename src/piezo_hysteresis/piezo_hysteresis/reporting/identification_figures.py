@@ -24,29 +24,12 @@ _MODEL, _ERROR, _FLOOR = ROLES['model'], ROLES['error'], '#000000'
 
 def figures(
     records: Sequence[Record],
-    simulated: Mapping[str, FloatArray],
+    simulated: Mapping[str, FloatArray],  # [m]
     errors: Sequence[RecordErrors],
     *,
-    noise_floor: float = float('nan'),
+    noise_floor: float = float('nan'),  # [m]
 ) -> dict[str, bytes]:
-    """Draw all figures.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Measured records.
-    simulated : mapping of str to ndarray
-        Free run by record name [m], shapes (n,).
-    errors : sequence of RecordErrors
-        Errors of the same records.
-    noise_floor : float
-        Noise rms [m]; NaN if unknown.
-
-    Returns
-    -------
-    dict of str to bytes
-        PNG files by name.
-    """
+    """Draw all figures."""
     chosen = _spread(records)
     drawn = {
         'loops.png': _loops(chosen, simulated),

@@ -40,21 +40,7 @@ def identification_page(
     data: Sequence[str] = (),
     folder: str = '',
 ) -> str:
-    """Return the whole report as HTML.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Measured records.
-    found : Identification
-        Result of the identification.
-    steps : sequence of TriedModel
-        Tested models, if the model was selected automatically.
-    data : sequence of str
-        Paths for the recommended commands; ``DATA`` if not given.
-    folder : str
-        Output folder as given by the user.
-    """
+    """Return the whole report as HTML."""
     seen = annotated(records)
     simulated = found.runs.simulated
     sections = [
@@ -94,18 +80,8 @@ def sentence_of(found: Identification) -> str:
 
 def fit_section(
     records: Sequence[Record], found: Identification, simulated: Mapping[str, FloatArray]
-) -> PageSection:
-    """Return measured and simulated loops, and one record over time.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Measured records.
-    found : Identification
-        Result of the identification.
-    simulated : mapping of str to ndarray
-        Free run by record name [m].
-    """
+) -> PageSection:  # simulated [m]
+    """Return measured and simulated loops, and one record over time."""
     worst = max(found.records, key=lambda row: largest_if_unknown(row.nrmse_percent))
     which = f' in its worst record, {worst.record}' if len(records) > 1 else ''
     text = (
@@ -221,25 +197,7 @@ def _loop(record: Record, simulated: FloatArray) -> Plot:
 def write_identification(
     out: str, found: Identification, records: Sequence[Record], data: Sequence[str] = ()
 ) -> None:
-    """Write model.yaml, params.yaml, summary.json, report.html and figures.
-
-    Parameters
-    ----------
-    out : str
-        Folder; created if missing.
-    found : Identification
-        Result of the identification.
-    records : sequence of Record
-        Records of the identification.
-    data : sequence of str
-        Paths of the records.
-
-    Raises
-    ------
-    PiezoError
-        If the folder cannot be written or holds the results of another verb, or the parameters are
-        not a valid model.
-    """
+    """Write model.yaml, params.yaml, summary.json, report.html and figures."""
     saved = found.model_file(data, records[0].rate)
     drawn = figures(records, found.runs.simulated, found.records, noise_floor=found.noise_floor)
     ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}

@@ -20,18 +20,8 @@ from piezo_hysteresis.reporting.signals import last_periods, stands_out
 
 def where_section(
     records: Sequence[Record], found: Identification, simulated: Mapping[str, FloatArray]
-) -> PageSection:
-    """Return the error by frequency, and its spectrum and time course in the worst record.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Measured records.
-    found : Identification
-        Result of the identification.
-    simulated : mapping of str to ndarray
-        Free run by record name [m].
-    """
+) -> PageSection:  # simulated [m]
+    """Return the error by frequency, and its spectrum and time course in the worst record."""
     errors = {each.name: each.displacement - simulated[each.name] for each in records}
     by_name = {row.record: row for row in found.records}
     worst = max(records, key=lambda r: largest_if_unknown(by_name[r.name].nrmse_percent))
@@ -77,22 +67,8 @@ def over_frequency(records: Sequence[Record], found: Identification) -> Plot:
 
 
 def harmonics(error: FloatArray, frequency: float, dt: float) -> dict[int, float]:
-    """Return the amplitudes of an error at the harmonics of a drive; order 0 is the mean.
-
-    Parameters
-    ----------
-    error : ndarray, shape (n,)
-        Error in any unit; its last whole periods are evaluated.
-    frequency : float
-        Drive frequency [Hz].
-    dt : float
-        Sampling interval [s].
-
-    Returns
-    -------
-    dict of int to float
-        Amplitude by order; empty if the error is shorter than a period.
-    """
+    """Return the amplitudes of an error at the harmonics of a drive; order 0 is the mean."""
+    # error (n,); frequency [Hz]; dt [s]
     period = 1.0 / (frequency * dt)
     length = round(int(error.size / period) * period)
     if length < 2 or length > error.size:

@@ -26,42 +26,19 @@ from piezo_hysteresis.reporting.page_style import PAGE, STYLE
 
 @dataclass(frozen=True)
 class Plot:
-    """A zoomable plot with a caption.
+    """A zoomable plot with a caption."""
 
-    Attributes
-    ----------
-    figure : bokeh.plotting.figure
-        Figure from `piezo_hysteresis.reporting.plots`.
-    caption : str
-        Description in one or two sentences; screen readers read it instead of the plot.
-    """
-
-    figure: Any
-    caption: str
+    figure: Any  # figure from `piezo_hysteresis.reporting.plots`
+    caption: str  # description in one or two sentences; screen readers read it instead of the plot
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of formatted texts and numbers.
+    """A table of formatted texts and numbers."""
 
-    Attributes
-    ----------
-    headers : tuple of str
-        One per column, with the unit.
-    rows : tuple of tuple of str
-        Rows with one cell per header.
-    caption : str
-        Description; may be empty.
-
-    Raises
-    ------
-    ValueError
-        If the number of cells of a row differs from that of the headers.
-    """
-
-    headers: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    caption: str = ''
+    headers: tuple[str, ...]  # one per column, with the unit
+    rows: tuple[tuple[str, ...], ...]  # rows with one cell per header
+    caption: str = ''  # description; may be empty
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -71,28 +48,13 @@ class Table:
 
 @dataclass(frozen=True)
 class PageSection:
-    """A part of the report.
+    """A part of the report."""
 
-    Attributes
-    ----------
-    title : str
-        Title of the section.
-    text : str
-        Plain text: an empty line starts a paragraph, ``- `` an item of a list, ```` `...` ````
-        marks input, ``[words](page.html)`` links to a page in the same folder.
-    figures : tuple of Plot
-        Figures, side by side on a wide screen.
-    tables : tuple of Table
-        Below each other, after the figures.
-    folded : bool
-        Whether only the title is visible until a reader opens the section; printed in full.
-    """
-
-    title: str
+    title: str  # title of the section
     text: str = ''
-    figures: tuple[Plot, ...] = ()
-    tables: tuple[Table, ...] = ()
-    folded: bool = False
+    figures: tuple[Plot, ...] = ()  # figures, side by side on a wide screen
+    tables: tuple[Table, ...] = ()  # below each other, after the figures
+    folded: bool = False  # whether only the title is visible until a reader opens the section
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[object]], caption: str = '') -> Table:
@@ -102,17 +64,7 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[object]], caption: str
 
 
 def render(title: str, verdict: str, sections: Sequence[PageSection]) -> str:
-    """Return the complete page as HTML.
-
-    Parameters
-    ----------
-    title : str
-        Heading of the page.
-    verdict : str
-        Result in one sentence.
-    sections : sequence of PageSection
-        Sections in reading order.
-    """
+    """Return the complete page as HTML."""
     figures = [plot.figure for section in sections for plot in section.figures]
     script, places = components(figures) if figures else ('', ())
     waiting = iter(places)
@@ -134,13 +86,7 @@ def render(title: str, verdict: str, sections: Sequence[PageSection]) -> str:
 def write_report(
     path: str | Path, title: str, verdict: str, sections: Sequence[PageSection]
 ) -> None:
-    """Write the page of `render`; the file is complete or unchanged.
-
-    Raises
-    ------
-    PiezoError
-        If the file cannot be written.
-    """
+    """Write the page of `render`; the file is complete or unchanged."""
     target = Path(path)
     write_folder(target.parent, {target.name: render(title, verdict, sections)})
 

@@ -49,23 +49,12 @@ _WIDE_LEGEND = 44  # characters of a legend line above a plot on a phone
 
 @dataclass(frozen=True)
 class Curve:
-    """A line of a plot.
+    """A line of a plot."""
 
-    Attributes
-    ----------
-    label : str
-        Name in the legend.
-    x, y : ndarray, shape (n,)
-        Coordinates in SI units.
-    role : str
-        One of `ROLES`, which fixes its colour; '' takes the next colour. Lost samples are drawn
-        as crosses.
-    """
-
-    label: str
-    x: FloatArray
-    y: FloatArray
-    role: str = ''
+    label: str  # name in the legend
+    x: FloatArray  # (n,)
+    y: FloatArray  # (n,)
+    role: str = ''  # one of `ROLES`, which fixes its colour; '' takes the next colour
 
 
 def new_axes(title: str, x_label: str, y_label: str, **options: Any) -> Any:

@@ -43,17 +43,7 @@ __all__ = [
 
 
 def loop_figure(curves: Sequence[Curve], title: str, caption: str, input_unit: str = 'V') -> Plot:
-    """Draw displacement [m] over voltage [V] (or force [N], or reference [m]).
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        Complete loops, the measured one first.
-    title, caption : str
-        Text above and below the plot.
-    input_unit : str
-        ``V``, ``N`` or ``m`` (a reference).
-    """
+    """Draw displacement [m] over voltage [V] (or force [N], or reference [m])."""
     name, factor, unit = {
         'V': ('voltage', 1.0, 'V'),
         'N': ('force', 1.0, 'N'),
@@ -69,9 +59,9 @@ _CROSSINGS = 12
 
 
 def response_figure(
-    drive: FloatArray,
-    time: FloatArray,
-    responses: Sequence[tuple[str, FloatArray, str]],
+    drive: FloatArray,  # [s] (n,)
+    time: FloatArray,  # [s] (n,)
+    responses: Sequence[tuple[str, FloatArray, str]],  # [m]
     title: str,
     caption: str,
     input_unit: str = 'V',
@@ -79,15 +69,6 @@ def response_figure(
     """Draw displacements [m] over the drive, or over time where loops would merge into a block.
 
     Over time, the stretch is drawn in which the first two responses differ most.
-
-    Parameters
-    ----------
-    drive, time : ndarray, shape (n,)
-        Input, and time [s].
-    responses : sequence of (str, ndarray, str)
-        Label, displacement [m] and role of each curve, the measured one first.
-    title, caption, input_unit : str
-        As in `loop_figure`.
     """
     above = drive > float(np.mean(drive))
     crossings = np.flatnonzero(above[1:] != above[:-1])
@@ -111,17 +92,7 @@ def trace_figure(
     *,
     ground: bool = True,
 ) -> Plot:
-    """Draw displacements or errors [m] over time [s].
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        Curves, the measured or desired one first.
-    title, caption, y_label : str
-        Title, caption and label of the plot.
-    ground : bool
-        Whether the first curve is a wide grey background of the others.
-    """
+    """Draw displacements or errors [m] over time [s]."""
     plot = new_axes(title, 'time [s]', f'{y_label} [µm]')
     draw_lines(plot, curves, 1.0, MICRO, ground=ground, overlaid=ground)
     return Plot(plot, caption)
@@ -134,19 +105,8 @@ _BANDS = 240
 
 def band_figure(
     curves: Sequence[Curve], title: str, caption: str, y_label: str, frequency: float
-) -> Plot:
-    """Draw errors [m] over time [s], as bands where lines would merge into a block.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        Curves over the same times; later ones are drawn above earlier ones.
-    title, caption, y_label : str
-        Title, caption and label of the plot.
-    frequency : float
-        Drive frequency [Hz], or 0. A band spans the smallest to the largest value of each period,
-        or of as many periods as the plot can resolve.
-    """
+) -> Plot:  # frequency [Hz]
+    """Draw errors [m] over time [s], as bands where lines would merge into a block."""
     spans = [float(np.ptp(curve.x)) for curve in curves if len(curve.x)]
     periods = max(spans, default=0.0) * frequency
     if 0.0 < periods <= _PERIODS_AS_LINES:
@@ -170,23 +130,9 @@ def xy_figure(
     log_x: bool = False,
     log_y: bool = False,
     markers: bool = True,
-    floor: float | None = None,
+    floor: float | None = None,  # [m]
 ) -> Plot:
-    """Draw displacements [m] over any quantity; the labels contain the units, that of y is µm.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        Curves with x in the unit of its label, y in metres.
-    title, caption, x_label, y_label : str
-        Title, caption and labels of the plot.
-    log_x, log_y : bool
-        Logarithmic axes.
-    markers : bool
-        Whether the points are marked.
-    floor : float, optional
-        Noise floor [m], drawn as a horizontal line.
-    """
+    """Draw displacements [m] over any quantity; the labels contain the units, that of y is µm."""
     kinds = {'x_axis_type': 'log' if log_x else 'auto', 'y_axis_type': 'log' if log_y else 'auto'}
     plot = new_axes(title, x_label, y_label, **kinds)
     more = draw_floor(plot, floor)
@@ -204,38 +150,18 @@ def xy_figure(
 
 
 def spectrum_figure(
-    signals: Sequence[tuple[str, FloatArray]],
-    dt: float,
+    signals: Sequence[tuple[str, FloatArray]],  # [m]
+    dt: float,  # [s]
     title: str,
     caption: str,
     *,
     roles: Sequence[str] = (),
-    fundamental: float = 0.0,
+    fundamental: float = 0.0,  # [Hz]
     orders: Sequence[int] = (1, 3, 5, 7),
-    marks: Mapping[str, float] | None = None,
-    highest: float | None = None,
+    marks: Mapping[str, float] | None = None,  # [Hz]
+    highest: float | None = None,  # [Hz]
 ) -> Plot:
-    """Draw amplitude spectra with the harmonics of the drive marked.
-
-    Parameters
-    ----------
-    signals : sequence of (str, ndarray)
-        Labels and displacements or errors [m], whole periods.
-    dt : float
-        Sampling interval [s].
-    title, caption : str
-        Text above and below the plot.
-    roles : sequence of str
-        Role of each signal, as `Curve.role`.
-    fundamental : float
-        Drive frequency [Hz]; 0 for none.
-    orders : sequence of int
-        Marked harmonics.
-    marks : mapping of str to float, optional
-        Additional marked frequencies [Hz], such as a resonance.
-    highest : float, optional
-        End of the axis [Hz]; by default 12 times the fundamental.
-    """
+    """Draw amplitude spectra with the harmonics of the drive marked."""
     end = min(0.5 / dt, highest or (12 * fundamental if fundamental > 0 else np.inf))
     plot = new_axes(title, 'frequency [Hz]', 'amplitude [µm]', y_axis_type='log', x_range=(0, end))
     curves = []
@@ -279,32 +205,16 @@ def _label_bars(plot: Any, names: Sequence[str], values: Sequence[float], shift:
 
 
 def bars_before_after(
-    frequencies: Sequence[float | str],
-    before: Sequence[float],
-    after: Sequence[float] | None,
-    floor: float | None,
+    frequencies: Sequence[float | str],  # [Hz]
+    before: Sequence[float],  # [m]
+    after: Sequence[float] | None,  # [m]
+    floor: float | None,  # [m]
     *,
     title: str = 'Error before and after',
     caption: str = '',
     labels: tuple[str, str] = ('before', 'after'),
 ) -> Plot:
-    """Draw errors [m] before and after as pairs of bars on a logarithmic axis.
-
-    Parameters
-    ----------
-    frequencies : sequence of float or str
-        Frequencies of the records [Hz], or their names; one pair of bars each, without duplicates.
-    before : sequence of float
-        Rms errors [m].
-    after : sequence of float or None
-        Rms errors [m]; None draws one bar for each record.
-    floor : float or None
-        Noise floor [m]; a bar at this level leaves no residual to explain.
-    title, caption : str
-        Text above and below the plot.
-    labels : tuple of str
-        Labels of the two bars.
-    """
+    """Draw errors [m] before and after as pairs of bars on a logarithmic axis."""
     names = [f if isinstance(f, str) else f'{f:g} Hz' for f in frequencies]
     pairs = (
         [(labels[0], before)] if after is None else [*zip(labels, (before, after), strict=True)]

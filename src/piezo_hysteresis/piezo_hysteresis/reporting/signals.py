@@ -20,26 +20,12 @@ _SPIKE = 2.0
 
 def thinned(
     x: FloatArray, y: FloatArray, points: int = DRAWN, *, decades: bool = False
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:  # x, y (n,)
     """Return at most `points` points of a line that look like the whole line.
 
     Over increasing `x`, such as time, the smallest and largest `y` of every interval are kept. A
     path in the plane, such as a loop, keeps the points farthest from the drawn line, and thus the
     turning points of both axes (Ramer 1972; Douglas and Peucker 1973).
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        Coordinates in the order of the line.
-    points : int
-        Largest number of points, 4 or more.
-    decades : bool
-        Whether the intervals are equal on a logarithmic axis, for lines of a spectrum.
-
-    Returns
-    -------
-    tuple of ndarray
-        Points of the input in its order, including the first and the last.
     """
     if y.size <= points:
         return x, y
@@ -113,14 +99,8 @@ def amplitude_spectrum(signal: FloatArray, dt: float) -> tuple[FloatArray, Float
 
     A Hann window keeps strong lines from leaking over weak ones; a sine of amplitude 1 on a line
     reads 1.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,)
-        Signal in any unit.
-    dt : float
-        Sampling interval [s].
     """
+    # signal (n,); dt [s]
     # periodic form: whole periods coincide with spectral lines; in place, for long records
     window = np.arange(signal.size, dtype=np.float64)
     window *= 2 * np.pi / signal.size

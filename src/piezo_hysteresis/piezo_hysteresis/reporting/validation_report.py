@@ -28,19 +28,7 @@ def validation_page(
     data: Sequence[str] = (),
     limits: Sequence[DetectionLimit] = (),
 ) -> str:
-    """Return the whole report as HTML.
-
-    Parameters
-    ----------
-    validation : Validation
-        Errors of a model on records.
-    model : str
-        Path of the model for the recommended command.
-    data : sequence of str
-        Paths for the recommended command; ``DATA`` if not given or many.
-    limits : sequence of DetectionLimit
-        Detection limits of these records, where they were calculated.
-    """
+    """Return the whole report as HTML."""
     where = ' '.join(data) if 0 < len(data) <= 3 else 'DATA'
     saved, rows, worst = validation.given, validation.records, validation.worst
     noise_floor, simulated = validation.noise_floor, validation.simulated
@@ -110,26 +98,7 @@ def write_validation(
     data: Sequence[str] = (),
     limits: Sequence[DetectionLimit] = (),
 ) -> None:
-    """Write report.html, summary.json, model.yaml and figures.
-
-    Parameters
-    ----------
-    out : str
-        Folder; created if missing.
-    validation : Validation
-        Errors of a model on records.
-    model : str
-        Path of the model for the recommended command.
-    data : sequence of str
-        Paths of the records for the recommended command.
-    limits : sequence of DetectionLimit
-        Detection limits of these records, where they were calculated.
-
-    Raises
-    ------
-    PiezoError
-        If the folder cannot be written or holds the results of another verb.
-    """
+    """Write report.html, summary.json, model.yaml and figures."""
     summary = validation.summary()
     if limits:
         summary['detection_limits'] = plain_types([asdict(each) for each in limits])

@@ -16,22 +16,7 @@ from piezo_hysteresis.ros.running import destroy
 
 
 class Client:
-    """Lives for a `with` block, or until it is closed; spins only while it waits.
-
-    Parameters
-    ----------
-    name : str
-        Of its node.
-    domain : int, optional
-        Domain of the middleware; that of the environment by default.
-    namespace : str
-        Of its node.
-
-    Attributes
-    ----------
-    node : Node
-        For subscriptions, publishers and clients.
-    """
+    """Lives for a `with` block, or until it is closed; spins only while it waits."""
 
     def __init__(self, name: str, domain: int | None = None, *, namespace: str = '') -> None:
         self._context = joined(domain)

@@ -34,16 +34,9 @@ class EndsWithin:
     """Ends the process with an exit code unless the ``with`` block is left before.
 
     A timer of the C library calls ``_exit``, because what hangs may hold the lock of Python.
-
-    Parameters
-    ----------
-    seconds : float
-        How long the block may take [s].
-    code : int
-        Exit code of the process.
     """
 
-    def __init__(self, seconds: float, code: int) -> None:
+    def __init__(self, seconds: float, code: int) -> None:  # seconds [s]
         self._library = ctypes.CDLL(ctypes.util.find_library('c'), use_errno=True)
         self._timer = ctypes.c_void_p()
         end = ctypes.cast(self._library._exit, ctypes.c_void_p)

@@ -33,15 +33,7 @@ STATE = 'state'
 
 
 class Diagnostics:
-    """Publishes the health of a node; create it before any slow initialization.
-
-    Parameters
-    ----------
-    node : Node
-        The monitored node; a lifecycle node also reports while it is inactive.
-    ask : callable
-        Returns the health of the node; called at 5 Hz once the node spins.
-    """
+    """Publishes the health of a node; create it before any slow initialization."""
 
     def __init__(self, node: Guarded, ask: Callable[[], Health]) -> None:
         self._node = node

@@ -24,18 +24,7 @@ _LENGTH_AT = 12
 
 
 class FlatCodec:
-    """Packs and unpacks one type of message.
-
-    Parameters
-    ----------
-    kind : type
-        Message class with the fields header, one uint64 and any number of float64.
-
-    Raises
-    ------
-    TypeError
-        If it has other fields.
-    """
+    """Packs and unpacks one type of message."""
 
     def __init__(self, kind: Any) -> None:
         fields = kind.get_fields_and_field_types()

@@ -81,15 +81,7 @@ class Guarded(Node):
             self.executor.create_task(self.guard(callback), *arguments)
 
     def guard(self, callback: Callback, answer: Callback | None = None) -> Callback:
-        """Return `callback` without its exceptions.
-
-        Parameters
-        ----------
-        callback : callable
-            The function to call.
-        answer : callable, optional
-            Receives the reason of a failure and the arguments; returns the result in its place.
-        """
+        """Return `callback` without its exceptions."""
         name = getattr(callback, '__qualname__', type(callback).__name__)
         in_succession = self._in_succession
 

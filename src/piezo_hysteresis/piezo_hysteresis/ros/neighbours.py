@@ -10,15 +10,7 @@ from piezo_hysteresis.ros.readiness import Heartbeats
 
 
 class Neighbours(Heartbeats):
-    """The other nodes of a namespace.
-
-    Parameters
-    ----------
-    node : Node
-        The observing node.
-    everywhere : bool
-        Whether nodes of all namespaces are included.
-    """
+    """The other nodes of a namespace."""
 
     def __init__(self, node: Node, *, everywhere: bool = False) -> None:
         super().__init__()

@@ -60,18 +60,6 @@ class NodeParameters:
 
     A node calls `serve` once the objects that its callbacks use exist; before that, only the table
     validates.
-
-    Parameters
-    ----------
-    node : rclpy node
-        The node that owns the parameters.
-    table : ParameterTable
-        Names, defaults and ranges.
-
-    Raises
-    ------
-    SystemExit
-        If a value of a parameter file is not allowed; the reason has been logged.
     """
 
     def __init__(self, node: Node, table: ParameterTable) -> None:
@@ -85,21 +73,7 @@ class NodeParameters:
         node.add_post_set_parameters_callback(self._accept)
 
     def serve(self, apply: Apply, refuse: Refuse | None = None) -> None:
-        """Validate the present values by the node, and call the node on every further change.
-
-        Parameters
-        ----------
-        apply : callable
-            Receives the accepted changes ``{name: value}`` after they are stored.
-        refuse : callable, optional
-            Receives the changes that the table allows and returns '' or the reason to refuse all
-            of them; it must have no side effects.
-
-        Raises
-        ------
-        SystemExit
-            If the node refuses its initial values.
-        """
+        """Validate the present values by the node, and call the node on every further change."""
         table = self._groups[0].table
         own = {spec.name: self.values[spec.name] for spec in table.specs}
         reason = '' if refuse is None else refuse(own)

@@ -33,15 +33,7 @@ class ProcessError(Exception):
 
 
 class NodeProcess:
-    """A running node; it ends if its owner dies.
-
-    Attributes
-    ----------
-    name : str
-        Name of the executable.
-    log : Path
-        File with its output.
-    """
+    """A running node; it ends if its owner dies."""
 
     def __init__(
         self,
@@ -101,13 +93,7 @@ class NodeProcess:
         return code
 
     def wait(self, timeout: float) -> int:
-        """Wait for the node to end by itself.
-
-        Raises
-        ------
-        ProcessError
-            If it does not within `timeout` seconds.
-        """
+        """Wait for the node to end by itself."""
         code = self._ended(timeout)
         if code is None:
             raise ProcessError(
@@ -132,13 +118,7 @@ _CLAIMS = itertools.count()
 
 
 class NodeProcesses:
-    """A group of node processes that share a domain and end together.
-
-    Parameters
-    ----------
-    domain : int, optional
-        ROS domain; by default one of 1..100 that no other group on this machine uses.
-    """
+    """A group of node processes that share a domain and end together."""
 
     def __init__(self, domain: int | None = None) -> None:
         self._claim: IO[str] | None = None
@@ -194,21 +174,7 @@ class NodeProcesses:
         remap: Mapping[str, str] | None = None,
         files: Sequence[Path] = (),
     ) -> NodeProcess:
-        """Start one node.
-
-        Parameters
-        ----------
-        package, executable : str
-            Executable to run.
-        parameters : mapping of str to object, optional
-            Parameters that are set at start, after those of `files`.
-        name, namespace : str
-            Overrides of its name and namespace.
-        remap : mapping of str to str, optional
-            Topic remappings.
-        files : sequence of Path
-            Parameter files.
-        """
+        """Start one node."""
         arguments = ros_arguments(parameters, name, namespace, remap, files)
         log = Path(self._folder.name) / f'{len(self._running)}_{name or executable}.log'
         node = self.launch(package, executable, arguments, log)
@@ -232,15 +198,7 @@ class NodeProcesses:
         self._running.remove(node)
 
     def check(self) -> None:
-        """Raise if a node died unexpectedly.
-
-        Raises
-        ------
-        ProcessError
-            With the name of the node and its last output.
-        KeyboardInterrupt
-            If the user interrupts.
-        """
+        """Raise if a node died unexpectedly."""
         if INTERRUPTED.is_set():
             raise KeyboardInterrupt
         for node in self._running:
@@ -250,13 +208,7 @@ class NodeProcesses:
                 )
 
     def wait_for(self, node: NodeProcess, timeout: float) -> int:
-        """Wait until `node` ends while the other nodes are monitored.
-
-        Raises
-        ------
-        ProcessError
-            If another node dies or the timeout expires.
-        """
+        """Wait until `node` ends while the other nodes are monitored."""
         end = time.monotonic() + timeout
         while node.returncode is None:
             self.check()

@@ -33,15 +33,7 @@ WORKS = (Readiness.STARTING, Readiness.COMPILING)
 
 
 class HeartbeatPublisher:
-    """Publishes that a node starts, until `ready` is called, and later compilations.
-
-    Parameters
-    ----------
-    publish : callable
-        Publishes a state and a sentence; called in a separate thread, and once by the caller.
-    compiles : callable
-        Called once if kernels are compiled, in a separate thread.
-    """
+    """Publishes that a node starts, until `ready` is called, and later compilations."""
 
     def __init__(
         self,
@@ -108,15 +100,9 @@ FRESH = 5.0
 
 
 class Heartbeats:
-    """The last heartbeat of every node of a graph.
+    """The last heartbeat of every node of a graph."""
 
-    Parameters
-    ----------
-    now : callable, optional
-        Clock [s].
-    """
-
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:  # now [s]
         self._now = now
         self._reported_states: dict[str, tuple[str, str, float]] = {}
         self._met: dict[str, float] = {}

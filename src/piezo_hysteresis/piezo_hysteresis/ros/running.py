@@ -47,13 +47,7 @@ EXECUTORS = ('auto', 'events', 'default')
 
 
 def make_executor(choice: str, context: Context | None = None) -> Executor:
-    """Return the executor for `choice`: the events executor if it works, else the default.
-
-    Raises
-    ------
-    ValueError
-        If `choice` is not one of `EXECUTORS`.
-    """
+    """Return the executor for `choice`: the events executor if it works, else the default."""
     if choice not in EXECUTORS:
         raise ValueError(f'executor must be one of {", ".join(EXECUTORS)}, got {choice!r}')
     if choice != 'default':

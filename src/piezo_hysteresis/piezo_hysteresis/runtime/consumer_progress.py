@@ -14,21 +14,11 @@ TAKEN, MARKED = 'taken', 'marked'
 
 @dataclass
 class Progress:
-    """Progress reported by a node.
+    """Progress reported by a node."""
 
-    Attributes
-    ----------
-    counts : mapping of str to int
-        Counts by name.
-    received : bool
-        Whether a report was received.
-    first : int
-        Samples consumed before counting started.
-    """
-
-    counts: Mapping[str, int] = field(default_factory=dict)
-    received: bool = False
-    first: int = 0
+    counts: Mapping[str, int] = field(default_factory=dict)  # counts by name
+    received: bool = False  # whether a report was received
+    first: int = 0  # samples consumed before counting started
 
     def receive(self, names: Collection[str], values: Collection[int]) -> None:
         """Store the `names` and `values` of a status."""

@@ -28,39 +28,19 @@ SILENCE = 2.0
 
 @dataclass(frozen=True)
 class Doing:
-    """Present task of the node.
+    """Present task of the node."""
 
-    Attributes
-    ----------
-    what : str
-        The experiment or the record of a sweep; empty for none.
-    waits : str
-        Node that it waits for; empty for none.
-    given_up : str
-        Reason why the last experiment was aborted; empty if it was not.
-    silent : float
-        Time since the last actuator state [s].
-    sample : int
-        Newest tick of the actuator, -1 for none.
-    """
-
-    what: str
-    waits: str
-    given_up: str
-    silent: float
-    sample: int
+    what: str  # the experiment or the record of a sweep; empty for none
+    waits: str  # node that it waits for; empty for none
+    given_up: str  # reason why the last experiment was aborted; empty if it was not
+    silent: float  # time since the last actuator state [s]
+    sample: int  # newest tick of the actuator, -1 for none
 
 
 class ExcitationHealth:
-    """Evaluates the health of an excitation, including recently increased counters.
+    """Evaluates the health of an excitation, including recently increased counters."""
 
-    Parameters
-    ----------
-    now : callable, optional
-        Clock [s].
-    """
-
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:  # now [s]
         self._watch = CounterWatch(_SENTENCES, now)
 
     def judge(self, doing: Doing, counts: Mapping[str, int], last: str) -> Health:

@@ -44,20 +44,12 @@ class Delayed:
 
 @dataclass(frozen=True)
 class Blend:
-    """One waveform going over into another: value, velocity and acceleration are continuous.
-
-    Attributes
-    ----------
-    old, new : Waveform
-        From which, to which; frequency and phase are those of the new one.
-    start, length : float
-        When the change begins and how long it takes [s].
-    """
+    """One waveform going over into another: value, velocity and acceleration are continuous."""
 
     old: Waveform
     new: Waveform
-    start: float
-    length: float
+    start: float  # when the change begins [s]
+    length: float  # how long it takes [s]
 
     @property
     def duration(self) -> float:
@@ -97,24 +89,12 @@ def _replaced(old: Samples, new: Samples, where: BoolArray) -> Samples:
 
 @dataclass
 class Experiment:
-    """One waveform laid over the ticks of the loop.
+    """One waveform laid over the ticks of the loop."""
 
-    Attributes
-    ----------
-    waveform : Waveform
-        Pure function of the time since `first`.
-    first : int
-        Tick at which it starts.
-    rate : float
-        Sampling rate [Hz].
-    length : int
-        Ticks it lasts; 0 has no end.
-    """
-
-    waveform: Waveform
-    first: int
-    rate: float
-    length: int = 0
+    waveform: Waveform  # pure function of the time since `first`
+    first: int  # tick at which it starts
+    rate: float  # sampling rate [Hz]
+    length: int = 0  # ticks it lasts; 0 has no end
     _ahead_from: int = field(default=0, init=False, repr=False)
     _ahead: list[tuple[float, ...]] = field(default_factory=list, init=False, repr=False)
 

@@ -54,13 +54,7 @@ def forgetting_of(values: Mapping[str, Any]) -> float:
 
 
 def new_method(values: Mapping[str, Any]) -> OnlineMethod:
-    """Return the method that the parameters of the node describe.
-
-    Raises
-    ------
-    IdentificationError
-        If they do not go together.
-    """
+    """Return the method that the parameters of the node describe."""
     method = values['method']
     common: dict[str, Any] = {
         'forgetting': forgetting_of(values),
@@ -94,32 +88,16 @@ class SegmentEdge:
 
 @dataclass
 class DriveEstimate:
-    """The estimate of one drive, or of all.
-
-    Attributes
-    ----------
-    method : OnlineMethod
-        Its recursion.
-    frequency, amplitude : float
-        Of the drive [Hz], [V]; 0 for all drives.
-    low, high : float
-        Range of its displacement [m].
-    order : int
-        Its harmonic order, see `odd_oscillation`.
-    before : Estimate or None
-        The last published estimate.
-    converged : bool
-        Whether that was stationary and usable.
-    """
+    """The estimate of one drive, or of all."""
 
     method: OnlineMethod
-    frequency: float = 0.0
-    amplitude: float = 0.0
-    low: float = math.inf
-    high: float = -math.inf
-    order: int = 0
-    before: Estimate | None = None
-    converged: bool = False
+    frequency: float = 0.0  # of the drive [Hz]
+    amplitude: float = 0.0  # [V]; 0 for all drives
+    low: float = math.inf  # [m]
+    high: float = -math.inf  # [m]
+    order: int = 0  # its harmonic order, see `odd_oscillation`
+    before: Estimate | None = None  # the last published estimate
+    converged: bool = False  # whether that was stationary and usable
 
     @property
     def travel(self) -> float:
@@ -159,41 +137,17 @@ class RecordSegmenter:
     reader of bags. Markers have their own topic and may arrive after the samples that they mark;
     the estimate is then rolled back and recomputed. Markers cut by time. The time of a sample
     follows from its index if its stamp is inconsistent with the previous stamps.
-
-    Attributes
-    ----------
-    method : OnlineMethod
-        The online method.
-    rate : float
-        Sampling rate [Hz].
-    only_records : bool
-        Whether samples between records are omitted.
-    renew : callable, optional
-        Returns a method without prior information. Given one, each drive that a marker states has
-        its own estimate; the others share one.
-    refused : int
-        Samples omitted because a value is not finite.
-    taken : int
-        Samples passed to the method.
-    late : int
-        Markers that arrived too late for a rollback.
-    unseen : int
-        Records whose harmonic exceeds half the sampling rate.
-    intake : SequenceFilter
-        Checks the sample indices.
-    stamps : StampValidator
-        Checks the time stamps.
     """
 
-    method: OnlineMethod
-    rate: float
-    only_records: bool = True
-    renew: Callable[[], OnlineMethod] | None = None
-    refused: int = 0
-    taken: int = 0
-    late: int = 0
-    unseen: int = 0
-    intake: SequenceFilter = field(default_factory=SequenceFilter)
+    method: OnlineMethod  # the online method
+    rate: float  # sampling rate [Hz]
+    only_records: bool = True  # whether samples between records are omitted
+    renew: Callable[[], OnlineMethod] | None = None  # returns a method without prior information
+    refused: int = 0  # samples omitted because a value is not finite
+    taken: int = 0  # samples passed to the method
+    late: int = 0  # markers that arrived too late for a rollback
+    unseen: int = 0  # records whose harmonic exceeds half the sampling rate
+    intake: SequenceFilter = field(default_factory=SequenceFilter)  # checks the sample indices
     _edges: deque[SegmentEdge] = field(default_factory=deque)
     _passed: deque[SegmentEdge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
     _open: bool = True
@@ -388,11 +342,6 @@ class RecordSegmenter:
         """Return the estimates as they are saved: the present one, and those of the drives.
 
         Drives whose estimate is no usable model are left out.
-
-        Raises
-        ------
-        PiezoError
-            If no estimate is a model that can be used.
         """
         self._note_order()
         points = []

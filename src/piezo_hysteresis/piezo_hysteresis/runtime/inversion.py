@@ -15,15 +15,9 @@ from piezo_hysteresis.models import ModelFile
 
 @dataclass
 class Inversion:
-    """The inverse of the loaded model, while models come and go.
+    """The inverse of the loaded model, while models come and go."""
 
-    Attributes
-    ----------
-    settings : Controllers
-        Of the feedforward; its model is the one in force.
-    """
-
-    settings: Controllers
+    settings: Controllers  # of the feedforward; its model is the one in force
     _inverse: InverseLink | ScheduledInverse | None = None
     _past: deque[ReferencePoint] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
@@ -36,11 +30,6 @@ class Inversion:
         """Invert `loaded` from now on; return whether the output may jump by that.
 
         Parameters of the same chain go over smoothly by themselves.
-
-        Raises
-        ------
-        PiezoError
-            If it cannot be inverted; the model before then stays in force.
         """
         before, jumps = self._inverse, False
         if loaded.schedule is not None and isinstance(before, ScheduledInverse):

@@ -110,11 +110,6 @@ class LawMaker(Protocol):
         """Return the law of the parameters `values` at ticks of `dt` [s]; None for none.
 
         The plant is that of `plant.*` or, where ``plant.gain`` is 0, of the loaded `model`.
-
-        Raises
-        ------
-        PiezoError
-            If they describe none that is possible.
         """
 
     def plant(

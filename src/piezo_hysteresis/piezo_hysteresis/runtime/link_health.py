@@ -59,17 +59,10 @@ SILENCE = 2.0
 
 
 class LinkHealth:
-    """Judges a link; remembers which counters have grown lately.
-
-    Parameters
-    ----------
-    limits : Limits
-        Of the voltage.
-    now : callable, optional
-        Clock [s].
-    """
+    """Judges a link; remembers which counters have grown lately."""
 
     def __init__(self, limits: Limits, now: Callable[[], float] = time.monotonic) -> None:
+        # now [s]
         self._now = now
         self._watch = CounterWatch(_SENTENCES, now)
         self._sample: object = -1

@@ -34,13 +34,7 @@ class Checkpoint(Generic[State]):
 
 
 class RollbackBuffer(Generic[State]):
-    """Remembers the last samples, and now and then the state that they acted on.
-
-    Parameters
-    ----------
-    remember : callable
-        Returns a copy of the present state.
-    """
+    """Remembers the last samples, and now and then the state that they acted on."""
 
     def __init__(self, remember: Callable[[], State]) -> None:
         self._remember = remember

@@ -30,20 +30,9 @@ class Sign(Enum):
 
 
 class SensorSign:
-    """Compares the displacement with the voltage until the sign of the sensor is known.
+    """Compares the displacement with the voltage until the sign of the sensor is known."""
 
-    Parameters
-    ----------
-    dt : float
-        Sampling interval [s].
-
-    Attributes
-    ----------
-    found : Sign
-        What is known so far; it remains until `reset`.
-    """
-
-    def __init__(self, dt: float) -> None:
+    def __init__(self, dt: float) -> None:  # dt [s]
         self._dt = dt
         self._plant: ModeGain | None = None
         self._share = 1.0
@@ -61,16 +50,8 @@ class SensorSign:
         self._weight = self._v = self._vv = self._y = self._yy = self._vy = 0.0
         self._raw = self._raw_square = 0.0
 
-    def expect(self, plant: ModeGain, span: float) -> None:
-        """Set what is expected.
-
-        Parameters
-        ----------
-        plant : ModeGain
-            The plant; of a gain of infinite magnitude only the sign is known.
-        span : float
-            Range of the voltage [V].
-        """
+    def expect(self, plant: ModeGain, span: float) -> None:  # span [V]
+        """Set what is expected."""
         self._least = (_MOVED * span) ** 2
         if plant == self._plant:
             return

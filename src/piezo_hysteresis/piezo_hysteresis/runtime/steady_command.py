@@ -34,23 +34,10 @@ class SteadyCommand:
 
     Commands that are applied in their own tick reach the full rate. A command that is always one
     tick late is limited relative to two voltages and reaches half the rate.
-
-    Parameters
-    ----------
-    rate : float
-        Ticks per second [Hz].
-    now : callable
-        Clock [s].
-
-    Attributes
-    ----------
-    limited : int
-        Number of limited commands.
-    behind : bool
-        Whether the last command differed from the planned one.
     """
 
     def __init__(self, rate: float, now: Callable[[], float] = time.monotonic) -> None:
+        # rate [Hz]; now [s]
         self._rate, self._now, self._still = rate, now, 0
         self._applied: float | None = None
         self._sent: deque[_Sent] = deque(maxlen=_ON_THEIR_WAY)

@@ -13,20 +13,9 @@ _MOVED = 0.02
 
 
 class StuckSensor:
-    """Counts the ticks at which a sensor is stuck.
+    """Counts the ticks at which a sensor is stuck."""
 
-    Parameters
-    ----------
-    dt : float
-        Sampling interval [s].
-
-    Attributes
-    ----------
-    ticks : int
-        Ticks at which the sensor was stuck so far.
-    """
-
-    def __init__(self, dt: float) -> None:
+    def __init__(self, dt: float) -> None:  # dt [s]
         self.ticks = 0
         self._needed = max(20, math.ceil(STUCK_AFTER / dt))
         self._reading, self._equal = math.nan, 0

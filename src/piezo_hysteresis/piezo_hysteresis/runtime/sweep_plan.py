@@ -27,24 +27,12 @@ HIGHEST = 1e5
 
 @dataclass(frozen=True)
 class SweepRecord:
-    """One record of a sweep.
+    """One record of a sweep."""
 
-    Attributes
-    ----------
-    name : str
-        Unique within the sweep.
-    info : RecordInfo
-        Content of the marker.
-    first : int
-        Tick of the sweep at which it starts.
-    voltages : ndarray, shape (n,)
-        Voltage of each tick [V].
-    """
-
-    name: str
-    info: RecordInfo
-    first: int
-    voltages: FloatArray
+    name: str  # unique within the sweep
+    info: RecordInfo  # content of the marker
+    first: int  # tick of the sweep at which it starts
+    voltages: FloatArray  # voltage of each tick [V], shape (n,)
 
     @property
     def last(self) -> int:
@@ -53,52 +41,17 @@ class SweepRecord:
 
 
 class Sweep:
-    """Every record of a sweep, and the voltage of every tick.
-
-    Parameters
-    ----------
-    frequencies, amplitudes : sequence of float
-        Every frequency [Hz] is run at every amplitude [V].
-    seconds : float
-        Length of each record [s].
-    rate : float
-        Sampling rate [Hz].
-    warm_up : float
-        Time that errors leave out [s].
-    pause : float
-        Rest between records [s].
-    waveform : str
-        Kind of waveform.
-    options : mapping
-        Further settings of the waveform.
-
-    Raises
-    ------
-    RecordError
-        If the sweep is empty or a number is impossible.
-
-    Attributes
-    ----------
-    records : list of SweepRecord
-        In their order.
-    gap : int
-        Ticks between two records.
-    length : int
-        Ticks of the whole sweep, where no record is run again.
-    way_back : int
-        Ticks in which the voltage goes back to rest from the middle of a record: no faster than
-        any record moves it.
-    """
+    """Every record of a sweep, and the voltage of every tick."""
 
     def __init__(
         self,
-        frequencies: Sequence[float],
-        amplitudes: Sequence[float],
-        seconds: float,
-        rate: float,
+        frequencies: Sequence[float],  # [Hz]
+        amplitudes: Sequence[float],  # [V]
+        seconds: float,  # [s]
+        rate: float,  # [Hz]
         *,
-        warm_up: float = 0.0,
-        pause: float = 0.0,
+        warm_up: float = 0.0,  # [s]
+        pause: float = 0.0,  # [s]
         waveform: str = 'sine',
         options: Mapping[str, object] | None = None,
     ) -> None:
@@ -220,14 +173,7 @@ class Sweep:
 def waveform_of(
     kind: str, settings: Mapping[str, float], options: Mapping[str, object], rate: float
 ) -> Waveform:
-    """Return the waveform called `kind` with those of `settings` that it has.
-
-    Raises
-    ------
-    WaveformError
-        If there is no such kind, an option is impossible, or a frequency cannot be sampled at
-        `rate` [Hz].
-    """
+    """Return the waveform called `kind` with those of `settings` that it has."""
     known = {name: value for name, value in settings.items() if has_setting(kind, name)}
     merged = {**known, **options}
     for name in ('frequency', 'highest'):
@@ -253,13 +199,7 @@ def narrowed(low: float, high: float, least: float, most: float) -> str:
 
 
 def parse_options(text: str) -> dict[str, object]:
-    """Return the settings of a waveform that were written as YAML; none for no text.
-
-    Raises
-    ------
-    WaveformError
-        If it is no mapping.
-    """
+    """Return the settings of a waveform that were written as YAML; none for no text."""
     try:
         options = plain_yaml.load(text) if text.strip() else {}
     except yaml.YAMLError as error:

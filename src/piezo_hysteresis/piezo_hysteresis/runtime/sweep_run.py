@@ -49,24 +49,7 @@ class Running:
 
 
 class SweepRun:
-    """Voltages and markers of a running sweep.
-
-    Parameters
-    ----------
-    sweep : Sweep
-        The plan; its first tick is known.
-    markers : Markers
-        Publishes its markers.
-    recorded : bool
-        Whether a record counts only if all its states were received and stored.
-
-    Attributes
-    ----------
-    kept : list of Running
-        Records that count so far.
-    unmoved : list of str
-        Records during which the actuator did not change its voltage: no command reached it.
-    """
+    """Voltages and markers of a running sweep."""
 
     def __init__(self, sweep: Sweep, markers: Markers, *, recorded: bool = False) -> None:
         self.sweep = sweep

@@ -17,24 +17,12 @@ LONGEST = 5000
 
 
 class Tick(NamedTuple, Generic[Tag]):
-    """All inputs of a link for one tick.
+    """All inputs of a link for one tick."""
 
-    Attributes
-    ----------
-    point : ReferencePoint
-        The reference of the tick.
-    received : float
-        The voltage from the previous link [V].
-    measured : Measured or None
-        The measurement of the previous tick, or the newest one if that is lost.
-    tag : object
-        Data attached to the voltage.
-    """
-
-    point: ReferencePoint
-    received: float
-    measured: Measured | None
-    tag: Tag
+    point: ReferencePoint  # the reference of the tick
+    received: float  # the voltage from the previous link [V]
+    measured: Measured | None  # the measurement of the previous tick
+    tag: Tag  # data attached to the voltage
 
 
 class SampleSynchronizer(Generic[Tag]):
@@ -42,11 +30,6 @@ class SampleSynchronizer(Generic[Tag]):
 
     Tick k is complete with its reference, its voltage and the measurement of tick k - 1 (for
     k = 0 without). A link thus computes the same numbers for every order of arrival.
-
-    Attributes
-    ----------
-    dropped : int
-        Voltages that were dropped because their reference is missing.
     """
 
     def __init__(self) -> None:

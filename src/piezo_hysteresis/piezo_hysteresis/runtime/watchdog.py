@@ -13,33 +13,15 @@ class Watchdog:
 
     Time is that of the actuator: in lock-step it stops while a command is missing, so that slow
     processes do not trigger the watchdog.
-
-    Attributes
-    ----------
-    limiter : Limiter
-        Limiter of the link; its voltage is ramped.
-    timeout : int
-        Ticks without a command before the ramp starts; 0 disables it.
-    safe_voltage : float
-        Target voltage [V].
-    ramp : float
-        Rate [V/s].
-    stale : bool
-        Whether the input is missing: the link ramps, or has stopped publishing at the safe
-        voltage.
-    episodes : int
-        Number of timeouts.
-    newest : int
-        Newest tick with a command, -1 before the first.
     """
 
-    limiter: Limiter
-    timeout: int
-    safe_voltage: float
-    ramp: float
-    stale: bool = False
-    episodes: int = 0
-    newest: int = -1
+    limiter: Limiter  # limiter of the link; its voltage is ramped
+    timeout: int  # ticks without a command before the ramp starts; 0 disables it
+    safe_voltage: float  # target voltage [V]
+    ramp: float  # rate [V/s]
+    stale: bool = False  # whether the input is missing
+    episodes: int = 0  # number of timeouts
+    newest: int = -1  # newest tick with a command, -1 before the first
     _arrived: bool = False
 
     def received(self, sample: int) -> None:

@@ -24,23 +24,10 @@ _SPLINE, _CORNER, _NEAR, _ROUNDING, _SHARE = 8, 30.0, 24, 1e-9, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Samples at a constant rate, with the derivatives of splines from corner to corner.
+    """Samples at a constant rate, with the derivatives of splines from corner to corner."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        In the unit of the signal (V or m); the last one is held.
-    dt : float
-        Sampling interval [s].
-
-    Raises
-    ------
-    WaveformError
-        If there are fewer than two samples, or one of them is no finite number.
-    """
-
-    values: FloatArray
-    dt: float
+    values: FloatArray  # in the unit of the signal (V or m); the last one is held, shape (n,)
+    dt: float  # sampling interval [s]
 
     def __post_init__(self) -> None:
         values = np.ascontiguousarray(self.values, np.float64)

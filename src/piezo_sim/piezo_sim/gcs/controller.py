@@ -43,52 +43,24 @@ TARGET, POSITION, OUTPUT = 1, 2, 7
 
 @dataclass
 class Generator:
-    """State of the wave generator.
+    """State of the wave generator."""
 
-    Attributes
-    ----------
-    table : int
-        Active wave table, 0 for none.
-    cycles : int
-        Number of repetitions; 0 for unlimited.
-    divider : int
-        Servo ticks per point.
-    is_straight : bool
-        Whether the output moves in a straight line from point to point; else in steps.
-    offset : float
-        Added to every point [V].
-    first : int
-        Tick of its start, -1 if stopped.
-    """
-
-    table: int = 0
-    cycles: int = 0
-    divider: int = 1
-    is_straight: bool = False
-    offset: float = 0.0
-    first: int = -1
+    table: int = 0  # active wave table, 0 for none
+    cycles: int = 0  # number of repetitions; 0 for unlimited
+    divider: int = 1  # servo ticks per point
+    is_straight: bool = False  # whether the output moves in a straight line from point to point
+    offset: float = 0.0  # added to every point [V]
+    first: int = -1  # tick of its start, -1 if stopped
 
 
 @dataclass
 class DataRecorder:
-    """State of the data recorder: two tables, recorded from the start of the generator.
-
-    Attributes
-    ----------
-    options : dict of int to int
-        Recorded quantity of each table.
-    divider : int
-        Servo ticks per sample.
-    first : int
-        Tick of the first sample, -1 before any.
-    samples : dict of int to list of ndarray
-        Recorded values.
-    """
+    """State of the data recorder: two tables, recorded from the start of the generator."""
 
     options: dict[int, int] = field(default_factory=lambda: {1: POSITION, 2: OUTPUT})
-    divider: int = 1
-    first: int = -1
-    samples: dict[int, list[FloatArray]] = field(default_factory=dict)
+    divider: int = 1  # servo ticks per sample
+    first: int = -1  # tick of the first sample, -1 before any
+    samples: dict[int, list[FloatArray]] = field(default_factory=dict)  # recorded values
     _counts: dict[int, int] = field(default_factory=dict)
 
     def count(self, table: int) -> int:
@@ -106,21 +78,11 @@ class DataRecorder:
 
 
 class SimulatedController:
-    """A controller and its actuator.
-
-    Parameters
-    ----------
-    plant : Plant
-        The actuator; its rate is the servo rate.
-    speed : float
-        Simulated time per clock time; with infinity a wave is complete at once.
-    now : callable
-        The clock [s].
-    """
+    """A controller and its actuator."""
 
     def __init__(
         self, plant: Plant, speed: float = 1.0, now: Callable[[], float] = time.monotonic
-    ) -> None:
+    ) -> None:  # now [s]
         self.plant, self.speed, self._now = plant, speed, now
         self.low = float(plant.parameters['amplifier.range_low'])
         self.high = float(plant.parameters['amplifier.range_high'])

@@ -33,22 +33,7 @@ Words = Sequence[str]
 
 
 class Language:
-    """Parser of client lines that returns the answers.
-
-    Parameters
-    ----------
-    controller : SimulatedController
-        Controlled device; its state is that of axis 1.
-    *others : SimulatedController
-        Of axes 2, 3, ...: wave tables, recorder tables and errors are those of the first.
-    has_one_rate : bool
-        Whether all wave generators share one rate, as on many controllers: ``WTR 0 ...``.
-
-    Attributes
-    ----------
-    unit : str
-        Of the position.
-    """
+    """Parser of client lines that returns the answers."""
 
     controls: tuple[int, ...] = (5, 7, 9, 24)
     unit = 'UM'

@@ -41,13 +41,7 @@ class Nv200Error(Exception):
 
 
 class Nv200Language:
-    """Parser of client lines that returns the answers.
-
-    Parameters
-    ----------
-    controller : SimulatedController
-        Controlled device.
-    """
+    """Parser of client lines that returns the answers."""
 
     controls: tuple[int, ...] = ()
 

@@ -30,18 +30,10 @@ _POLL = 0.02  # period at which a pty checks for shutdown [s]
 
 @dataclass
 class Fault:
-    """A fault that occurs once.
+    """A fault that occurs once."""
 
-    Attributes
-    ----------
-    kind : str
-        One of `FAULTS`; empty for none.
-    after : int
-        Number of lines answered before the fault.
-    """
-
-    kind: str = ''
-    after: int = 0
+    kind: str = ''  # one of `FAULTS`; empty for none
+    after: int = 0  # number of lines answered before the fault
 
     def due(self) -> str:
         """Count a line; return the fault if it is due."""
@@ -55,15 +47,9 @@ class Fault:
 
 
 class ServedProtocol(Protocol):
-    """Interface of a protocol: line ends and answers.
+    """Interface of a protocol: line ends and answers."""
 
-    Attributes
-    ----------
-    controls : tuple of int
-        Single-byte commands.
-    """
-
-    controls: tuple[int, ...]
+    controls: tuple[int, ...]  # single-byte commands
 
     def control(self, byte: int) -> str | None:
         """Return the answer to a single-byte command."""
@@ -76,15 +62,7 @@ class ServedProtocol(Protocol):
 
 
 class Conversation:
-    """Byte stream of one client; a single-byte command may occur anywhere.
-
-    Parameters
-    ----------
-    language : Spoken
-        Protocol that answers.
-    fault : Fault
-        Injected fault.
-    """
+    """Byte stream of one client; a single-byte command may occur anywhere."""
 
     def __init__(self, language: ServedProtocol, fault: Fault) -> None:
         self._language, self._fault = language, fault
@@ -117,19 +95,7 @@ class Conversation:
 
 
 class GcsServer(socketserver.ThreadingTCPServer):
-    """Server of a controller for several clients at a time.
-
-    Parameters
-    ----------
-    controller : SimulatedController
-        Served controller.
-    port : int
-        Local port; 0 selects a free one.
-    fault : Fault, optional
-        Injected fault.
-    language : ServedProtocol, optional
-        Protocol; GCS 2 where none is given.
-    """
+    """Server of a controller for several clients at a time."""
 
     allow_reuse_address = True
     daemon_threads = True
@@ -166,22 +132,7 @@ class _Client(socketserver.BaseRequestHandler):
 
 
 class PtyServer:
-    """Server of a controller on a pseudo terminal, which a client opens as a serial port.
-
-    Parameters
-    ----------
-    controller : SimulatedController
-        Served controller.
-    language : Spoken
-        Protocol.
-    fault : Fault, optional
-        Injected fault; a dropped connection closes the terminal.
-
-    Attributes
-    ----------
-    path : str
-        Path of the port.
-    """
+    """Server of a controller on a pseudo terminal, which a client opens as a serial port."""
 
     def __init__(
         self, controller: SimulatedController, language: ServedProtocol, fault: Fault | None = None

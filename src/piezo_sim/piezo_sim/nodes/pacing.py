@@ -15,42 +15,18 @@ _ROUNDING = 1e-9
 
 @dataclass
 class CommandQueue:
-    """Received commands and the counts of their processing.
+    """Received commands and the counts of their processing."""
 
-    Attributes
-    ----------
-    low, high : float
-        Range of commands that are accepted [V].
-    safe_voltage : float
-        Target voltage if commands stop [V].
-    ramp : float
-        Rate of change to the safe voltage [V/s].
-    slew : float
-        Slew rate limit of the applied command [V/s].
-    commanded_slew : float
-        That of the commanding node [V/s].
-    timeout : float
-        Delay in ticks from which a late command is counted and not applied.
-    wanted : float
-        Latest command [V].
-    voltage : float
-        Applied command [V].
-    timed_out : bool
-        Whether commands have stopped.
-    counts : dict of str to int
-        Event counts, by the names of `COUNTS`.
-    """
-
-    low: float
-    high: float
-    safe_voltage: float = 0.0
-    ramp: float = 1.0
-    slew: float = math.inf
-    commanded_slew: float = math.inf
+    low: float  # [V]
+    high: float  # [V]
+    safe_voltage: float = 0.0  # target voltage if commands stop [V]
+    ramp: float = 1.0  # rate of change to the safe voltage [V/s]
+    slew: float = math.inf  # slew rate limit of the applied command [V/s]
+    commanded_slew: float = math.inf  # that of the commanding node [V/s]
     timeout: float = math.inf
-    wanted: float = 0.0
-    voltage: float = 0.0
-    timed_out: bool = False
+    wanted: float = 0.0  # latest command [V]
+    voltage: float = 0.0  # applied command [V]
+    timed_out: bool = False  # whether commands have stopped
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTS, 0))
     _newest: int = -1
     _received: int = -1

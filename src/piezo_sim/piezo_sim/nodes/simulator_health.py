@@ -19,35 +19,15 @@ _SENTENCES: dict[str, Finding] = {
 
 
 class ActuatorHealth:
-    """Evaluates the health of a simulator; keeps track of counters that increased recently.
+    """Evaluates the health of a simulator; keeps track of counters that increased recently."""
 
-    Parameters
-    ----------
-    now : callable, optional
-        Clock [s].
-    """
-
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:  # now [s]
         self._watch = CounterWatch(_SENTENCES, now)
 
     def judge(
         self, book: CommandQueue, tick: int, fault: str, waited: float, remark: str = ''
-    ) -> Health:
-        """Return the health of an actuator.
-
-        Parameters
-        ----------
-        book : CommandQueue
-            Command queue with its counters.
-        tick : int
-            The next tick.
-        fault : str
-            Injected fault, ``none`` for none.
-        waited : float
-            Time without a command for an overdue lock-step tick, 0 if it is not overdue [s].
-        remark : str
-            Additional remark on the plant; may be empty.
-        """
+    ) -> Health:  # waited [s]
+        """Return the health of an actuator."""
         findings = self._watch.findings(book.counts)
         if fault != 'none':
             findings.append((Level.ERROR, f'fault {fault} is injected'))

@@ -80,21 +80,11 @@ DT, LOW, HIGH, SLEW, WINDOW, FROZEN = range(6)
 
 
 class FeedbackLaw(NamedTuple):
-    """A law on the error as kernels; `memory` is its own, `p` its parameters.
+    """A law on the error as kernels; `memory` is its own, `p` its parameters."""
 
-    Attributes
-    ----------
-    share : callable
-        ``share(error, memory, p, dt)``: share of the voltage [V] for the error d - y [m].
-    hold : callable
-        ``hold(memory, p)``: the share while no measurement is valid [V].
-    cut : callable
-        ``cut(excess, memory, p, dt)``: anti-windup: the voltage was changed after the law [V].
-    """
-
-    share: Callable[[float, FloatArray, FloatArray, float], float]
-    hold: Callable[[FloatArray, FloatArray], float]
-    cut: Callable[[float, FloatArray, FloatArray, float], None]
+    share: Callable[[float, FloatArray, FloatArray, float], float]  # [V] [m]
+    hold: Callable[[FloatArray, FloatArray], float]  # [V]
+    cut: Callable[[float, FloatArray, FloatArray, float], None]  # [V]
 
 
 @leaf

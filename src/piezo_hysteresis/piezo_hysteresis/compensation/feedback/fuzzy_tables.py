@@ -25,20 +25,7 @@ class Tables(TypedDict):
 
 
 def read_tables(path: str | Path) -> Tables:
-    """Return the tables of a file like ``config/fuzzy/symmetric.yaml``.
-
-    Parameters
-    ----------
-    path : str or Path
-        YAML with ``proportional`` and ``integral``: for each level of the error, NB to PB, the
-        levels by which the gain changes for the rates NB to PB. A level is a name or a number
-        from -3 to 3.
-
-    Raises
-    ------
-    CompensationError
-        If the file cannot be read or holds something else.
-    """
+    """Return the tables of a file like ``config/fuzzy/symmetric.yaml``."""
     try:
         content = plain_yaml.load_file(path)
     except (OSError, yaml.YAMLError) as error:

@@ -124,32 +124,7 @@ def _central(plant: GeneralizedPlant, gamma: float) -> StateSpace | None:
 def hinf_synthesis(
     plant: GeneralizedPlant, *, tolerance: float = 1e-3, margin: float = 1.02, highest: float = 1e6
 ) -> tuple[StateSpace, float]:
-    """Design the controller ``u = K y`` that makes the gain from w to z as small as possible.
-
-    Parameters
-    ----------
-    plant : GeneralizedPlant
-        Plant with its weights.
-    tolerance : float
-        Relative width at which the bisection on gamma ends.
-    margin : float
-        The controller is computed at this multiple of the smallest gamma, where the Riccati
-        equations are well conditioned.
-    highest : float
-        Largest gamma that is tried.
-
-    Returns
-    -------
-    controller : StateSpace
-        The central controller.
-    gamma : float
-        The bound on the gain from w to z that it reaches.
-
-    Raises
-    ------
-    CompensationError
-        If no controller exists up to `highest`, or the problem is singular.
-    """
+    """Design the controller ``u = K y`` that makes the gain from w to z as small as possible."""
     scaled, u_scale, y_scale = _normalise(plant)
     low, high = 0.0, 1.0
     while _central(scaled, high) is None:

@@ -108,24 +108,14 @@ def fitted_at(p: FloatArray) -> int:
 
 
 class Fit(NamedTuple):
-    """Layout of the fit of a window in the memory.
+    """Layout of the fit of a window in the memory."""
 
-    Attributes
-    ----------
-    orders, found : int
-        The fitted orders, and the number of separable ones.
-    basis, size : int
-        The basis of one tick, and its number of functions.
-    normal, end : int
-        The normal equations, and their end.
-    """
-
-    orders: int
-    found: int
-    basis: int
-    size: int
-    normal: int
-    end: int
+    orders: int  # the fitted orders
+    found: int  # the number of separable ones
+    basis: int  # the basis of one tick
+    size: int  # its number of functions
+    normal: int  # the normal equations
+    end: int  # their end
 
 
 @jit

@@ -66,37 +66,16 @@ class HarmonicLaw(NamedTuple):
     """A method of harmonic attenuation as kernels.
 
     All have the arguments `memory`, packed settings `p`, packed gain `g` and dt [s].
-
-    Attributes
-    ----------
-    size : callable
-        ``size(p)``: length of its memory.
-    clear : callable
-        Sets every correction to 0.
-    update : callable
-        ``update(error, frequency, phase, ...)``: processes the error y - d [m] of one tick.
-    voltage : callable
-        ``voltage(frequency, phase, ...)``: the correction to subtract from the voltage [V].
-    disturb : callable
-        Marks the present window as a transient, which is excluded from learning.
-    regain : callable
-        Sets a new model of the plant gain.
-    retreat : callable
-        Sets every correction to 0 and keeps the estimated plant.
-    fading : bool
-        Whether it learns while it fades in; a method that learns from its own steps cannot.
-    harmonics, counters : callable
-        Values for users; no kernels.
     """
 
-    size: Callable[[FloatArray], int]
+    size: Callable[[FloatArray], int]  # ``size(p)``: length of its memory
     clear: Callable[[FloatArray, FloatArray, FloatArray, float], None]
-    update: Callable[..., None]
-    voltage: Callable[..., float]
+    update: Callable[..., None]  # [m]
+    voltage: Callable[..., float]  # [V]
     disturb: Callable[[FloatArray, FloatArray, FloatArray, float], None]
     regain: Callable[[FloatArray, FloatArray, FloatArray, float], None]
     retreat: Callable[[FloatArray, FloatArray, FloatArray, float], None]
-    fading: bool
+    fading: bool  # whether it learns while it fades in
     harmonics: Callable[[FloatArray, FloatArray, FloatArray, float], list[Harmonic]]
     counters: Callable[[FloatArray], dict[str, int]]
 

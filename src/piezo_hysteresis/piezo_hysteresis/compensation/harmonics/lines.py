@@ -161,11 +161,6 @@ def factor(normal: FloatArray, m: int, count: float, first: int) -> int:
     """Factor the normal equations of `m` unknowns in place (Cholesky), from row `first` on.
 
     A fit of many orders is spread over ticks, so that none takes much longer than the others.
-
-    Returns
-    -------
-    int
-        The next row; ``m + 1`` at the end.
     """
     size, work, i = m + 1, 0, first
     while i < size and work < _WORK:
@@ -189,14 +184,7 @@ def factor(normal: FloatArray, m: int, count: float, first: int) -> int:
 
 @jit
 def solve_normal(normal: FloatArray, count: float, solution: FloatArray) -> float:
-    """Solve normal equations that `factor` has factored.
-
-    Returns
-    -------
-    float
-        Standard deviation of each, from the residual of the fit; infinite, and the unknowns 0,
-        without a solution.
-    """
+    """Solve normal equations that `factor` has factored."""
     m = solution.size
     size = m + 1
     for i in range(m - 1, -1, -1):

@@ -23,23 +23,6 @@ class ScheduledAttenuation(HarmonicAttenuation):
     the entry changes. `rls` turns its correction by the phase of the gain; the difference fades
     within the slew limit. By order -1, `rls` takes the harmonic of each entry, and begins anew
     where it changes.
-
-    Parameters
-    ----------
-    settings : AttenuationSettings
-        Method, orders and their tuning.
-    model : ModelFile
-        A model with a schedule.
-    gain_of : callable
-        Returns the plant gain of a model without a schedule.
-    dt : float
-        Sampling interval [s].
-    limits : Limits
-        Of the voltage.
-    decay : float
-        Time constant of the mode of the plant [s].
-    transition : float
-        Duration of the transition to another entry [s].
     """
 
     def __init__(
@@ -47,10 +30,10 @@ class ScheduledAttenuation(HarmonicAttenuation):
         settings: AttenuationSettings,
         model: ModelFile,
         gain_of: Callable[[ModelFile], LinearGain],
-        dt: float,
+        dt: float,  # [s]
         limits: Limits,
-        decay: float,
-        transition: float,
+        decay: float,  # [s]
+        transition: float,  # [s]
     ) -> None:
         assert model.schedule is not None
         self._gain_of = gain_of

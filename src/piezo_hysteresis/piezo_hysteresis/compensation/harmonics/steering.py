@@ -109,11 +109,6 @@ def move(
 
     A line whose gain has not been confirmed takes only `share` of that step. `foreign` is a bound
     of other changes of its error [m], `others` the size of the steps of all other orders [V].
-
-    Returns
-    -------
-    int
-        1 if the order restarts, 2 if its correction is held at the bound, else 0.
     """
     before_error = complex(line[ERROR], line[ERROR + 1])
     moved = complex(line[MOVED], line[MOVED + 1])

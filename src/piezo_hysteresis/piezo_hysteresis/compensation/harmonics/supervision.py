@@ -99,31 +99,8 @@ def supervise(
     error: float, frequency: float, phase: float, size: float, disturbed: bool, with_mean: bool,
     settle: float, memory: FloatArray, dt: float,
 ) -> int:  # fmt: skip
-    """Process the error of one tick.
-
-    Parameters
-    ----------
-    error : float
-        y - d [m].
-    frequency, phase, size : float
-        Of the reference: [Hz], accumulated [rad], amplitude [m].
-    disturbed : bool
-        Whether the reference is changing its amplitude.
-    with_mean : bool
-        Whether the law also cancels the mean of the error.
-    settle : float
-        Wait until the error has settled without the correction [s].
-    memory : ndarray, shape (GUARD_SIZE,)
-        State of the supervision.
-    dt : float
-        Sampling interval [s].
-
-    Returns
-    -------
-    int
-        `RETREAT` if the law must restart from 0 with its learned gain, `RESUME` if it continues
-        after a pause, else `NOTHING`.
-    """
+    """Process the error of one tick."""
+    # error, size [m]; frequency [Hz]; phase [rad]; settle, dt [s]; memory (GUARD_SIZE,)
     if memory[STATE] == RUNNING:
         memory[LEFT] = max(memory[LEFT] - dt, 0.0)
         if memory[WEIGHT] < 1.0:

@@ -32,40 +32,16 @@ Answer = Callable[[float, FloatArray, FloatArray, float], float]
 
 
 class BlockInverse(NamedTuple):
-    """Kernels that solve one block for its input, with memory and parameters as arguments.
+    """Kernels that solve one block for its input, with memory and parameters as arguments."""
 
-    Attributes
-    ----------
-    solve : callable
-        Returns the input nearest to the last one whose output is the target. If the output does
-        not reach the target within the bound of the least slope, that bound is returned and
-        counted.
-    commit : callable
-        Returns the output for an input and updates the memory.
-    shape : callable
-        ``shape(x, memory, p, dt)``: first and second derivative of output over input.
-    start : ndarray
-        Memory at rest.
-    """
-
-    solve: Answer
-    commit: Answer
+    solve: Answer  # returns the input nearest to the last one whose output is the target
+    commit: Answer  # returns the output for an input and updates the memory
     shape: Callable[[float, FloatArray, FloatArray, float], tuple[float, float]]
-    start: FloatArray
+    start: FloatArray  # memory at rest
 
 
-def block_inverse(block: Block, dt: float, joined: bool) -> BlockInverse:
-    """Return the inverse of a block with feedthrough.
-
-    Parameters
-    ----------
-    block : Block
-        Its output at a sample must rise with its input at the same sample.
-    dt : float
-        Sampling interval [s].
-    joined : bool
-        Whether it is a linear block after a dynamic structure, with a linearly interpolated input.
-    """
+def block_inverse(block: Block, dt: float, joined: bool) -> BlockInverse:  # dt [s]
+    """Return the inverse of a block with feedthrough."""
     start = np.concatenate([np.zeros(_STATE), block.initial_state(dt)])
     if joined:
         trial, commit = _joined(start.size - _STATE)
@@ -77,17 +53,7 @@ def block_inverse(block: Block, dt: float, joined: bool) -> BlockInverse:
 def packed_block(
     block: Block, own: FloatArray, dt: float, scale: float, joined: bool
 ) -> FloatArray:
-    """Return the parameters of the kernels; the slope at rest is the first.
-
-    Parameters
-    ----------
-    block, dt, joined
-        As for `block_inverse`.
-    own : ndarray
-        Packed parameters of the block.
-    scale : float
-        Input step for slopes.
-    """
+    """Return the parameters of the kernels; the slope at rest is the first."""
     numbers = own
     if joined:
         assert block.system is not None

@@ -137,33 +137,15 @@ class ChainInverse(InverseLink):
     From the reading back to the voltage: sensor and slow blocks and the hysteresis are solved
     numerically, sample by sample; modes are inverted on the reference's derivatives; a delay is
     a lead. Added tones are not compensated by the inverse, but by `HarmonicAttenuation`.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    values : mapping of str to float
-        Its parameters, SI units.
-    dt : float
-        Sampling interval [s].
-    scale : float
-        Typical voltage [V], for slopes.
-    limits, start, transition
-        As in `InverseLink`.
-
-    Raises
-    ------
-    CompensationError
-        If the output of a block neither rises nor falls with its input.
     """
 
     def __init__(
         self,
         model: Model,
         values: Mapping[str, float],
-        dt: float,
+        dt: float,  # [s]
         *,
-        scale: float = 1.0,
+        scale: float = 1.0,  # [V]
         limits: Limits | None = None,
         start: float = 0.5,
         transition: float = 0.2,

@@ -56,21 +56,9 @@ def chain_kernel(
     back: Sequence[tuple[Block, bool]],
     sizes: Sequence[int],
     restoring: tuple[Restoring | None, int],
-    dt: float,
+    dt: float,  # [s]
 ) -> ChainKernel:
-    """Return the inverse of a chain.
-
-    Parameters
-    ----------
-    front, back : sequence of (Block, bool)
-        Blocks before and after the structure, and whether the input is linearly interpolated.
-    sizes : sequence of int
-        Number of packed values of each, see `packed_block`.
-    restoring : (Restoring or None, int)
-        Restoring force on a mode, and the number of its parameters.
-    dt : float
-        Sampling interval [s].
-    """
+    """Return the inverse of a chain."""
     solved: _Through | None = None
     undone: _Through | None = None
     kept: _Through | None = None

@@ -103,25 +103,6 @@ class ExtendedInverse(InverseLink):
     + h[k-1] - A1 u[k-1]`` the increment of the voltage is ``r / D``, where D is the slope of the
     branch with the sign of r. If D is not above `minimum_slope`, the model has no inverse; D is
     then clamped and counted, and its sign is kept.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        ``A1, A`` [m/V], ``beta, gamma`` [1/V], ``c1, c2`` [1] and, if not 0, ``A0`` [m/V] and
-        ``offset`` [m].
-    dt : float
-        Sampling interval [s].
-    minimum_slope : float, optional
-        Smallest slope D [m/V]; default a tenth of A1.
-    law : {'solved', 'printed'}
-        See above.
-    limits, start, transition
-        As in `InverseLink`.
-
-    Raises
-    ------
-    CompensationError
-        If there is no such law, a parameter is missing or not finite, or A1 is 0.
     """
 
     memory_size = 7
@@ -129,8 +110,8 @@ class ExtendedInverse(InverseLink):
     def __init__(
         self,
         parameters: Mapping[str, float],
-        dt: float,
-        minimum_slope: float | None = None,
+        dt: float,  # [s]
+        minimum_slope: float | None = None,  # [m/V]
         *,
         law: str = 'solved',
         limits: Limits | None = None,

@@ -272,13 +272,7 @@ class InverseLink:
 
 
 def take(parameters: Mapping[str, float], required: tuple[str, ...], what: str) -> list[float]:
-    """Return the `required` parameters in order.
-
-    Raises
-    ------
-    CompensationError
-        If a parameter is missing or not finite.
-    """
+    """Return the `required` parameters in order."""
     missing = [name for name in required if name not in parameters]
     if missing:
         raise CompensationError(

@@ -63,20 +63,6 @@ class OscillatorInverse(InverseLink):
 
     The input of the hysteresis is the displacement, so the inverse evaluates the model directly
     and solves no equation.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        ``mass`` [kg], ``damping`` [N s/m], ``stiffness`` [N/m], ``z_alpha`` [N/m], ``z_beta``,
-        ``z_gamma`` [1/m], ``z_exponent`` and, if not 0, ``offset`` [m]. With ``interpolation`` 0
-        the force is held over the sample and the inverse leads by half a sample.
-    dt, limits, start, transition
-        As in `InverseLink`; the limits are in N.
-
-    Raises
-    ------
-    CompensationError
-        If a parameter is missing, or mass or total stiffness is not positive.
     """
 
     memory_size = _OWN + 2 * STATE_SIZE

@@ -76,41 +76,19 @@ class PhysicalInverse(InverseLink):
     The structure (one mode, or none) is inverted with the analytic derivatives of the reference in
     the middle of the hold interval; the hysteresis sample by sample.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Hysteresis: ``A1, A`` [m/V], ``beta, gamma`` [1/V] and, if not 0, ``A0`` [m/V]; for the law
-        ``plays`` ``pi_range`` [V], ``w0`` .. ``w9`` [m/V]; for ``gain`` only ``A1``. Structure:
-        ``natural_frequency`` [Hz] and ``damping_ratio``, or ``mass``, ``damping``, ``stiffness``,
-        or none. Optional: ``delay`` [s], ``offset`` [m].
-    dt : float
-        Sampling interval [s].
-    law : {'exact', 'euler', 'delayed', 'plays', 'gain'}
-        ``exact``: Bouc-Wen by its exact step; ``euler``: by the papers' step and branch rule;
-        ``delayed``: with h of the previous sample, Rakotondrabe's multiplicative form and Zhou
-        2021 (8) as printed; ``plays``: Prandtl-Ishlinskii; ``gain``: no hysteresis.
-    minimum_slope : float, optional
-        Smallest slope [m/V]; default a tenth of A1 (w0).
-    lead : float, optional
-        Time from the tick to the middle of the effect of the voltage [s]; default half a sample
-        for a model with a mode and 0 for one without. The delay is added.
-    limits, start, transition
-        As in `InverseLink`.
-
-    Raises
-    ------
-    CompensationError
-        If a parameter is missing or not finite, or the slope of the model changes its sign.
+    ``exact``: Bouc-Wen by its exact step; ``euler``: by the papers' step and branch rule;
+    ``delayed``: with h of the previous sample, Rakotondrabe's multiplicative form and Zhou 2021
+    (8) as printed; ``plays``: Prandtl-Ishlinskii; ``gain``: no hysteresis.
     """
 
     def __init__(
         self,
         parameters: Mapping[str, float],
-        dt: float,
+        dt: float,  # [s]
         *,
         law: Law = 'exact',
-        minimum_slope: float | None = None,
-        lead: float | None = None,
+        minimum_slope: float | None = None,  # [m/V]
+        lead: float | None = None,  # [s]
         limits: Limits | None = None,
         start: float = 0.5,
         transition: float = 0.2,
@@ -171,19 +149,7 @@ class PhysicalInverse(InverseLink):
 
 
 def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, float]:
-    """Return k1 [s] and k2 [s^2] of ``w = d + k1 d' + k2 d''`` for the structure of a model.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        ``natural_frequency`` with ``damping_ratio``, or ``mass, damping, stiffness``; without
-        either there is no structure.
-
-    Raises
-    ------
-    CompensationError
-        If a value is not positive and finite.
-    """
+    """Return k1 [s] and k2 [s^2] of ``w = d + k1 d' + k2 d''`` for the structure of a model."""
     if 'mass' in parameters:
         mass, damping, stiffness = take(
             parameters, ('mass', 'damping', 'stiffness'), 'the structure'
@@ -231,13 +197,7 @@ def keep_sign(name: str, old: FloatArray, new: FloatArray) -> None:
 
 
 def check_monotonic(bouc_wen: list[float]) -> None:
-    """Raise an error for A1, A, A0, ... of a model whose slope from rest has not the sign of A1.
-
-    Raises
-    ------
-    CompensationError
-        If A1 is 0, or the slope from rest is 0 or of the other sign.
-    """
+    """Refuse A1, A, A0, ... of a model whose slope from rest has not the sign of A1."""
     a1, a, a0 = bouc_wen[:3]
     if not monotonic_bouc_wen(a1, a, a0):
         raise CompensationError(
@@ -252,11 +212,6 @@ def least_slope(parameters: Mapping[str, float]) -> float:
 
     It is the slope just after a reversal of a saturated h: A1 - A - |A0| - (beta - gamma) h_max.
     If it is not positive, the model has no inverse near the tips of its largest loops.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        ``A1, A, beta, gamma`` and, if not 0, ``A0``.
     """
     a1, a, a0, beta, gamma = take({'A0': 0.0, **parameters}, BOUC_WEN, 'the slope')
     if a1 < 0.0:  # that of the reversed displacement

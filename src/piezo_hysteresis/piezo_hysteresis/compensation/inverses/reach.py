@@ -24,16 +24,10 @@ _LOOKED_AT = 1 << 18  # its number of samples
 
 @dataclass(frozen=True)
 class Reach:
-    """Quasi-static range of the displacement of a model.
+    """Quasi-static range of the displacement of a model."""
 
-    Attributes
-    ----------
-    low, high : float
-        Extremes [m].
-    """
-
-    low: float
-    high: float
+    low: float  # [m]
+    high: float  # [m]
 
     @property
     def middle(self) -> float:
@@ -47,22 +41,8 @@ class Reach:
 
 
 def reach_of(model: Model, values: Mapping[str, float], dt: float, limits: Limits) -> Reach:
-    """Return the range of the displacement for a slow voltage from limit to limit.
-
-    Parameters
-    ----------
-    model, values : Model, mapping of str to float
-        The chain and its parameters.
-    dt : float
-        Sampling interval [s].
-    limits : Limits
-        Voltage limits.
-
-    Returns
-    -------
-    Reach
-        Not finite if the model diverges.
-    """
+    """Return the range of the displacement for a slow voltage from limit to limit."""
+    # dt [s]
     samples = int(np.clip(_SLOW / dt, 400, _MOST_SAMPLES))
     turn = 2.0 * np.arange(samples) / samples
     way = 2.0 * np.abs(turn - np.floor(turn + 0.5))  # 0 .. 1 .. 0, twice
@@ -81,21 +61,8 @@ def usual_reference(model: ModelFile) -> tuple[float, float]:
 
 def require_reachable(
     reference: FloatArray, model: Model, values: Mapping[str, float], dt: float, limits: Limits
-) -> None:
-    """Raise an error for a reference outside the range of the model.
-
-    Parameters
-    ----------
-    reference : ndarray, shape (n,)
-        Desired displacement [m].
-    model, values, dt, limits
-        As in `reach_of`.
-
-    Raises
-    ------
-    CompensationError
-        If it exceeds the range of the model, including the amplification by its resonance.
-    """
+) -> None:  # reference [m] (n,)
+    """Raise an error for a reference outside the range of the model."""
     low, high = float(np.min(reference)), float(np.max(reference))
     reach = reach_of(model, values, dt, limits)
     if not np.isfinite(reach.half):

@@ -18,28 +18,15 @@ class ScheduledInverse:
 
     Before the first frequency it is that of all drives. The voltage moves over without a step,
     within the slew limit.
-
-    Parameters
-    ----------
-    model : ModelFile
-        A model with a schedule.
-    invert : callable
-        Returns the inverse of a model without a schedule.
-    dt : float
-        Sampling interval [s].
-    limits : Limits
-        Of the voltage.
-    transition : float
-        Duration of the transition to another inverse [s].
     """
 
     def __init__(
         self,
         model: ModelFile,
         invert: Callable[[ModelFile], InverseLink],
-        dt: float,
+        dt: float,  # [s]
         limits: Limits,
-        transition: float,
+        transition: float,  # [s]
     ) -> None:
         assert model.schedule is not None
         self.dt, self._invert = dt, invert
@@ -68,13 +55,7 @@ class ScheduledInverse:
         return received + self._fade.apply(self._inverse.step(point, 0.0, measured))
 
     def update(self, model: ModelFile) -> None:
-        """Take changed entries, and new ones; the voltage changes smoothly.
-
-        Raises
-        ------
-        CompensationError
-            If one cannot be inverted; all previous ones are kept.
-        """
+        """Take changed entries, and new ones; the voltage changes smoothly."""
         assert model.schedule is not None
         fresh = {p.name: self._invert(p.model) for p in model.schedule.points}
         of_all = self._invert(model)

@@ -60,21 +60,7 @@ def _select(
 
 
 class SlopeSelectedInverse(InverseLink):
-    """Xiao 2014 (3), figure 11: segments of the reference, each inverted by the row of its slope.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Those of the blocks ``inverse_selector`` or ``inverse_bouc_wen`` and, if not 0, ``offset``
-        [m]; `identification.inverse_rows` identifies them from records.
-    dt, limits, start, transition
-        As in `InverseLink`.
-
-    Raises
-    ------
-    CompensationError
-        If a parameter is missing or not finite.
-    """
+    """Xiao 2014 (3), figure 11: reference in segments, each inverted by the row of its slope."""
 
     memory_size = _OWN
     run = staticmethod(_select)

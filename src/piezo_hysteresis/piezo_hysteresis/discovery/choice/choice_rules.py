@@ -24,20 +24,8 @@ def predicts_better(
 
 def differs_from_none(
     away: FloatArray, std: FloatArray, correlation: FloatArray, policy: ChoicePolicy = CHOICE
-) -> bool:
-    """Return whether parameters jointly differ significantly from those of no effect.
-
-    Parameters
-    ----------
-    away : ndarray, shape (q,)
-        Parameters minus their neutral values.
-    std : ndarray, shape (q,)
-        Their standard deviations.
-    correlation : ndarray, shape (q, q)
-        Their correlation.
-    policy : ChoicePolicy
-        Decision thresholds.
-    """
+) -> bool:  # away, std (q,); correlation (q, q)
+    """Return whether parameters jointly differ significantly from those of no effect."""
     if not away.size:
         return True
     if not np.all(np.isfinite(std)) or np.any(std <= 0.0):
@@ -56,18 +44,8 @@ def plays_are_bearable(
 
 def has_one_amplitude(
     voltage: FloatArray, turns: FloatArray, policy: ChoicePolicy = CHOICE
-) -> bool:
-    """Return whether a voltage has one high and one low reversal level.
-
-    Parameters
-    ----------
-    voltage : ndarray
-        Voltage of all records [V].
-    turns : ndarray
-        Reversal levels [V].
-    policy : ChoicePolicy
-        Decision thresholds.
-    """
+) -> bool:  # voltage, turns [V]
+    """Return whether a voltage has one high and one low reversal level."""
     middle = 0.5 * (float(voltage.max()) + float(voltage.min()))
     levels = np.abs(turns - middle)
     return bool(levels.size and np.quantile(levels, 0.1) >= policy.one_level * levels.max())

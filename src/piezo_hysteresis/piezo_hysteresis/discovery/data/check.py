@@ -54,13 +54,7 @@ class Check:
 
 
 def check(records: Sequence[Record]) -> Check:
-    """Check rate, length, clipping, noise and coverage of the records.
-
-    Raises
-    ------
-    IdentificationError
-        If the records cannot be evaluated; the message states the reason and what to record.
-    """
+    """Check rate, length, clipping, noise and coverage of the records."""
     findings = require_usable(records)
     if max(len(r) for r in records) < FEWEST_SAMPLES:
         raise IdentificationError(
@@ -71,19 +65,10 @@ def check(records: Sequence[Record]) -> Check:
 
 @dataclass(frozen=True)
 class Outside:
-    """Operating conditions of records at which a model was not identified.
+    """Operating conditions of records at which a model was not identified."""
 
-    Attributes
-    ----------
-    sentence : str
-        What differs; empty if nothing does.
-    entirely : bool
-        Whether each driven record is outside in frequency, voltage or amplitude. What the model
-        misses there is unknown, so that a residual is no evidence of a new effect.
-    """
-
-    sentence: str = ''
-    entirely: bool = False
+    sentence: str = ''  # what differs; empty if nothing does
+    entirely: bool = False  # whether each driven record is outside in frequency
 
 
 def outside_of(records: Sequence[Record], given: ModelFile) -> Outside:

@@ -84,18 +84,6 @@ def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
     amplitude. The other sines and the chirps then train completely, because the end of a chirp is
     an extreme of frequency as well. Of any other record the last part is held out, and of an
     extreme that is unlike all held-out records.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Records of one actuator.
-    start : str
-        Initial condition of records that do not state it.
-
-    Raises
-    ------
-    IdentificationError
-        If the noise cannot be estimated from any record.
     """
     noises = noises_of(records)
     floor = floor_of(records)

@@ -31,18 +31,10 @@ _Seen = tuple[Target, FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class Tone:
-    """One fixed tone.
+    """One fixed tone."""
 
-    Attributes
-    ----------
-    frequency : float
-        Frequency in all records [Hz].
-    amplitude : float
-        Median over the records in which the tone is distinct from the drive [m].
-    """
-
-    frequency: float
-    amplitude: float
+    frequency: float  # frequency in all records [Hz]
+    amplitude: float  # median over the records in which the tone is distinct from the drive [m]
 
 
 def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -132,22 +124,13 @@ def _clear(seen: Sequence[_Seen], tone: float) -> list[_Seen]:
 
 def with_aligned_phases(
     data: Dataset,
-    errors: Sequence[FloatArray],
+    errors: Sequence[FloatArray],  # [m]
     others: Sequence[Target],
     others_errors: Sequence[FloatArray],
 ) -> Dataset:
     """Return `data` with start times for which the strongest tone has the same phase everywhere.
 
     Held-out records provide only their own phase, a number that no model can predict.
-
-    Parameters
-    ----------
-    data : Dataset
-        The records.
-    errors : sequence of ndarray
-        Residual (measured minus simulated) of each training view [m].
-    others, others_errors : sequence
-        Held-out views of other records, and their residuals.
     """
     tone = find_tone(data.training, errors)
     if tone is None:

@@ -53,15 +53,7 @@ def with_better_experiments(
     start: CandidateFit,
     limits: Sequence[DetectionLimit],
 ) -> tuple[DetectionLimit, ...]:
-    """Return the limits, the highest one of each effect with the experiment that lowers it most.
-
-    Parameters
-    ----------
-    evaluator, final, start
-        As in `detection_limits`.
-    limits : sequence of DetectionLimit
-        Limits of the given records.
-    """
+    """Return the limits, the highest of each effect with the experiment that lowers it most."""
     present = _highest(Records(evaluator, final, start, samples=_SAMPLES))
     best: dict[str, tuple[float, BetterExperiment]] = {}
     for experiment in _possible(evaluator.data.training) if present else ():

@@ -59,21 +59,11 @@ _RESOLVED = 1e-10
 
 @dataclass(frozen=True)
 class BetterExperiment:
-    """Experiment that lowers a detection limit, if it is recorded in addition.
+    """Experiment that lowers a detection limit, if it is recorded in addition."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the experiment in the catalogue.
-    seconds : float
-        Its duration [s].
-    size : dict of str to float
-        Values at the limit with it of the parameters that define the size, SI units.
-    """
-
-    name: str
-    seconds: float
-    size: dict[str, float]
+    name: str  # name of the experiment in the catalogue
+    seconds: float  # its duration [s]
+    size: dict[str, float]  # values at the limit with it of the parameters that define the size
 
 
 @dataclass(frozen=True)
@@ -137,32 +127,12 @@ class Signature:
 def detection_limits(
     evaluator: Evaluator, final: CandidateFit, start: CandidateFit
 ) -> tuple[DetectionLimit, ...]:
-    """Return the detection limit of every effect that `final` lacks, per variant and shape.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-        Evaluator of the search.
-    final, start : CandidateFit
-        The final model, and the baseline.
-    """
+    """Return the detection limit of every effect that `final` lacks, per variant and shape."""
     return Records(evaluator, final, start).limits()
 
 
 class Records:
-    """Detectability of effects in the thinned training records.
-
-    Parameters
-    ----------
-    evaluator, final, start
-        As in `detection_limits`.
-    residual : CandidateFit, optional
-        Model whose residual is random; `final` by default.
-    samples : int, optional
-        Number of samples to which the records are shortened; that of the screening by default.
-    planned : sequence of Target
-        Records that do not exist yet, with the predicted displacement and noise as measured.
-    """
+    """Detectability of effects in the thinned training records."""
 
     def __init__(
         self,
@@ -203,14 +173,7 @@ class Records:
     def at_limits(
         self, sizes: Sequence[tuple[Candidate, Mapping[str, float], float]]
     ) -> list[Signature | None]:
-        """Return effects at their detection limits, computed in threads; None after the deadline.
-
-        Parameters
-        ----------
-        sizes : sequence of (Candidate, dict, float)
-            Each effect with a start, and the size from which its limit is searched, in units of
-            the start.
-        """
+        """Return effects at their detection limits, by threads; None after the deadline."""
         end = self._evaluator.deadline
 
         def found(size: tuple[Candidate, Mapping[str, float], float]) -> Signature | None:

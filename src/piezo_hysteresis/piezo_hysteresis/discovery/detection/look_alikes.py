@@ -56,15 +56,6 @@ def look_alikes(
 
     Each with the model that has it instead, at the size of the smallest distance; the parameters
     of the baseline keep their values.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-        Evaluator of the search.
-    step : Step
-        Step that found the effect, with the others in the model.
-    start : CandidateFit
-        The baseline.
     """
     records = Records(evaluator, step.round.before, start, residual=step.fit)
     found = records.left(step.fit)

@@ -23,35 +23,15 @@ _ALIKE = 0.15
 
 @dataclass(frozen=True)
 class Statement:
-    """Detection limit of one effect in words.
+    """Detection limit of one effect in words."""
 
-    Attributes
-    ----------
-    effect : str
-        Name of the effect.
-    brief : str
-        Range of the smallest detectable sizes.
-    sizes : str
-        These sizes with the shape parameters for which they are valid.
-    displacement_m : (float, float)
-        Smallest and largest rms change of the response at these limits [m]; NaN without a limit.
-    apart : str
-        Most similar effect and the size from which on it can be distinguished; empty if the name
-        is unique from the limit on.
-    hidden : str
-        Shapes that the records do not show at any size; empty if there are none.
-    better : str
-        Experiment that lowers the largest limit most, with the size that it shows; empty if none
-        was found.
-    """
-
-    effect: str
-    brief: str
-    sizes: str
-    displacement_m: tuple[float, float]
-    apart: str
-    hidden: str
-    better: str
+    effect: str  # name of the effect
+    brief: str  # range of the smallest detectable sizes
+    sizes: str  # these sizes with the shape parameters for which they are valid
+    displacement_m: tuple[float, float]  # [m]
+    apart: str  # most similar effect and the size from which on it can be distinguished
+    hidden: str  # shapes that the records do not show at any size; empty if there are none
+    better: str  # experiment that lowers the largest limit most, with the size that it shows
 
 
 def statements(limits: Sequence[DetectionLimit]) -> tuple[Statement, ...]:

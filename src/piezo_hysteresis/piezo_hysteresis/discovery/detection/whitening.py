@@ -20,20 +20,11 @@ class Whitening:
 
     The noise spectrum is a lower bound, because a fit may have removed random components from a
     line.
-
-    Parameters
-    ----------
-    errors : sequence of ndarray, shape (n_i,)
-        Residual of each view [m].
-    noises : sequence of float
-        Noise rms of each view [m].
-    weights : sequence of float
-        Number of measured samples for which each sample of a view stands.
     """
 
     def __init__(
         self, errors: Sequence[FloatArray], noises: Sequence[float], weights: Sequence[float]
-    ) -> None:
+    ) -> None:  # errors [m] (n_i,); noises [m]
         self.sizes = [error.size for error in errors]
         self._roots = [
             np.sqrt(np.maximum(_smooth(np.abs(np.fft.rfft(e)) ** 2 / e.size), noise**2) / weight)
@@ -60,26 +51,14 @@ def _smooth(power: FloatArray) -> FloatArray:
 
 
 class NuisanceDirections:
-    """Whitened response directions of the parameters that a fit adjusts.
-
-    Parameters
-    ----------
-    free : sequence of ndarray, shape (n,)
-        Directions with free coefficients: fitted parameters of the baseline.
-    bounded : ndarray, shape (n,)
-        Direction with a bounded coefficient: derivative of the response by the sampling offset.
-    bounds : (float, float)
-        Smallest and largest coefficient of `bounded` [s].
-    uncertain : sequence of ndarray, shape (n,)
-        Directions of parameters with a prior: responses to one standard deviation.
-    """
+    """Whitened response directions of the parameters that a fit adjusts."""
 
     def __init__(
         self,
-        free: Sequence[FloatArray],
-        bounded: FloatArray,
-        bounds: tuple[float, float],
-        uncertain: Sequence[FloatArray] = (),
+        free: Sequence[FloatArray],  # (n,)
+        bounded: FloatArray,  # (n,)
+        bounds: tuple[float, float],  # [s]
+        uncertain: Sequence[FloatArray] = (),  # (n,)
     ) -> None:
         # a prior counts as one more measurement per uncertain parameter
         self._priors = len(uncertain)

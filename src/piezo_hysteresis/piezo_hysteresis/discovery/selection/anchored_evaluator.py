@@ -56,27 +56,7 @@ from piezo_hysteresis.models.simulation.plan import free_states
 
 
 class HeldEvaluator(Evaluator):
-    """Scores models relative to noise and known discrepancy; the baseline parameters stay fixed.
-
-    Parameters
-    ----------
-    data, seed, workers, policy, deadline
-        As in `Evaluator`; the known discrepancy in phase with the drive is already subtracted from
-        the views (`without_repeated`).
-    base : CandidateFit
-        The baseline with the values of its file.
-    given : ModelFile
-        The model file: its discrepancy, the covariance of its values, and its sampling offset,
-        about which that of the records is free.
-    choices : Choices, optional
-        Known initial conditions of the records, used to estimate them again with each effect; None
-        if the records keep theirs.
-
-    Raises
-    ------
-    IdentificationError
-        If the file contains no discrepancy.
-    """
+    """Scores models relative to noise and known discrepancy with a fixed baseline."""
 
     def __init__(
         self,
@@ -436,13 +416,7 @@ def drives_of(data: Dataset) -> dict[str, float]:
 
 
 def known_discrepancy(given: ModelFile) -> Discrepancy:
-    """Return the known discrepancy of a model file.
-
-    Raises
-    ------
-    IdentificationError
-        If the file contains no discrepancy.
-    """
+    """Return the known discrepancy of a model file."""
     if given.discrepancy is None:
         raise IdentificationError('the model file has no discrepancy: identify it again')
     return given.discrepancy

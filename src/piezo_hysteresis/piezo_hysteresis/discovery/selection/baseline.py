@@ -59,21 +59,7 @@ def fitted_baselines(
     workers: int = 1,
     deadline: Deadline | None = None,
 ) -> tuple[Baselines, Dataset]:
-    """Fit the baseline and the initial conditions of the records alternately until they converge.
-
-    Returns
-    -------
-    baselines : Baselines
-        Versions of the baseline.
-    data : Dataset
-        Data with the initial conditions, zero offsets and weights of the records from the joint
-        fit.
-
-    Raises
-    ------
-    IdentificationError
-        If the model cannot be fitted to the records at all.
-    """
+    """Fit baseline and initial conditions of the records alternately until they converge."""
     end = deadline or Deadline()
     model = given.model if isinstance(given, ModelFile) else suited(given, list(data.records))
     specs = _from_data(data, model, choices, workers, end)
@@ -125,17 +111,7 @@ def _converged(
 
 
 def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, float]:
-    """Return the parameter values of a baseline from a scan of starting values, before any fit.
-
-    Parameters
-    ----------
-    joint : ModelSpec
-        The baseline; parameters that its model holds keep their values.
-    data : Dataset
-        Data with initial conditions estimated by the baseline.
-    samples : int
-        Number of samples of the training views.
-    """
+    """Return the parameter values of a baseline from a scan of starting values, before any fit."""
     model = joint.model
     short = thinned(data.training, samples, data.periods)
     views = [replace(view, own_zero=True) for view in representative(short)]

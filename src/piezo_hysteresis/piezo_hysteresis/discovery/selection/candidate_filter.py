@@ -8,15 +8,7 @@ from piezo_hysteresis.models import Candidate, described
 
 
 def refined_candidates(evaluator: Evaluator, before: ModelSpec) -> tuple[Candidate, ...]:
-    """Return the model extended by each candidate, without simpler variants of its effects.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-        Returns the effects that it can evaluate.
-    before : ModelSpec
-        The model.
-    """
+    """Return the model extended by each candidate, without simpler variants of its effects."""
     return tuple(each for each in evaluator.candidates(before) if not _is_had(each, before))
 
 

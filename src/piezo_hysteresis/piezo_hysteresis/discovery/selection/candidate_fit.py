@@ -25,22 +25,12 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Added:
-    """One effect that was added to a model.
+    """One effect that was added to a model."""
 
-    Attributes
-    ----------
-    effect, variant : str
-        Name of the effect and of its variant.
-    names : mapping of str to str
-        Map from the block's own parameter names to those of the model.
-    inexactness : float
-        Share of the effect that its law does not describe [1].
-    """
-
-    effect: str
-    variant: str
-    names: Mapping[str, str]
-    inexactness: float = 0.0
+    effect: str  # name of the effect
+    variant: str  # of its variant
+    names: Mapping[str, str]  # map from the block's own parameter names to those of the model
+    inexactness: float = 0.0  # share of the effect that its law does not describe [1]
 
 
 def effect_of(added: Added) -> Effect:
@@ -174,11 +164,6 @@ def errors_of(
     """Return the residual (measured minus simulated) of every view [m]; infinite after divergence.
 
     Stages already simulated with the same parameters are taken from the `cache`.
-
-    Raises
-    ------
-    PiezoError
-        If a parameter value is invalid.
     """
     packed = spec.model.pack(spec.values)
     errors = [
@@ -209,38 +194,13 @@ def fitted_to(
     evaluations: int,
     tolerance: float,
     free: Sequence[str] | None = None,
-    clock: tuple[float, float] | None = None,
+    clock: tuple[float, float] | None = None,  # [s]
     enough: float = inf,
     derivatives: bool = True,
     stopped: Callable[[], bool] = lambda: False,
     workers: int = 1,
 ) -> CandidateFit | None:
-    """Fit a model from its own values; return None if the fit fails.
-
-    Parameters
-    ----------
-    spec, views
-        Model with starting values, and the data of the fit.
-    evaluations : int
-        Evaluation budget of the fit.
-    tolerance : float
-        Relative decrease at which the fit stops.
-    free : sequence of str, optional
-        Names of the fitted parameters; by default all that the model does not hold.
-    clock : (float, float), optional
-        Bounds of the sampling offset [s]. By default from 0, where the displacement is sampled
-        before the voltage of the tick acts (the convention of this package), to one tick, where
-        both are sampled together.
-    enough : float
-        Sum of squares, as in `CandidateFit`, above which the fit is terminated, see
-        `solver.solve`.
-    derivatives : bool
-        Whether the derivatives at the end of the fit are needed, see `solver.solve`.
-    stopped : callable
-        Called before each step; the fit ends if it returns True.
-    workers : int
-        Number of threads over the views; the result does not depend on it.
-    """
+    """Fit a model from its own values; return None if the fit fails."""
     low, high = clock or (0.0, views[0].dt)
     bounds = {**bounds_of(spec.model, views), SAMPLING_OFFSET: (low, high)}
     start = {**spec.values, SAMPLING_OFFSET: float(np.clip(spec.sampling_offset, low, high))}

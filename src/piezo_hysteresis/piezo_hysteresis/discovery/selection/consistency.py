@@ -17,11 +17,6 @@ def explained_together(training: CandidateFit, both: CandidateFit) -> str:
     all records then has no residual; with a missing effect a residual remains in that fit, too.
     The values of `training` stay unchanged, because a model fitted to all records could not be
     tested on any.
-
-    Parameters
-    ----------
-    training, both : CandidateFit
-        The model fitted to the training records, and to all records.
     """
     names = _better_determined(training, both)
     which = f' ({", ".join(names)})' if names else ''

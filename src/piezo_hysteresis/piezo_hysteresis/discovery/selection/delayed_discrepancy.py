@@ -28,24 +28,12 @@ _Response = Callable[[FloatArray], ComplexArray]
 
 def with_delayed_discrepancy(
     spec: ModelSpec,
-    errors: Sequence[FloatArray],
+    errors: Sequence[FloatArray],  # [m]
     views: Sequence[Target],
     expected: Sequence[Expectation],
-    late: float,
+    late: float,  # [s]
 ) -> tuple[FloatArray, ...]:
-    """Return residuals beyond the known discrepancy as the added effects pass it on.
-
-    Parameters
-    ----------
-    spec : ModelSpec
-        Model with the added effects.
-    errors : sequence of ndarray
-        Its residual on every view, beyond the known discrepancy without the effects [m].
-    views, expected
-        The views, and the expectation of each with its known discrepancy.
-    late : float
-        Sampling offset of the baseline [s].
-    """
+    """Return residuals beyond the known discrepancy as the added effects pass it on."""
     responses = _responses(spec, views[0].dt, late) if views else []
     if not responses:
         return tuple(errors)

@@ -50,15 +50,6 @@ def retested(
     before a step resembles a motion from before the record, and a lag then fits better than the
     delay. A simpler model is therefore also evaluated with initial conditions that it estimates
     itself.
-
-    Returns
-    -------
-    evaluator : Evaluator
-        Evaluator of the final model.
-    steps : list of Step
-        Steps of the effects that stay.
-    final : CandidateFit
-        The model with all of them, fitted jointly.
     """
     kept, final = list(steps), steps[-1].fit
     done: set[str] = set()

@@ -39,43 +39,16 @@ Result = TypeVar('Result')
 
 @dataclass(frozen=True)
 class Remainder:
-    """Residual of the final model.
+    """Residual of the final model."""
 
-    Attributes
-    ----------
-    significant : bool
-        Whether the residual exceeds noise, nuisance parameters and known discrepancy.
-    views : tuple of Target
-        Views on which it is evaluated.
-    fit : CandidateFit
-        The model evaluated on these views.
-    note : str
-        Additional statement for the user; may be empty.
-    """
-
-    significant: bool
-    views: tuple[Target, ...]
-    fit: CandidateFit
-    note: str = ''
+    significant: bool  # whether the residual exceeds noise
+    views: tuple[Target, ...]  # views on which it is evaluated
+    fit: CandidateFit  # the model evaluated on these views
+    note: str = ''  # additional statement for the user; may be empty
 
 
 class Evaluator(ABC):
-    """Fits models to the training views and scores them there.
-
-    Parameters
-    ----------
-    data : Dataset
-        Training views, for all fits and scores. Of held-out views the search uses the drive, and
-        the errors only to reject an effect.
-    seed : int
-        Seed of all random choices.
-    workers : int
-        Number of threads; the result does not depend on it.
-    policy : SelectionPolicy
-        Decision thresholds.
-    deadline : Deadline, optional
-        Time limit after which no new step is started.
-    """
+    """Fits models to the training views and scores them there."""
 
     def __init__(
         self,
@@ -367,19 +340,6 @@ class Evaluator(ABC):
 
         Without an earlier `best`, the first fit, which is the best so far, is continued alone
         first. The other fits are terminated early if they cannot come near it.
-
-        Parameters
-        ----------
-        function : callable
-            Continues a fit, given the sum of squares above which the fit is terminated.
-        fits : sequence of CandidateFit
-            Fits, the best first.
-        within : float
-            Largest useful sum of squares, relative to that of the best fit.
-        best : CandidateFit, optional
-            Best earlier fit of the same kind as the results.
-        wins : callable
-            Whether a fit is good enough to terminate the others early.
         """
         ahead = [function(fit, inf) for fit in fits[:1]] if best is None else []
         first = ahead[0] if ahead else best

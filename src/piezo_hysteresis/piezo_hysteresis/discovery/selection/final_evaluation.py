@@ -11,26 +11,13 @@ from piezo_hysteresis.discovery.selection.search import Found
 
 @dataclass(frozen=True)
 class Outcome:
-    """Data of a verdict.
+    """Data of a verdict."""
 
-    Attributes
-    ----------
-    found : Found
-        Result of the search; the baseline alone if the effects increase the error on held-out
-        views.
-    before, after : CandidateFit
-        Baseline and final model, evaluated on the held-out views.
-    remainder : Remainder
-        Residual of the final model.
-    certainty : float
-        Probability that the missing effect is among the candidates [1].
-    """
-
-    found: Found
+    found: Found  # result of the search
     before: CandidateFit
     after: CandidateFit
-    remainder: Remainder
-    certainty: float
+    remainder: Remainder  # residual of the final model
+    certainty: float  # probability that the missing effect is among the candidates [1]
 
     @property
     def ends_in_noise(self) -> bool:

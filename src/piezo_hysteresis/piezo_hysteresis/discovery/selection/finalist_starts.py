@@ -22,22 +22,6 @@ def led_by_best_start(
     """Return the round with the finalist first that is best with its own initial conditions.
 
     This is needed only if the initial conditions can change; otherwise they can hide no effect.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-        Evaluator of the round.
-    round_ : SelectionRound
-        The round with its finalists; none of them needs to be accepted.
-    start : CandidateFit
-        The baseline.
-
-    Returns
-    -------
-    evaluator : Evaluator
-        Evaluator with the initial conditions of the first finalist.
-    round_ : SelectionRound
-        The round; unchanged if no other initial conditions are better.
     """
     if not evaluator.starts_may_differ(round_.best):
         return evaluator, round_

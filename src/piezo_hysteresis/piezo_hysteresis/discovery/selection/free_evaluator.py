@@ -38,15 +38,7 @@ _ONE_IN_TWENTY = 1.645
 
 
 class FreeEvaluator(Evaluator):
-    """Scores models relative to the noise, because the baseline has no known discrepancy.
-
-    Parameters
-    ----------
-    data, seed, workers, policy, deadline
-        As in `Evaluator`.
-    choices : Choices
-        Known initial conditions of the records, used to estimate them again with each effect.
-    """
+    """Scores models relative to the noise, because the baseline has no known discrepancy."""
 
     def __init__(
         self,

@@ -339,13 +339,7 @@ class SelectionPolicy:
                 )
 
     def but(self, **changed: float) -> SelectionPolicy:
-        """Return a copy of the policy with changed values.
-
-        Raises
-        ------
-        IdentificationError
-            If a name is unknown or a value is invalid.
-        """
+        """Return a copy of the policy with changed values."""
         known = {each.name: each for each in fields(self)}
         unknown = sorted(set(changed) - set(known))
         if unknown:
@@ -377,13 +371,7 @@ HELD = POLICY.but(
 
 
 def rows(free: Any = POLICY, held: Any = HELD) -> list[tuple[str, str, str, str, str]]:
-    """Return name, value, unit, meaning and source of every threshold of a policy.
-
-    Parameters
-    ----------
-    free, held : dataclass of `number`
-        Two presets; where they differ, the value of the second follows.
-    """
+    """Return name, value, unit, meaning and source of every threshold of a policy."""
     found = []
     for each in fields(free):
         first, second = getattr(free, each.name), getattr(held, each.name)

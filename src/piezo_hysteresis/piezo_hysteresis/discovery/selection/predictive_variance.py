@@ -27,25 +27,13 @@ def widened(
     expected: Sequence[Expectation],
     base: ModelSpec,
     views: Sequence[Target],
-    names: Sequence[str],
-    covariance: FloatArray,
+    names: Sequence[str],  # (p, p)
+    covariance: FloatArray,  # (p, p)
 ) -> tuple[Expectation, ...]:
     """Return the expectations of views, increased by the predictive variance of the parameters.
 
     At a condition where the model was evaluated, the error of its values is already part of the
     known discrepancy; an octave away hardly any of it is.
-
-    Parameters
-    ----------
-    expected : sequence of Expectation
-        Expectation of each view.
-    base : ModelSpec
-        The model with the values of its file.
-    views : sequence of Target
-        Views with the drive signals.
-    names, covariance : sequence of str, ndarray of shape (p, p)
-        Names and covariance of the values. Nothing is added if the covariance does not contain all
-        fitted values, because the missing ones may compensate for the change of one alone.
     """
     if not names or set(names) != set(base.model.free_names):
         return tuple(expected)
@@ -63,7 +51,7 @@ def widened(
 
 def cost_of_change(
     changes: Mapping[str, float], names: Sequence[str], covariance: FloatArray, price: float
-) -> float:
+) -> float:  # names, covariance (p, p); price [nats]
     """Return the cost of parameter values that differ from the file [nats].
 
     Gains that compensate for each other are poorly determined individually and well determined in
@@ -71,16 +59,6 @@ def cost_of_change(
     hardly one of each. The cost is the lower one of two descriptions. Either some values are new,
     at the price of a parameter each, and the others stay within the covariance; or the same holds
     along the principal directions of the covariance.
-
-    Parameters
-    ----------
-    changes : mapping of str to float
-        Changes of values; a value that is not among `names` was held, and its change is a new
-        value.
-    names, covariance : sequence of str, ndarray of shape (p, p)
-        Names and covariance of the fitted values.
-    price : float
-        Penalty of a parameter [nats].
     """
     held = price * sum(bool(change) and name not in names for name, change in changes.items())
     at = [k for k, name in enumerate(names) if name in changes]

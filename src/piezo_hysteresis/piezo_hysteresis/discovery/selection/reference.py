@@ -38,22 +38,6 @@ def as_on(
 
     A named model is identified on these records. A file keeps its values, and its discrepancy is
     the residual on these records.
-
-    Parameters
-    ----------
-    reference : sequence of Record
-        Records of the same actuator before the change.
-    baseline : Model or ModelFile
-        The model that is tested for missing effects.
-    choices : Choices, optional
-        Known initial conditions and zero offsets of the records.
-    workers : int
-        Number of threads of the fit.
-
-    Raises
-    ------
-    IdentificationError
-        If no discrepancy can be computed from the reference.
     """
     file, missed = _missed(annotated(reference), baseline, choices or Choices(), workers)
     return replace(file, discrepancy=missed)
@@ -69,17 +53,6 @@ def with_repeats(
 
     A named model is identified on these records. To those of a file they are added, except for
     the ones that it was identified from. New records are not judged if they are among them.
-
-    Parameters
-    ----------
-    repeats, baseline, choices, workers
-        As in `as_on`; at least two records are of one kind.
-
-    Raises
-    ------
-    IdentificationError
-        If no two records are of one kind, a run is given twice, or one of a kind has another
-        stroke than the others.
     """
     records = list(annotated(repeats))
     _require_single(records)

@@ -37,39 +37,16 @@ _ORDERS = HIGHEST_ORDER + 1
 
 @dataclass(frozen=True)
 class Expectation:
-    """Expected residual power of one view, per harmonic and octave.
+    """Expected residual power of one view, per harmonic and octave."""
 
-    Attributes
-    ----------
-    lines : ModulatedLines or None
-        The harmonics of the drive, scaled with its amplitude; order 0 is the mean. None where the
-        record has too few periods.
-    octave_of : ndarray of int, shape (bins,)
-        Part of each bin in the spectrum of the residual without harmonics.
-    expected : ndarray, shape (parts,)
-        Expected mean square of each part, harmonic orders first, then octaves [m^2].
-    independent : ndarray, shape (parts,)
-        Number of independent values in each part.
-    window : ndarray, shape (n,)
-        Weight of each sample in the spectrum.
-    repeated : ndarray, shape (n,)
-        Known discrepancy under this drive [m]; the residual minus this signal is compared with
-        `expected`.
-    octaves : float
-        Distance of the drive from the nearest condition at which the model was evaluated
-        [octaves].
-    repeats : bool
-        Whether repeated records of this drive show how much it varies.
-    """
-
-    lines: ModulatedLines | None
-    octave_of: IntArray
-    expected: FloatArray
-    independent: FloatArray
-    window: FloatArray
-    repeated: FloatArray
-    octaves: float
-    repeats: bool = False
+    lines: ModulatedLines | None  # the harmonics of the drive, scaled with its amplitude
+    octave_of: IntArray  # (bins,)
+    expected: FloatArray  # expected mean square of each part [m^2], shape (parts,)
+    independent: FloatArray  # number of independent values in each part, shape (parts,)
+    window: FloatArray  # weight of each sample in the spectrum, shape (n,)
+    repeated: FloatArray  # known discrepancy under this drive [m], shape (n,)
+    octaves: float  # [octaves]
+    repeats: bool = False  # whether repeated records of this drive show how much it varies
 
     @property
     def total(self) -> float:
@@ -170,21 +147,8 @@ def _orders_of(lines: ModulatedLines | None) -> IntArray:
 
 def expectation(
     view: Target, known: Discrepancy, stroke: float, policy: SelectionPolicy = HELD
-) -> Expectation:
-    """Return the expected residual power of a view for a model with the discrepancy `known`.
-
-    Parameters
-    ----------
-    view : Target
-        Data of one record with its noise rms; if that is unknown, the noise of the discrepancy is
-        used.
-    known : Discrepancy
-        Known discrepancy of the model.
-    stroke : float
-        Range of the displacement of the record [m].
-    policy : SelectionPolicy
-        Decision thresholds.
-    """
+) -> Expectation:  # stroke [m]
+    """Return the expected residual power of a view for a model with the discrepancy `known`."""
     from scipy.signal.windows import tukey
 
     count, dt = view.measured.size, view.dt * view.stride

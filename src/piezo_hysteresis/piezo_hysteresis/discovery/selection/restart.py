@@ -26,17 +26,6 @@ def better_of_both(
 
     This applies only to the first effect, because with an effect the baseline is fitted jointly.
     It does not apply to a fixed baseline.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-        Fits the models and returns the initial values of the baseline.
-    before : CandidateFit
-        The model without the effect.
-    chosen : sequence of ScreeningScore
-        Candidates that were tried.
-    fitted : sequence of CandidateFit
-        First fits from the values of `before`, the best first.
     """
     needless = before.added or not chosen or evaluator.deadline.passed
     values = None if needless else evaluator.first_values(before)

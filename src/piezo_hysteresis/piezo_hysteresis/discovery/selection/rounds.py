@@ -71,17 +71,7 @@ class SelectionRound:
 def select(
     evaluator: Evaluator, before: CandidateFit, start: CandidateFit, progress: Progress
 ) -> SelectionRound | None:
-    """Run one selection round over the candidates; return None if none can be fitted.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-        Fits and scores the models.
-    before, start : CandidateFit
-        The present model, and the baseline.
-    progress : callable
-        Called with ``(fraction, message)``.
-    """
+    """Run one selection round over the candidates; return None if none can be fitted."""
     evaluator = evaluator.with_shared_starts(before)
     every = refined_candidates(evaluator, before)
     free = evaluator.free_of(before)

@@ -14,24 +14,10 @@ from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 
 def shows_a_gap(
     excess: float, by_record: Sequence[float], excess_deviations: Sequence[float],
-    excess_deviation: float,
+    excess_deviation: float,  # [1]
     policy: SelectionPolicy,
 ) -> bool:  # fmt: skip
-    """Return whether the residual exceeds the noise by more than a negligible amount.
-
-    Parameters
-    ----------
-    excess : float
-        Excess over all records.
-    by_record : sequence of float
-        Excess of each record.
-    excess_deviations : sequence of float
-        Standard deviation of each of them due to chance.
-    excess_deviation : float
-        Relative standard deviation of the estimated noise mean square [1].
-    policy : SelectionPolicy
-        Decision thresholds.
-    """
+    """Return whether the residual exceeds the noise by more than a negligible amount."""
     if not excess <= policy.negligible + policy.noise_deviations * excess_deviation:
         return True
     return any(
@@ -41,15 +27,7 @@ def shows_a_gap(
 
 
 def model_discrepancy(inexactness: Sequence[float], excess_at_start: float) -> float:
-    """Return the excess that the inexact laws of the accepted effects can leave.
-
-    Parameters
-    ----------
-    inexactness : sequence of float
-        Share of each effect that its law does not describe; the largest counts.
-    excess_at_start : float
-        Excess of the baseline.
-    """
+    """Return the excess that the inexact laws of the accepted effects can leave."""
     return max(inexactness, default=0.0) ** 2 * max(excess_at_start, 0.0)
 
 
@@ -73,13 +51,6 @@ def min_screening_score(excess: float, policy: SelectionPolicy) -> float:
     """Return the least screening score with which a candidate is fitted.
 
     The score is a share of the squared residual.
-
-    Parameters
-    ----------
-    excess : float
-        Excess of the model without the candidate.
-    policy : SelectionPolicy
-        Decision thresholds.
     """
     asked = policy.min_share * max(excess, 0.0) / (1.0 + max(excess, 0.0))
     return max(policy.min_score, policy.required_score_share * asked)
@@ -94,19 +65,7 @@ def is_as_good(
     simpler: float, richer: float, standard_errors: float, negligible: float,
     policy: SelectionPolicy,
 ) -> bool:  # fmt: skip
-    """Return whether a richer model is not a relevant improvement over a simpler one.
-
-    Parameters
-    ----------
-    simpler, richer : float
-        Excess of the two models.
-    standard_errors : float
-        Improvement in standard errors.
-    negligible : float
-        Excess that is negligible.
-    policy : SelectionPolicy
-        Decision thresholds.
-    """
+    """Return whether a richer model is not a relevant improvement over a simpler one."""
     if simpler < negligible or standard_errors < policy.min_standard_errors:
         return True
     return simpler - richer < policy.needless_share * simpler
@@ -121,16 +80,7 @@ def is_no_worse(before: float, after: float, policy: SelectionPolicy) -> bool:
 
 
 def reduces_gap_enough(before: float, after: float, policy: SelectionPolicy) -> bool:
-    """Return whether the gap has decreased by enough to report the effects.
-
-    Parameters
-    ----------
-    before, after : float
-        Excess on records that no decision used: the mean square above the noise, or above the
-        known discrepancy of a fixed baseline.
-    policy : SelectionPolicy
-        Decision thresholds.
-    """
+    """Return whether the gap has decreased by enough to report the effects."""
     old, new = (max(excess, 0.0) ** 0.5 for excess in (before, after))
     return after <= before and old - new >= policy.least_gap * old
 

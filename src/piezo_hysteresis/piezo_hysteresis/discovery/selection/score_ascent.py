@@ -42,44 +42,22 @@ _PART = 0.1
 
 
 class ScoreAscent:
-    """Moves a fit towards the optimum of its score.
-
-    Parameters
-    ----------
-    views : sequence of Target
-        Training views.
-    expected : sequence of Expectation
-        Expected residual power of each of them.
-    score : callable
-        Score of a fit, smaller is better.
-    residuals : callable
-        Residuals of a fit that the score weighs [m].
-    late : float
-        Sampling offset of the baseline [s].
-    """
+    """Moves a fit towards the optimum of its score."""
 
     def __init__(
         self,
         views: Sequence[Target],
         expected: Sequence[Expectation],
         score: Callable[[CandidateFit], float],
-        residuals: Callable[[CandidateFit], Sequence[FloatArray]],
-        late: float,
+        residuals: Callable[[CandidateFit], Sequence[FloatArray]],  # [m]
+        late: float,  # [s]
     ) -> None:
         self._views, self._expected = views, expected
         self._score, self._residuals = score, residuals
         self._late, self._dt = late, views[0].dt
 
     def __call__(self, fit: CandidateFit, free: Sequence[str]) -> CandidateFit:
-        """Return the fit with the best score that some steps reach, or `fit` itself.
-
-        Parameters
-        ----------
-        fit : CandidateFit
-            Fit on the training views.
-        free : sequence of str
-            Parameters that may move.
-        """
+        """Return the fit with the best score that some steps reach, or `fit` itself."""
         if not free or len(free) > _MOST:
             return fit
         best = self._score(fit)

@@ -44,21 +44,11 @@ _ALIKE = 0.15
 
 @dataclass(frozen=True)
 class ScreeningScore:
-    """Screening score of one candidate.
+    """Screening score of one candidate."""
 
-    Attributes
-    ----------
-    candidate : Candidate
-        The model with the effect.
-    starts : tuple of dict
-        Starting values of all parameters, the best score first.
-    explained : float
-        Share of the squared residual that the best starting point explains, 0..1.
-    """
-
-    candidate: Candidate
-    starts: tuple[dict[str, float], ...]
-    explained: float
+    candidate: Candidate  # the model with the effect
+    starts: tuple[dict[str, float], ...]  # starting values of all parameters, the best score first
+    explained: float  # share of the squared residual that the best starting point explains, 0..1
 
 
 def _differ(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
@@ -67,21 +57,7 @@ def _differ(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
 
 
 class Screen:
-    """The residual of a model with the sensitivities of its own parameters projected out.
-
-    Parameters
-    ----------
-    fit : CandidateFit
-        The model.
-    views : sequence of Target
-        Shortened training views.
-    free : sequence of str, optional
-        Parameters that a fit may change; by default all that the model does not hold.
-    workers : int
-        Number of threads over these parameters.
-    stopped : callable
-        Whether the time is over; the rest of the starting points is then left out.
-    """
+    """The residual of a model with the sensitivities of its own parameters projected out."""
 
     def __init__(
         self,

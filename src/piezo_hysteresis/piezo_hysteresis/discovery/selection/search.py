@@ -18,25 +18,13 @@ from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 
 @dataclass(frozen=True)
 class Found:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes
-    ----------
-    evaluator : Evaluator
-        Evaluator of the final model.
-    start, final : CandidateFit
-        The baseline, and the model with all effects.
-    steps : tuple of Step
-        Accepted effects; empty if nothing is missing or no known effect explains the residual.
-    last : SelectionRound or None
-        The last round without an accepted effect, if there is one.
-    """
-
-    evaluator: Evaluator
+    evaluator: Evaluator  # evaluator of the final model
     start: CandidateFit
-    final: CandidateFit
-    steps: tuple[Step, ...] = ()
-    last: SelectionRound | None = None
+    final: CandidateFit  # the model with all effects
+    steps: tuple[Step, ...] = ()  # accepted effects
+    last: SelectionRound | None = None  # the last round without an accepted effect
 
     @property
     def leaves_much(self) -> bool:

@@ -21,22 +21,11 @@ BlockEdges = Sequence[Sequence[int]]
 
 @dataclass(frozen=True)
 class Improvement:
-    """Improvement of one model over another.
+    """Improvement of one model over another."""
 
-    Attributes
-    ----------
-    square : float
-        Decrease of the weighted sum of squares [m^2].
-    ratio : float
-        Decrease divided by its standard error.
-    p_value : float
-        Probability of such a ratio without any improvement, times the number of models that were
-        tried.
-    """
-
-    square: float
-    ratio: float
-    p_value: float
+    square: float  # decrease of the weighted sum of squares [m^2]
+    ratio: float  # decrease divided by its standard error
+    p_value: float  # probability of such a ratio without any improvement
 
 
 def block_squares(errors: Sequence[FloatArray], edges: BlockEdges) -> list[FloatArray]:
@@ -79,19 +68,7 @@ def win_shares(
     seed: int,
     draws: int,
 ) -> FloatArray:
-    """Return the share of block-bootstrap resamples (Efron 1979) in which each fit is the best.
-
-    Parameters
-    ----------
-    fits : sequence of CandidateFit
-        Candidates, evaluated on the same views.
-    penalties : sequence of float
-        Parameter penalty, added to the logarithm of the sum of squares of each fit.
-    edges : sequence of sequence of int
-        Block edges per view.
-    seed, draws : int
-        Seed and number of resamples.
-    """
+    """Return the share of block-bootstrap resamples (Efron 1979) in which each fit is the best."""
     generator = np.random.default_rng(seed)
     squares = [block_squares(fit.weighted, edges) for fit in fits]
     sums = np.zeros((len(fits), draws))

@@ -40,27 +40,13 @@ from piezo_hysteresis.models import Model, ModelFile
 
 @dataclass(frozen=True)
 class Searching:
-    """Options of a search.
+    """Options of a search."""
 
-    Attributes
-    ----------
-    choices : Choices
-        Known initial conditions and zero offsets of the records.
-    seed : int
-        Seed of all random choices.
-    workers : int
-        Number of threads.
-    changed : dict of str to float
-        Thresholds of the policy that differ from the preset.
-    deadline : Deadline
-        Time limit after which no new step is started.
-    """
-
-    choices: Choices
-    seed: int
-    workers: int
-    changed: dict[str, float]
-    deadline: Deadline
+    choices: Choices  # known initial conditions and zero offsets of the records
+    seed: int  # seed of all random choices
+    workers: int  # number of threads
+    changed: dict[str, float]  # thresholds of the policy that differ from the preset
+    deadline: Deadline  # time limit after which no new step is started
 
     def __post_init__(self) -> None:
         POLICY.but(**self.changed)  # an unknown name is refused before the records are read
@@ -84,11 +70,6 @@ def find(
     discrepancy, its values are therefore fixed. If the records are those of the file itself
     (`nothing_new`), the baseline is only evaluated on them, because their residual is the known
     discrepancy by definition.
-
-    Raises
-    ------
-    IdentificationError
-        If the baseline cannot be fitted to the records at all, or the policy is invalid.
     """
     if isinstance(given, ModelFile) and given.discrepancy is not None:
         if nothing_new:

@@ -18,27 +18,11 @@ class Deadline:
 
     The elimination of redundant effects is skipped last: until then an effect may be listed that a
     later one replaced.
-
-    Attributes
-    ----------
-    seconds : float
-        Time limit from `began`; unlimited by default [s].
-    reserved : float
-        Share of it that is kept for the elimination of redundant effects [1].
-    began : float
-        Monotonic time of the start; now by default [s].
-    untried : dict of str to None
-        Skipped steps, in the order of the search.
-
-    Raises
-    ------
-    IdentificationError
-        If the limit is no positive number.
     """
 
-    seconds: float = inf
-    reserved: float = _RESERVED
-    began: float = field(default_factory=time.monotonic)
+    seconds: float = inf  # time limit from `began`; unlimited by default [s]
+    reserved: float = _RESERVED  # [1]
+    began: float = field(default_factory=time.monotonic)  # monotonic time of the start [s]
     untried: dict[str, None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

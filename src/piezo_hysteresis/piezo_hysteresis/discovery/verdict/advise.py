@@ -30,19 +30,7 @@ def advise(
     left: bool,
     alike: Mapping[str, Sequence[LookAlike]] = MappingProxyType({}),
 ) -> list[str]:
-    """Return the recommended experiments, most informative first.
-
-    Parameters
-    ----------
-    check : Check
-        Quality and coverage of the records.
-    steps : sequence of Step
-        Found effects.
-    left : bool
-        Whether a significant residual remains.
-    alike : mapping of str to sequence of LookAlike
-        Effects that the records cannot distinguish, by the name of the found effect.
-    """
+    """Return the recommended experiments, most informative first."""
     separated: dict[str, dict[str, None]] = {}  # effects by the experiment that separates them
     for step in steps:
         chances = step.round.probabilities()

@@ -55,31 +55,7 @@ def build_verdict(
     alike: Mapping[str, tuple[LookAlike, ...]] = MappingProxyType({}),
     support: Support | None = None,
 ) -> Verdict:
-    """Return the verdict on a search.
-
-    Parameters
-    ----------
-    coverage : Check
-        Quality and coverage of the records.
-    base : Baselines
-        Versions of the baseline.
-    outcome : Outcome
-        Evaluated result of the search.
-    proof : Proof
-        Gaps of both models on held-out records.
-    name : str
-        Name of the baseline.
-    seed : int
-        Seed of the search.
-    own : sequence of str
-        Given records from which the model file was identified.
-    limits : sequence of DetectionLimit
-        Detection limits of effects.
-    alike : mapping of str to tuple of LookAlike
-        Effects that cannot be distinguished, by the name of the found effect.
-    support : Support, optional
-        What untouched repeats say on the records.
-    """
+    """Return the verdict on a search."""
     found, left = outcome.found, outcome.remainder
     final = found.final
     data, floor = found.evaluator.data, found.evaluator.floor

@@ -24,23 +24,13 @@ _SCATTER = 0.2
 
 
 def describe(
-    data: Dataset,
-    views: Sequence[Target],
-    errors: Sequence[FloatArray],
-    floor: float,
-    held_out: tuple[float, float],
+    data: Dataset,  # [m]
+    views: Sequence[Target],  # [m]
+    errors: Sequence[FloatArray],  # [m]
+    floor: float,  # [m]
+    held_out: tuple[float, float],  # [m]
 ) -> str:
-    """Return sentences on size, location, law and time scale of the residual.
-
-    Parameters
-    ----------
-    data, views, errors : Dataset, sequence of Target, sequence of ndarray
-        Records, views with a significant residual, and the residuals of these views [m].
-    floor : float
-        Noise rms [m].
-    held_out : tuple of float
-        Rms residual on held-out records [m], and in noise rms: the reported size.
-    """
+    """Return sentences on size, location, law and time scale of the residual."""
     sizes = np.array([float(np.sqrt(np.mean(e**2))) for e in errors])
     size, floors = held_out
     sentences = [f'The held-out residual is {size * 1e6:.3g} µm rms, {floors:.3g} noise floors.']
@@ -139,15 +129,7 @@ def law_sentences(views: Sequence[Target], sizes: FloatArray, floor: float) -> l
 
 
 def growth(name: str, power: float) -> str:
-    """Return a sentence on the change of the residual with the frequency or the amplitude.
-
-    Parameters
-    ----------
-    name : str
-        Name of the independent variable.
-    power : float
-        Exponent of the power law.
-    """
+    """Return a sentence on the change of the residual with the frequency or the amplitude."""
     if abs(power) < _LEVEL:
         return f'It hardly depends on the {name}.'
     if power > 0:

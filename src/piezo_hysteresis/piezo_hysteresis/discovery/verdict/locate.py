@@ -15,24 +15,12 @@ from piezo_hysteresis.numerics.harmonics import harmonics
 
 @dataclass(frozen=True)
 class Place:
-    """Rms residual of one harmonic in one record.
+    """Rms residual of one harmonic in one record."""
 
-    Attributes
-    ----------
-    record : str
-        Name of the record.
-    frequency : float
-        Drive frequency [Hz]; 0 without a periodic drive.
-    harmonic : int
-        Harmonic order; 0 is the mean, -1 the remaining residual.
-    rms : float
-        Rms residual of this harmonic [m].
-    """
-
-    record: str
-    frequency: float
-    harmonic: int
-    rms: float
+    record: str  # name of the record
+    frequency: float  # drive frequency [Hz]; 0 without a periodic drive
+    harmonic: int  # harmonic order; 0 is the mean, -1 the remaining residual
+    rms: float  # rms residual of this harmonic [m]
 
 
 def places(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray]) -> list[Place]:

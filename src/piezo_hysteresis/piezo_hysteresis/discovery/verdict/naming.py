@@ -49,27 +49,11 @@ def named_effects(
     start: CandidateFit,
     final: CandidateFit,
     records: Sequence[Record],
-    floor: float,
-    certainty: float = 1.0,
+    floor: float,  # [m]
+    certainty: float = 1.0,  # [1]
     alike: Mapping[str, tuple[LookAlike, ...]] = MappingProxyType({}),
 ) -> tuple[NamedEffect, ...]:
-    """Return the effects that `final` has in addition to `start`, with parameters and evidence.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        Steps that found them.
-    start, final : CandidateFit
-        The baseline, and the model with all of them.
-    records : sequence of Record
-        Measured records.
-    floor : float
-        Noise rms [m].
-    certainty : float
-        Probability that the missing effect is among the candidates [1].
-    alike : mapping of str to tuple of LookAlike
-        Effects that these records cannot distinguish, by the name of the found effect.
-    """
+    """Return the effects that `final` has in addition to `start`, with parameters and evidence."""
     found: dict[str, NamedEffect] = {}
     for step in steps:
         before = found.get(step.fit.effect)
@@ -81,20 +65,11 @@ def named_effects(
 
 def with_fractions(
     effects: Sequence[NamedEffect], final: CandidateFit, dt: float, late: float
-) -> tuple[NamedEffect, ...]:
+) -> tuple[NamedEffect, ...]:  # dt, late [s]
     """Return the effects with delays that include their fraction of a sampling interval.
 
     A chain without inertia delays a held voltage by whole sampling intervals; the fraction is
     fitted as a sampling offset.
-
-    Parameters
-    ----------
-    effects : sequence of NamedEffect
-        Effects of `final`.
-    final : CandidateFit
-        The model with all of them.
-    dt, late : float
-        Sampling interval, and sampling offset of the baseline [s].
     """
     return tuple(_with_fraction(each, final, dt, late) for each in effects)
 
@@ -197,15 +172,6 @@ def changes_of(
 
     Parameters of the displacement that only follow the gain are not listed, nor those without a
     standard deviation that hardly changed or ended at a bound.
-
-    Parameters
-    ----------
-    numbers : mapping of str to Number
-        Parameters fitted again.
-    start : CandidateFit
-        The baseline.
-    records : sequence of Record
-        Measured records.
     """
     gain = _gain_ratio(numbers, start, records)
     sure: dict[str, float] = {}

@@ -14,26 +14,14 @@ from piezo_hysteresis.identification.targets import Target
 
 @dataclass(frozen=True)
 class ProofRow:
-    """Gaps of one view.
+    """Gaps of one view."""
 
-    Attributes
-    ----------
-    record : str
-        Name of the record.
-    frequency, amplitude : float
-        Drive frequency [Hz] and amplitude [V].
-    before, after : float
-        Rms residual without and with the found effects [m].
-    held_out : bool
-        Whether the view is held out from every fit and decision.
-    """
-
-    record: str
-    frequency: float
-    amplitude: float
-    before: float
-    after: float
-    held_out: bool = True
+    record: str  # name of the record
+    frequency: float  # drive frequency [Hz]
+    amplitude: float  # amplitude [V]
+    before: float  # rms residual without [m]
+    after: float  # with the found effects [m]
+    held_out: bool = True  # whether the view is held out from every fit and decision
 
 
 @dataclass(frozen=True)

@@ -27,13 +27,7 @@ ERRORS = {
 
 
 class GcsConnection:
-    """Sends commands and reads complete responses.
-
-    Parameters
-    ----------
-    wire : Wire
-        Connection to the controller.
-    """
+    """Sends commands and reads complete responses."""
 
     def __init__(self, wire: Wire) -> None:
         self._wire, self.address, self.peer = wire, wire.address, wire.peer
@@ -45,13 +39,7 @@ class GcsConnection:
         self._wire.close()
 
     def send(self, text: str | bytes) -> None:
-        """Send a command, or a command of a single character.
-
-        Raises
-        ------
-        DriverError
-            If the connection is lost.
-        """
+        """Send a command, or a command of a single character."""
         self._wire.send(text if isinstance(text, bytes) else text.encode('ascii') + b'\n')
 
     def ask(self, text: str | bytes) -> list[str]:
@@ -59,11 +47,6 @@ class GcsConnection:
 
         After a timeout, the late response is discarded first. A controller does not answer what it
         refuses: after a second of silence it is asked for its error.
-
-        Raises
-        ------
-        DriverError
-            If it refuses, the connection is lost, or the response is not complete in time.
         """
         if self._is_late:
             self._catch_up()
@@ -79,13 +62,7 @@ class GcsConnection:
         return lines
 
     def command(self, text: str) -> None:
-        """Send a command and check that it was accepted.
-
-        Raises
-        ------
-        DriverError
-            If it was not, with the reason.
-        """
+        """Send a command and check that it was accepted."""
         self.send(text)
         self.require(text, self.error())
 

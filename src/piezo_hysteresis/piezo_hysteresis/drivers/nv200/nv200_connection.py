@@ -28,13 +28,7 @@ ERRORS = {
 
 
 class Nv200Connection:
-    """Sends commands and reads complete responses.
-
-    Parameters
-    ----------
-    wire : Wire
-        Connection to the controller.
-    """
+    """Sends commands and reads complete responses."""
 
     def __init__(self, wire: Wire) -> None:
         self._wire, self.address, self.peer = wire, wire.address, wire.peer
@@ -48,11 +42,6 @@ class Nv200Connection:
         """Send a line; return the response, empty for a command.
 
         After a timeout, the late response is discarded first.
-
-        Raises
-        ------
-        DriverError
-            If it is refused, the connection is lost, or the response is late.
         """
         if self._is_late:
             self._catch_up()

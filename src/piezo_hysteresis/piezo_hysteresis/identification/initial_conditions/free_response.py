@@ -35,23 +35,11 @@ class _Tail(NamedTuple):
 
 
 class FreeResponse:
-    """States of the linear tail of a chain and their free response.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    packed : ndarray, shape (p,)
-        Its parameters.
-    led : sequence of ndarray
-        Input of each stage, and output of the last.
-    target : Target
-        Data with the input.
-    """
+    """States of the linear tail of a chain and their free response."""
 
     def __init__(
         self, model: Model, packed: FloatArray, led: Sequence[FloatArray], target: Target
-    ) -> None:
+    ) -> None:  # packed (p,)
         self._stages, self._packed = model.stages, packed
         self._led, self._target = led, target
         self._tails = [self._tail_of(k) for k in range(len(self._stages))]
@@ -89,13 +77,7 @@ class FreeResponse:
         return found
 
     def response(self, moved: Sequence[StateOffset]) -> FloatArray:
-        """Return the displacement by offsets in tails together, shape (n,) [m].
-
-        Parameters
-        ----------
-        moved : sequence of StateOffset
-            Offsets outside tails are ignored.
-        """
+        """Return the displacement by offsets in tails together, shape (n,) [m]."""
         change = np.zeros(self._target.drive.size)
         for each in moved:
             tail = self._tails[each.stage]

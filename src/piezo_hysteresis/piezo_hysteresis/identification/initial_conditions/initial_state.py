@@ -41,18 +41,9 @@ class InitialStateRun:
     """Free runs of a chain over one target, lead-in included, from offset initial states.
 
     The response to an offset decays; it is simulated only until it has.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    packed : ndarray, shape (p,)
-        Its parameters.
-    target : Target
-        Data with the input.
     """
 
-    def __init__(self, model: Model, packed: FloatArray, target: Target) -> None:
+    def __init__(self, model: Model, packed: FloatArray, target: Target) -> None:  # packed (p,)
         self.model, self.target = model, target
         self._packed = packed
         self._grids = [
@@ -183,16 +174,8 @@ class InitialStateRun:
 
 
 def start_rows(motion: InitialStateRun) -> tuple[list[FloatArray], list[StateOffset]]:
-    """Return the responses to offsets of the initial state, each of shape (n,).
-
-    Returns
-    -------
-    rows : list of ndarray
-        Displacement by the largest expected offset of a state [m].
-    moved : list of StateOffset
-        That offset: the largest that the strongest input of the record could cause, or where
-        that cannot be determined, the one that changes the displacement by the stroke.
-    """
+    """Return the responses to offsets of the initial state, each of shape (n,)."""
+    # -> rows [m]
     target = motion.target
     stroke = float(np.ptp(target.measured)) or 1.0
     reach = motion.reach()
@@ -228,35 +211,18 @@ def level_rows(motion: InitialStateRun) -> list[FloatArray]:
 
 
 class BestFit:
-    """Weighted least squares of an error on rows, with a prior.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (q, m)
-        Regressors [m].
-    prior : ndarray, shape (q,)
-        Weight of the prior of each coefficient about 0 [m].
-    """
+    """Weighted least squares of an error on rows, with a prior."""
 
     def __init__(self, rows: FloatArray, prior: FloatArray) -> None:
+        # rows [m] (q, m); prior [m] (q,)
         self._rows, self._prior = np.ascontiguousarray(rows), prior
         self._gram = gram(self._rows)
         self._gram[np.diag_indices(len(prior))] += prior**2
 
     def __call__(
         self, error: FloatArray, pull: FloatArray, among: BoolArray | None = None
-    ) -> FloatArray:
-        """Return the coefficients of the best fit, shape (q,).
-
-        Parameters
-        ----------
-        error : ndarray, shape (m,)
-            Error to fit [m].
-        pull : ndarray, shape (q,)
-            Coefficients that the run already contains.
-        among : ndarray of bool, shape (q,), optional
-            Rows to fit with; the coefficients of the others are 0.
-        """
+    ) -> FloatArray:  # error [m] (m,); pull, among (q,)
+        """Return the coefficients of the best fit, shape (q,)."""
         target = products(self._rows, np.ascontiguousarray(error)) - self._prior**2 * pull
         if among is None or np.all(among):
             return _solved(self._gram, target)

@@ -38,31 +38,14 @@ _PARTS = (1.0, 0.3, 0.0)
 
 @dataclass(frozen=True)
 class Nuisances:
-    """Nuisance parameters of one record at their optimum for one model.
+    """Nuisance parameters of one record at their optimum for one model."""
 
-    Attributes
-    ----------
-    rows : ndarray, shape (q, m)
-        Derivatives by the nuisance parameters: initial states, levels before the record, input
-        held before its first samples, and its own zero.
-    prior : ndarray, shape (q,)
-        Weight of the prior about 0: an initial state is within the stroke, a zero is free.
-    motion : InitialStateRun or None
-        Run from the estimated initial state; None if that state is known.
-    pull : ndarray, shape (q,)
-        Coefficient of each that the run contains already.
-    levels : tuple of float
-        Estimated levels before the record, one Gauss-Newton step from those of the lead-in [V].
-    explained : BestFit or None
-        Least squares on the weighted rows.
-    """
-
-    rows: FloatArray
-    prior: FloatArray
-    motion: InitialStateRun | None = None
-    pull: FloatArray = field(default_factory=lambda: np.empty(0))
-    levels: tuple[float, ...] = ()
-    explained: BestFit | None = None
+    rows: FloatArray  # derivatives by the nuisance parameters, shape (q, m)
+    prior: FloatArray  # weight of the prior about 0, shape (q,)
+    motion: InitialStateRun | None = None  # run from the estimated initial state
+    pull: FloatArray = field(default_factory=lambda: np.empty(0))  # (q,)
+    levels: tuple[float, ...] = ()  # estimated levels before the record [V]
+    explained: BestFit | None = None  # least squares on the weighted rows
 
 
 def nuisances_of(
@@ -70,17 +53,9 @@ def nuisances_of(
     packed: FloatArray,
     target: Target,
     sampling_offset: float = 0.0,
-    factors: FloatArray | None = None,
+    factors: FloatArray | None = None,  # (m,)
 ) -> Nuisances:
-    """Return the nuisance parameters of a record at their optimum, see `Nuisances`.
-
-    Parameters
-    ----------
-    model, packed, target, sampling_offset
-        As in `simulated`.
-    factors : ndarray, shape (m,), optional
-        Weight of each residual.
-    """
+    """Return the nuisance parameters of a record at their optimum, see `Nuisances`."""
     if target.shared is not None:
         return Nuisances(*target.shared, pull=np.zeros(len(target.shared[1])))
     if target.begins.kind != 'estimate':

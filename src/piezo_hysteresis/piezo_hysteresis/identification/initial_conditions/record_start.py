@@ -46,24 +46,11 @@ _LEVELS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True)
 class RecordStart:
-    """Initial condition of a record.
-
-    Attributes
-    ----------
-    kind : str
-        ``step``: at rest at 0 V until the first sample, or until the known voltage before it;
-        ``rest``: at rest at its first voltage; ``settled``: in the steady cycle of its own period;
-        ``estimate``: in motion after the `levels`, with unknown dynamic states.
-    levels : tuple of float
-        Extremes of the voltage before the record, in order [V].
-    held : bool
-        Whether a fit takes the levels as they are, because a run from others is not linear in
-        them.
-    """
+    """Initial condition of a record."""
 
     kind: str
-    levels: tuple[float, ...] = ()
-    held: bool = False
+    levels: tuple[float, ...] = ()  # extremes of the voltage before the record, in order [V]
+    held: bool = False  # whether a fit takes the levels as they are
 
     def __str__(self) -> str:
         if not self.levels:
@@ -99,20 +86,7 @@ def _closes(x: FloatArray) -> bool:
 
 
 def first_guess(record: Record, wanted: str = 'auto') -> RecordStart:
-    """Return the initial condition of a record as estimated without a model.
-
-    Parameters
-    ----------
-    record : Record
-        A measured record.
-    wanted : str
-        One of `STARTS`; the metadata of the record has priority.
-
-    Raises
-    ------
-    IdentificationError
-        If `wanted` is unknown, or is ``settled`` for a record without a cycle.
-    """
+    """Return the initial condition of a record as estimated without a model."""
     start = record.info.start if record.info.start != 'auto' else wanted
     if start not in STARTS:
         raise IdentificationError(
@@ -233,23 +207,11 @@ def path_to(drive: FloatArray, start: RecordStart, dt: float) -> FloatArray:
     return np.concatenate(legs)
 
 
-def preceded(record: Record, levels: Sequence[float]) -> Record:
+def preceded(record: Record, levels: Sequence[float]) -> Record:  # levels [V]
     """Return the record with a preceding voltage: from rest through `levels` to its first value.
 
     A model starts from the virgin state. An actuator rarely does: its displacement at rest depends
     on the last extremes of its voltage.
-
-    Parameters
-    ----------
-    record : Record
-        A measured record.
-    levels : sequence of float
-        Extremes of the voltage before the record, in order [V].
-
-    Raises
-    ------
-    IdentificationError
-        If a level is not finite.
     """
     if not np.all(np.isfinite(levels)):
         raise IdentificationError('the levels before a record must be finite voltages')

@@ -38,23 +38,10 @@ _UNLIKE = 8.0
 
 @dataclass(frozen=True)
 class Choices:
-    """Initial condition and zero of the records as stated by the user.
+    """Initial condition and zero of the records as stated by the user."""
 
-    Attributes
-    ----------
-    start : str
-        One of `stated.STARTS`.
-    zero : str
-        ``record``, ``common`` or ``auto``.
-
-    Raises
-    ------
-    IdentificationError
-        If a value is unknown.
-    """
-
-    start: str = 'auto'
-    zero: str = 'auto'
+    start: str = 'auto'  # one of `stated.STARTS`
+    zero: str = 'auto'  # ``record``, ``common`` or ``auto``
 
     def __post_init__(self) -> None:
         if self.start not in STARTS:
@@ -73,7 +60,7 @@ def zeros_lie_apart(own: float, shared: float) -> bool:
 def revised(
     model: Model,
     values: Mapping[str, float],
-    sampling_offset: float,
+    sampling_offset: float,  # [s]
     targets: Sequence[Target],
     records: Sequence[Record],
     choices: Choices,
@@ -81,28 +68,7 @@ def revised(
     alone: bool = False,
     workers: int = 1,
 ) -> list[Target]:
-    """Return the targets with starts, zeros and weights as the model estimates them.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    values : mapping of str to float
-        Its parameters, of a first fit.
-    sampling_offset : float
-        As fitted [s].
-    targets : sequence of Target
-        Data of the fit.
-    records : sequence of Record
-        From which they were made.
-    choices : Choices
-        Stated by the user.
-    alone : bool
-        Whether each record is evaluated separately by a known model; otherwise they are fitted
-        together, and a single one has no zero of its own.
-    workers : int
-        Threads over the records.
-    """
+    """Return the targets with starts, zeros and weights as the model estimates them."""
     search = StartSearch(model, values, sampling_offset, records, choices.start, lasting=alone)
     given = [with_explained(search, each) for each in targets]
     seen = of_each(lambda each: search.best_start(each, choices.zero), given, workers)

@@ -86,33 +86,13 @@ class _Beginning:
 
 
 class StartSearch:
-    """Compares start hypotheses of records by a model with known values.
-
-    Parameters
-    ----------
-    model : Model
-        The chain.
-    values : mapping of str to float
-        Its parameters.
-    sampling_offset : float
-        Delay of the displacement samples relative to the convention [s].
-    records : sequence of Record
-        Measured records.
-    wanted : str
-        Start stated by the user, one of `stated.STARTS`.
-    lasting : bool
-        Whether the estimate must be valid for other models, too: levels before a record are
-        physical, a state belongs to one model.
-    by_run : bool
-        Whether starts are compared by the error of their run. By default the effect of a start is
-        linearised, as in a fit, which finds starts of several levels sooner.
-    """
+    """Compares start hypotheses of records by a model with known values."""
 
     def __init__(
         self,
         model: Model,
         values: Mapping[str, float],
-        sampling_offset: float,
+        sampling_offset: float,  # [s]
         records: Sequence[Record],
         wanted: str,
         *,
@@ -139,15 +119,7 @@ class StartSearch:
         return square_of(found.valid_error if self._by_run else found.residual)
 
     def best_start(self, target: Target, zero: str) -> Target:
-        """Return the target with the start of the smallest residual, or with its initial guess.
-
-        Parameters
-        ----------
-        target : Target
-            Data with a guess of the initial condition.
-        zero : str
-            Zero stated by the user; zeros are compared afterwards.
-        """
+        """Return the target with the start of the smallest residual, or with its initial guess."""
         record = self._record_of(target)
         if record is None:
             return target
@@ -286,15 +258,7 @@ class StartSearch:
         return target
 
     def as_run(self, target: Target, given: Target, zero: str) -> Target:
-        """Return the target with a start whose run fits better, if its linearised cost misleads.
-
-        Parameters
-        ----------
-        target, given : Target
-            Data with the best start by the linearised cost, and with the initial guess.
-        zero : str
-            Zero stated by the user.
-        """
+        """Return the target with a start that fits better, if its linearised cost misleads."""
         if target.begins.kind != 'estimate':
             return target
         found = self._predicted(target)
@@ -347,13 +311,6 @@ class StartSearch:
 
         Parameters fitted together with initial states may hide that none are needed; a fit without
         them shows it.
-
-        Returns
-        -------
-        targets : list of Target
-            The targets, some with a start at rest at 0 V.
-        worth : float
-            Relative increase of the cost up to which these targets are preferred.
         """
         changed, worth, samples = [], 0.0, sum(each.measured.size for each in targets)
         for target in targets:
@@ -372,13 +329,6 @@ class StartSearch:
 
         Parameters fitted together with a wrong start adapt to it, so that another start promises
         little before a fit with it.
-
-        Returns
-        -------
-        targets : list of Target
-            The targets, some with an estimated initial state.
-        enough : float
-            Relative cost of a fit up to which these targets are preferred, as in `best_start`.
         """
         changed, noise, before = list(targets), 0.0, 0.0
         for k, target in enumerate(targets):

@@ -23,19 +23,7 @@ _NONE = frozenset[int]()
 
 
 class Dependences:
-    """Dependences of names, accumulated over the statements.
-
-    Attributes
-    ----------
-    lanes : range
-        All directions.
-    deps : dict of str to frozenset of int
-        Directions on which a name depends.
-    kinds : dict of str to str
-        Which names are an ``array`` or a ``tuple``; others are numbers.
-    own : int
-        Number of directions that are single parameters.
-    """
+    """Dependences of names, accumulated over the statements."""
 
     def __init__(self, space: Mapping[str, Any], lanes: range, own: int) -> None:
         self._space, self.lanes, self.own = space, lanes, own

@@ -19,24 +19,11 @@ LANES, WIDE = 2, 4
 
 @dataclass(frozen=True)
 class Directional:
-    """A kernel with derivatives.
-
-    Attributes
-    ----------
-    run : callable
-        ``run(x, y, state, p, ..., x_d, y_d, state_d)``, and with `p_d` last where `own` is 0: the
-        arguments of the kernel and the derivatives of its arrays, with one more leading axis.
-        Each has ``own + lanes`` rows; the first of `x_d` are 0.
-    own : int
-        Number of leading directions that are single parameters. 0 if every direction must be given
-        in `p_d`.
-    lanes : int
-        Number of given directions.
-    """
+    """A kernel with derivatives."""
 
     run: Callable[..., Any]
     own: int
-    lanes: int
+    lanes: int  # number of given directions
 
 
 @cache
@@ -47,19 +34,6 @@ def directional(kernel: Callable[..., Any], parameters: int) -> Directional:
     functions of `partials.RULES` and `partials.PIECEWISE`, and other kernels: those of a few
     numbers are differentiated by their own Jacobian, worked out once per call. Conditions and
     integers are not differentiated: at a kink the derivative is that of the branch taken.
-
-    Parameters
-    ----------
-    kernel : callable
-        Compiled; input, output, state and parameters are its arrays.
-    parameters : int
-        Number of parameters in `p`. If the kernel indexes them by constants, the derivatives by
-        all of them are computed in one pass.
-
-    Raises
-    ------
-    NotDifferentiable
-        If the kernel uses an operation without a rule.
     """
     own = parameters if names_each(kernel) else 0
     lanes = LANES if own else WIDE

@@ -14,13 +14,7 @@ _ATOMS = ast.Name | ast.Constant | ast.Compare | ast.BoolOp | ast.Attribute
 
 
 class Normal:
-    """Rewrites statements: calls, powers and conditional expressions get names.
-
-    Parameters
-    ----------
-    space : mapping of str to object
-        What the kernel may name.
-    """
+    """Rewrites statements: calls, powers and conditional expressions get names."""
 
     def __init__(self, space: Mapping[str, Any]) -> None:
         self._space = space

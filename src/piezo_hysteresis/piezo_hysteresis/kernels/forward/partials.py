@@ -35,13 +35,7 @@ Term = tuple[ast.expr, str]
 
 
 class Partials:
-    """Differentiates expressions in normal form.
-
-    Parameters
-    ----------
-    moves : callable
-        Whether an expression depends on any direction.
-    """
+    """Differentiates expressions in normal form."""
 
     def __init__(self, moves: Callable[[ast.expr], object]) -> None:
         self._moves = moves

@@ -50,23 +50,7 @@ Make = Callable[[Callable[..., Any], int, bool, tuple[str, ...], int], Generated
 
 
 class Writer:
-    """The derivative of one function, as text.
-
-    Parameters
-    ----------
-    source : callable
-        The Python function.
-    lanes : int
-        Number of given directions.
-    local : bool
-        Whether the directions are its arguments.
-    still : tuple of str
-        Arguments without derivatives.
-    own : int
-        Number of parameters that are directions, before the given ones.
-    make : callable
-        Returns the derivative of another function, with the same arguments.
-    """
+    """The derivative of one function, as text."""
 
     def __init__(
         self, source: Callable[..., Any], lanes: int, local: bool, still: tuple[str, ...],

@@ -17,21 +17,11 @@ _BRANCH_OFFSET = 1e-6  # relative to the typical size
 
 
 class At(NamedTuple):
-    """A block, its parameters, and the parameters to differentiate by.
-
-    Attributes
-    ----------
-    block : Block
-        The block.
-    values : ndarray
-        Its parameters.
-    columns : list of int
-        Indices of the parameters to differentiate by.
-    """
+    """A block, its parameters, and the parameters to differentiate by."""
 
     block: Block
     values: FloatArray
-    columns: list[int]
+    columns: list[int]  # indices of the parameters to differentiate by
 
 
 Each = Callable[[At, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
@@ -41,26 +31,8 @@ Each = Callable[[At, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 def side_by_side(
     each: Each, at: At, incoming: int, state: FloatArray, moved: FloatArray, dt: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the output of parallel blocks and its derivatives.
-
-    Parameters
-    ----------
-    each : callable
-        Output and derivatives of one block.
-    at : At
-        The parallel block, and its parameters to differentiate by.
-    incoming : int
-        Number of derivatives from upstream, common to the blocks.
-    state, moved : ndarray, shapes (s,) and (incoming + q, s)
-        States of all blocks and their derivatives, updated in place.
-    dt : float
-        Sampling interval [s].
-
-    Returns
-    -------
-    output, answers : ndarray, shapes (n,) and (incoming + q, n)
-        As from `through`.
-    """
+    """Return the output of parallel blocks and its derivatives."""
+    # state (s,); moved (incoming + q, s); dt [s] -> output (n,), answers (incoming + q, n)
     parts = parts_of(at.block)
     if len(parts) == 1:
         return each(at, state, moved)
@@ -85,35 +57,14 @@ def side_by_side(
 
 def through(
     kernel: Any,
-    x: FloatArray,
-    rows: FloatArray,
+    x: FloatArray,  # (n,)
+    rows: FloatArray,  # (m, n)
     at: At,
-    state: FloatArray,
-    moved: FloatArray,
-    *clock: Any,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the output of a kernel and its derivatives; the states are updated in place.
-
-    Parameters
-    ----------
-    kernel : callable
-        ``kernel(x, y, state, p, *clock)`` of a block, or its `along`.
-    x, rows : ndarray, shapes (n,) and (m, n)
-        Input, and its derivatives from upstream.
-    at : At
-        Parameters, and the q of them to differentiate by.
-    state, moved : ndarray, shapes (s,) and (m + q, s)
-        State and its derivatives, updated in place.
-    clock
-        Further arguments of the kernel: interval [s], drive [Hz], points per tick.
-
-    Returns
-    -------
-    output : ndarray, shape (n,)
-        Output of the kernel.
-    answers : ndarray, shape (m + q, n)
-        Derivatives from upstream, then by the columns of `at`.
-    """
+    state: FloatArray,  # (s,)
+    moved: FloatArray,  # (m + q, s)
+    *clock: Any,  # [s] [Hz]
+) -> tuple[FloatArray, FloatArray]:  # -> output (n,), answers (m + q, n)
+    """Return the output of a kernel and its derivatives; the states are updated in place."""
     block, p, columns = at
     if block.regressors is not None and any(columns):
         return _weighed(kernel, x, rows, at, state, moved, *clock)

@@ -11,18 +11,8 @@ from piezo_hysteresis.blocks.base import Block, Kernel
 from piezo_hysteresis.jit import jit, leaf, scratch
 
 
-def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:
-    """Return the kernel of a block, for a path of `points` values per tick if it supports one.
-
-    Parameters
-    ----------
-    block : Block
-        A single block, or parallel ones.
-    dt : float
-        Sampling interval [s], on which the size of the state may depend.
-    points : int
-        0 for one value per tick.
-    """
+def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:  # dt [s]
+    """Return the kernel of a block, for a path of `points` values per tick if it supports one."""
     if block.parts:
         return _parallel_sum(block.parts, dt, points)
     if block.kernel is not None and (not points or block.along is None):

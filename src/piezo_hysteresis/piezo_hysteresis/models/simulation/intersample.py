@@ -92,13 +92,7 @@ def with_time(
     points: int,
     ahead: float,
 ) -> FloatArray:
-    """Return the output of a time-dependent block along a path.
-
-    Parameters
-    ----------
-    ahead : float
-        Ticks by which the time at the start of the path is ahead of the count in `state`.
-    """
+    """Return the output of a time-dependent block along a path."""
     output = np.empty_like(path)
     for place, memory in moments(block, state, path.size // points, points // 3, ahead):
         part = np.ascontiguousarray(path[place])
@@ -109,19 +103,7 @@ def with_time(
 def moments(
     block: Block, state: FloatArray, ticks: int, steps: int, ahead: float
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield indices of start, middle and end of each step of a path, with a state of that time.
-
-    Parameters
-    ----------
-    block : Block
-        A time-dependent block.
-    state : ndarray
-        Its state, in place: advanced by `ticks` at the end.
-    ticks, steps : int
-        Number of ticks of the path, and steps per tick.
-    ahead : float
-        Ticks by which the time at the start of the path is ahead of the count in `state`.
-    """
+    """Yield indices of start, middle and end of each step of a path, with a state of that time."""
     assert block.count is not None
     for place in range(3):
         memory = state.copy()

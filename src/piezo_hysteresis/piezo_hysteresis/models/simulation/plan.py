@@ -67,21 +67,11 @@ class Stage(Protocol):
 
 @dataclass(frozen=True)
 class TickStage:
-    """One block on one value per tick.
-
-    Attributes
-    ----------
-    block : Block
-        The block.
-    columns : slice
-        Its parameters.
-    ahead : bool
-        Whether the output is sampled at the end of the tick.
-    """
+    """One block on one value per tick."""
 
     block: Block
     columns: slice
-    ahead: bool
+    ahead: bool  # whether the output is sampled at the end of the tick
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -108,23 +98,12 @@ class LinearStage:
 
     A delay commutes with a time-invariant chain: a delay by a fraction of a tick is the undelayed
     response sampled earlier by that fraction.
-
-    Attributes
-    ----------
-    parts : tuple
-        Blocks and their parameters in `columns`, delays first.
-    columns : ndarray of int
-        Parameters of the stage in the chain.
-    delays : int
-        Number of delays among the parts.
-    ahead : bool
-        Whether the output is sampled at the end of the tick.
     """
 
-    parts: tuple[PlacedBlock, ...]
-    columns: IntArray
-    delays: int
-    ahead: bool
+    parts: tuple[PlacedBlock, ...]  # blocks and their parameters in `columns`, delays first
+    columns: IntArray  # parameters of the stage in the chain
+    delays: int  # number of delays among the parts
+    ahead: bool  # whether the output is sampled at the end of the tick
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -209,18 +188,10 @@ class LinearStage:
 
 @dataclass(frozen=True)
 class PathStage:
-    """Blocks that are integrated between the ticks; see `PathRun`.
+    """Blocks that are integrated between the ticks; see `PathRun`."""
 
-    Attributes
-    ----------
-    run : PathRun
-        Integration of the blocks.
-    columns : ndarray of int
-        Parameters of the stage in the chain.
-    """
-
-    run: PathRun
-    columns: IntArray
+    run: PathRun  # integration of the blocks
+    columns: IntArray  # parameters of the stage in the chain
 
     @property
     def blocks(self) -> tuple[Block, ...]:

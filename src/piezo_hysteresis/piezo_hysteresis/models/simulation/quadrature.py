@@ -28,45 +28,21 @@ _MISSED = 1e-5  # relative quadrature error of the motion within a tick
 
 
 class NodeValues(NamedTuple):
-    """A signal at the nodes within the ticks.
+    """A signal at the nodes within the ticks."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n, pieces, points + 1)
-        Values at the Gauss points of the duration of the motion, and at the end of each piece of a
-        tick.
-    lasts : ndarray, shape (n, pieces)
-        Duration of the motion [ticks].
-    part : float
-        Start of the second piece [ticks].
-    places, weights : ndarray, shape (points,)
-        Gauss rule on 0..1.
-    """
-
-    values: FloatArray
-    lasts: FloatArray
-    part: float
-    places: FloatArray
-    weights: FloatArray
+    values: FloatArray  # (n, pieces, points + 1)
+    lasts: FloatArray  # duration of the motion [ticks], shape (n, pieces)
+    part: float  # start of the second piece [ticks]
+    places: FloatArray  # (points,)
+    weights: FloatArray  # (points,)
 
 
 class Response(NamedTuple):
-    """A linear system over one tick, with the impulse response as a polynomial.
+    """A linear system over one tick, with the impulse response as a polynomial."""
 
-    Attributes
-    ----------
-    phi : ndarray, shape (n, n)
-        Transition over the tick, transposed.
-    impulse, integral : ndarray, shapes (m + 1, n) and (m + 2, n)
-        State at the end of the tick after an impulse at ``t`` (-1 at its start, 1 at its end), and
-        its integral over time in ticks: coefficients of Chebyshev series.
-    row, direct : ndarray, shape (n,), and float
-        Output.
-    """
-
-    phi: FloatArray
-    impulse: FloatArray
-    integral: FloatArray
+    phi: FloatArray  # transition over the tick, transposed, shape (n, n)
+    impulse: FloatArray  # (m + 1, n)
+    integral: FloatArray  # (m + 2, n)
     row: FloatArray
     direct: float
 

@@ -26,25 +26,13 @@ _AT_ONCE = 1 << 11  # ticks that are integrated at a time
 
 @dataclass(frozen=True)
 class QuadratureRun:
-    """A monotonic approach, static blocks or memories after it, and linear blocks at the end.
+    """A monotonic approach, static blocks or memories after it, and linear blocks at the end."""
 
-    Attributes
-    ----------
-    first : PlacedBlock
-        Block that approaches a held input monotonically.
-    middle, behind : tuple of Part
-        Blocks after it, and the linear blocks at the end.
-    delays : int
-        Number of parameters of delays before theirs.
-    ahead : bool
-        Whether the output is sampled at the end of the tick and not at its start.
-    """
-
-    first: PlacedBlock
-    middle: tuple[PlacedBlock, ...]
-    behind: tuple[PlacedBlock, ...]
-    delays: int
-    ahead: bool
+    first: PlacedBlock  # block that approaches a held input monotonically
+    middle: tuple[PlacedBlock, ...]  # blocks after it
+    behind: tuple[PlacedBlock, ...]  # the linear blocks at the end
+    delays: int  # number of parameters of delays before theirs
+    ahead: bool  # whether the output is sampled at the end of the tick and not at its start
 
     @classmethod
     def of(cls, moving: tuple[PlacedBlock, ...], delays: int, ahead: bool) -> QuadratureRun | None:
@@ -103,27 +91,14 @@ class QuadratureRun:
 
     def integrated(
         self,
-        rows: FloatArray,
+        rows: FloatArray,  # (signals, values of `nodes`)
         nodes: NodeValues,
-        p: FloatArray,
-        dt: float,
+        p: FloatArray,  # [s]
+        dt: float,  # [s]
         *,
         memory: tuple[FloatArray, FloatArray] | None = None,
     ) -> FloatArray:
-        """Return the output of the linear blocks for signals at `nodes`, shape (signals, n).
-
-        Parameters
-        ----------
-        rows : ndarray, shape (signals, values of `nodes`)
-            Values of each signal at the nodes.
-        nodes : NodeValues
-            The nodes.
-        p, dt : ndarray, float
-            Parameters of the run, sampling interval [s].
-        memory : pair of ndarray, optional
-            States, shape (signals, states), and inputs at the end of the last tick, (signals,),
-            updated in place; default at rest.
-        """
+        """Return the output of the linear blocks for signals at `nodes`, shape (signals, n)."""
         response = self.response(p, dt)
         if memory is None:
             memory = np.zeros((len(rows), response.row.size)), np.zeros(len(rows))

@@ -21,38 +21,19 @@ class Layout(NamedTuple):
     """Layout of the state of a run.
 
     The first two states are the last output and the last held input.
-
-    Attributes
-    ----------
-    ring : slice
-        Ring buffer of the delays; empty if there is none.
-    past : slice
-        Past samples of an interpolated input.
-    memories : list of slice
-        States of each block.
-    size : int
-        Size of the state.
     """
 
-    ring: slice
-    past: slice
-    memories: list[slice]
-    size: int
+    ring: slice  # ring buffer of the delays; empty if there is none
+    past: slice  # past samples of an interpolated input
+    memories: list[slice]  # states of each block
+    size: int  # size of the state
 
 
 class StateJump(NamedTuple):
-    """Offsets added to the state of a stage before one sample, for an unknown initial state.
+    """Offsets added to the state of a stage before one sample, for an unknown initial state."""
 
-    Attributes
-    ----------
-    sample : int
-        Sample before which they are added.
-    amounts : ndarray, shape (s,)
-        Offset of each state.
-    """
-
-    sample: int
-    amounts: FloatArray
+    sample: int  # sample before which they are added
+    amounts: FloatArray  # offset of each state, shape (s,)
 
     def chunks(self, count: int, most: int, state: FloatArray) -> Iterator[slice]:
         """Yield `count` samples in limited portions; offsets are added to `state` in between."""

@@ -20,35 +20,19 @@ _AT_ONCE = 1e8  # ratio of step to time constant from which a lag is treated as 
 
 
 class LinearStep(NamedTuple):
-    """One step of a linear system with states x and input (start, middle, end) of a parabola.
+    """One step of a linear system with states x and input (start, middle, end) of a parabola."""
 
-    Attributes
-    ----------
-    phi, gamma : ndarray, shapes (n, n) and (n, 3)
-        Next state: ``phi x + gamma u``; `phi` is transposed (column by column).
-    rows, gains : ndarray, shapes (3, n) and (3, 3)
-        Output at start, middle and end: ``rows x + gains u``.
-    """
-
-    phi: FloatArray
-    gamma: FloatArray
-    rows: FloatArray
-    gains: FloatArray
+    phi: FloatArray  # (n, n)
+    gamma: FloatArray  # (n, 3)
+    rows: FloatArray  # (3, n)
+    gains: FloatArray  # (3, 3)
 
 
 class Hold(NamedTuple):
-    """One tick of a linear system with a held input, sampled at some instant in it.
+    """One tick of a linear system with a held input, sampled at some instant in it."""
 
-    Attributes
-    ----------
-    phi, gamma : ndarray, shapes (n, n) and (n,)
-        Next state: ``phi x + gamma u``; `phi` is transposed.
-    row, gain : ndarray, shape (n,), and float
-        Output: ``row x + gain u``.
-    """
-
-    phi: FloatArray
-    gamma: FloatArray
+    phi: FloatArray  # (n, n)
+    gamma: FloatArray  # (n,)
     row: FloatArray
     gain: float
 

@@ -58,20 +58,11 @@ class PathRun:
 
     Delays are not integrated: they commute with time-invariant blocks and only shift the instant
     at which the path is sampled. Time-dependent blocks account for this shift.
-
-    Attributes
-    ----------
-    parts : tuple of PlacedBlock
-        Delays first, then the blocks in order.
-    delays : int
-        Number of delays among the parts.
-    ahead : bool
-        Whether the output is sampled at the end of the tick and not at its start.
     """
 
-    parts: tuple[PlacedBlock, ...]
-    delays: int
-    ahead: bool
+    parts: tuple[PlacedBlock, ...]  # delays first, then the blocks in order
+    delays: int  # number of delays among the parts
+    ahead: bool  # whether the output is sampled at the end of the tick and not at its start
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -187,29 +178,15 @@ class PathRun:
 
     def respond(
         self,
-        signal: FloatArray,
+        signal: FloatArray,  # (n,)
         p: FloatArray,
-        dt: float,
+        dt: float,  # [s]
         *,
         state: FloatArray,
-        frequency: float,
+        frequency: float,  # [Hz]
         steps: int | None = None,
     ) -> FloatArray:
-        """Return one value per tick, updating `state` in place.
-
-        Parameters
-        ----------
-        signal : ndarray, shape (n,)
-            Held input.
-        p : ndarray
-            Parameters of the parts.
-        dt, frequency : float
-            Sampling interval [s] and fundamental frequency of the drive [Hz].
-        state : ndarray
-            From `initial_state`.
-        steps : int, optional
-            Steps per tick; by default as many as `p` requires.
-        """
+        """Return one value per tick, updating `state` in place."""
         steps = self.steps(p, dt) if steps is None else steps
         layout = self.layout(dt)
         if steps == 0 and self.by_quadrature is not None:

@@ -146,26 +146,13 @@ def with_time(
 
 
 class PathTangents:
-    """A run from rest and its derivatives, one value per tick, block by block of samples.
-
-    Parameters
-    ----------
-    run : PathRun
-        Run that is integrated by steps, with an input held over the tick.
-    p : ndarray
-        Parameters of the parts.
-    around : mapping of int to pair of float
-        Parameters to differentiate by, none of them a delay; see `Around`.
-    dt, start, frequency : float
-        Sampling interval [s], time of the first sample [s], fundamental frequency [Hz].
-    incoming : int
-        Number m of derivatives from upstream.
-    """
+    """A run from rest and its derivatives, one value per tick, block by block of samples."""
 
     def __init__(
         self, run: PathRun, p: FloatArray, around: Around, dt: float, *, start: float,
         frequency: float, incoming: int,
     ) -> None:  # fmt: skip
+        # dt, start [s]; frequency [Hz]
         steps, layout = run.steps(p, dt), run.layout(dt)
         self._timing, self._state = (
             run.timing(p, dt, is_joined=False),
@@ -186,22 +173,8 @@ class PathTangents:
     def go(
         self, signal: FloatArray, tangent: FloatArray, jump: StateJump | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the output of the next samples and its derivatives.
-
-        Parameters
-        ----------
-        signal, tangent : ndarray, shapes (n,) and (m, n)
-            Held input, and its derivatives from upstream.
-        jump : StateJump, optional
-            Offsets of the state before one sample.
-
-        Returns
-        -------
-        output : ndarray, shape (n,)
-            As from `PathRun.respond`.
-        rows : ndarray, shape (m + len(around), n)
-            Derivatives from upstream, then by parameters in the order of the run.
-        """
+        """Return the output of the next samples and its derivatives."""
+        # signal (n,); tangent (m, n) -> output (n,), rows (m + len(around)
         points, last, count = self._clock.points, self._last, len(self._last)
         if self._rings.shape[1]:
             late = zip((signal, *tangent), self._rings, strict=True)

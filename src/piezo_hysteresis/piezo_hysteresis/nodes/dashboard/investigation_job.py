@@ -15,15 +15,7 @@ INVESTIGATIONS = 'investigations'
 
 
 class InvestigationJob(ActionJob):
-    """An investigation of one actuator at a time.
-
-    Parameters
-    ----------
-    node, live : Node, Live
-        Client node, and the state of its actuator.
-    folder : Path
-        The served folder; the discovery node uses the same one.
-    """
+    """An investigation of one actuator at a time."""
 
     def __init__(self, node: Node, live: Live, folder: Path) -> None:
         super().__init__(

@@ -22,19 +22,7 @@ TIMEOUT = 5.0  # time without the node after which a job is aborted [s]
 
 
 class ActionJob:
-    """Client of one action, with one goal at a time and its outcome.
-
-    Parameters
-    ----------
-    node, live : Node, Live
-        Client node, and the state of its actuator.
-    kind, name : type, str
-        The action.
-    server : str
-        Node that offers the action.
-    read, write : callable
-        Get and set the `BackgroundJob` that the page shows.
-    """
+    """Client of one action, with one goal at a time and its outcome."""
 
     def __init__(
         self,
@@ -142,17 +130,7 @@ class ActionJob:
 
 
 class Jobs:
-    """The sweep and the discovery of one actuator.
-
-    Parameters
-    ----------
-    node : Node
-        Client node.
-    live : Live
-        State of the actuator.
-    folder : Path
-        Folder of bags and reports, within that of the excitation.
-    """
+    """The sweep and the discovery of one actuator."""
 
     def __init__(self, node: Node, live: Live, folder: Path) -> None:
         self._live, self._folder = live, folder

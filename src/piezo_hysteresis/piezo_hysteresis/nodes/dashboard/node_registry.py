@@ -44,15 +44,7 @@ def _plain(value: Any) -> Value:
 
 
 class NodeRegistry:
-    """Watches the nodes of one actuator.
-
-    Parameters
-    ----------
-    node : Node
-        Client node.
-    live : Live
-        State of the page to update.
-    """
+    """Watches the nodes of one actuator."""
 
     def __init__(self, node: Node, live: Live) -> None:
         self._node, self._live = node, live

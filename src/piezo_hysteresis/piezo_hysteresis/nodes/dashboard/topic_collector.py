@@ -59,15 +59,7 @@ class Channel(Generic[Message]):
 
 
 class TopicCollector:
-    """All topics of one actuator.
-
-    Parameters
-    ----------
-    node : Node
-        In no executor.
-    live : Live
-        State of the page to update.
-    """
+    """All topics of one actuator."""
 
     def __init__(self, node: Node, live: Live) -> None:
         self._live = live
@@ -159,17 +151,7 @@ class TopicCollector:
 
 
 class SharedTopics:
-    """The topics that all actuators share: log, diagnostics, parameter events.
-
-    Parameters
-    ----------
-    node : Node
-        In no executor.
-    live_of : callable
-        Returns the state of the actuator of a fully qualified node name, and the short name.
-    on_event : callable
-        Receives every parameter event.
-    """
+    """The topics that all actuators share: log, diagnostics, parameter events."""
 
     def __init__(
         self,

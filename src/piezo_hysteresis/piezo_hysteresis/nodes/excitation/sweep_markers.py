@@ -31,21 +31,11 @@ def missing_subscribers(publisher: Publisher, topic: str, count: int) -> str:
 
 
 class SweepMarkers:
-    """The markers of a sweep, and the bag of its states and markers.
-
-    Parameters
-    ----------
-    node : Node
-        That runs the sweep.
-    parameters : NodeParameters
-        Of the node: ``rate``, ``actuator``, ``marker_listeners``.
-    edge_at : callable
-        Returns the time at which a tick begins for readers of the actuator states [ns].
-    """
+    """The markers of a sweep, and the bag of its states and markers."""
 
     def __init__(
         self, node: Node, parameters: NodeParameters, edge_at: Callable[[int], int]
-    ) -> None:
+    ) -> None:  # edge_at [ns]
         self._node, self._parameters, self._edge_at = node, parameters, edge_at
         self._publisher = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
         self._recorder: Recorder | None = None
@@ -59,13 +49,7 @@ class SweepMarkers:
         return missing_subscribers(self._publisher, topics.MARKER, count)
 
     def begin(self, bag: Path) -> None:
-        """Start the recording.
-
-        Raises
-        ------
-        PiezoError
-            If the bag cannot be created.
-        """
+        """Start the recording."""
         recorder = Recorder(bag)
         self._numbers, self._queued = [], 0
         for short, kind in ((topics.STATE, STATE), (topics.MARKER, MARKER)):

@@ -37,28 +37,7 @@ DISCOVERY = 0.5
 
 
 class SweepServer:
-    """Runs sweeps for the excitation node.
-
-    Parameters
-    ----------
-    node : Node
-        Node that offers the action.
-    parameters : NodeParameters
-        Of the node: ``rate``, ``actuator``, ``mode``, ``marker_listeners``, ``folder``.
-    commands : Publisher
-        Of the voltage: a sweep waits until the node that takes commands is connected.
-    begin : callable
-        Called when a sweep is accepted, so that the node starts to publish.
-    resume : callable
-        Called when a waiting tick may continue.
-    edge_at : callable
-        Returns the time of a tick on the clock of the actuator states [ns].
-
-    Attributes
-    ----------
-    last : str
-        Outcome of the last requested sweep.
-    """
+    """Runs sweeps for the excitation node."""
 
     def __init__(
         self,
@@ -67,7 +46,7 @@ class SweepServer:
         commands: Publisher,
         begin: Callable[[], None],
         resume: Callable[[], None],
-        edge_at: Callable[[int], int],
+        edge_at: Callable[[int], int],  # [ns]
     ) -> None:
         self._node = node
         self.last = ''

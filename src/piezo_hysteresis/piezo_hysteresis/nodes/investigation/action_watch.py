@@ -16,15 +16,6 @@ class ActionWatch:
 
     A killed process remains in the graph for a while, and a quick restart is not visible there;
     but the new endpoints have other identifiers.
-
-    Parameters
-    ----------
-    node : Node
-        Client node.
-    client : ActionClient
-        Of the action.
-    name : str
-        Of the action.
     """
 
     def __init__(self, node: Node, client: ActionClient, name: str) -> None:

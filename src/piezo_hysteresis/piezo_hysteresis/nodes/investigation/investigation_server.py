@@ -31,21 +31,7 @@ if TYPE_CHECKING:
 
 
 class InvestigationServer:
-    """Runs investigations for the discovery node.
-
-    Parameters
-    ----------
-    node : Node
-        Node that offers the action.
-    parameters : NodeParameters
-        Of the node: ``folder``, ``model_file``.
-    begin : callable
-        Reserves the node; returns the reason if it is busy, else an empty text.
-    log : callable
-        Called with the present task.
-    end : callable
-        Called with the result, and whether it failed.
-    """
+    """Runs investigations for the discovery node."""
 
     def __init__(
         self,

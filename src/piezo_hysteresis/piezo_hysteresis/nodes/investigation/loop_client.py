@@ -24,13 +24,7 @@ class _NodeLost(Exception):
 
 
 class Asking(Client):
-    """Client node, alive within a `with` block.
-
-    Parameters
-    ----------
-    namespace : str
-        Of the discovery node.
-    """
+    """Client node, alive within a `with` block."""
 
     def __init__(self, namespace: str = '') -> None:
         super().__init__('_investigate', namespace=namespace)
@@ -43,11 +37,6 @@ class Asking(Client):
         """Return the result of a goal; it continues after a restart of the discovery node.
 
         An interruption cancels it, and waits until the actuator is at rest.
-
-        Raises
-        ------
-        PiezoError
-            If no node offers the action, or the goal is refused.
         """
         timeout = FOUND_WITHIN
         while True:

@@ -58,13 +58,7 @@ def in_thread_of(node: Node, work: Callable[[], T]) -> T:
 def waited(
     condition: Callable[[], bool], stopped: Callable[[], bool], timeout: float = TIMEOUT
 ) -> bool:
-    """Wait until a condition holds; return whether it does.
-
-    Raises
-    ------
-    Cancelled
-        If it was `stopped` before.
-    """
+    """Wait until a condition holds; return whether it does."""
     end = time.monotonic() + timeout
     while not condition():
         if stopped():
@@ -76,26 +70,14 @@ def waited(
 
 
 class Neighbourhood:
-    """The excitation and the nodes that use a model.
-
-    Parameters
-    ----------
-    node : Node
-        Client node; it spins in another thread.
-    """
+    """The excitation and the nodes that use a model."""
 
     def __init__(self, node: Node) -> None:
         self._excitation = AsyncParameterClient(node, EXCITATION)
         self._users = {name: node.create_client(LoadModel, f'{name}/load_model') for name in USERS}
 
     def excitation(self, name: str, stopped: Callable[[], bool]) -> Any:
-        """Return a parameter of the excitation.
-
-        Raises
-        ------
-        Unanswered
-            If it does not respond.
-        """
+        """Return a parameter of the excitation."""
         self._there(stopped)
         asked = self._excitation.get_parameters([name])
         answer: GetParameters.Response = self._answer(asked, stopped)
@@ -104,15 +86,7 @@ class Neighbourhood:
     def set_excitation(
         self, stopped: Callable[[], bool] = lambda: False, **values: str | float
     ) -> None:
-        """Set parameters of the excitation.
-
-        Raises
-        ------
-        Unanswered
-            If it does not respond.
-        PiezoError
-            If it refuses.
-        """
+        """Set parameters of the excitation."""
         self._there(stopped)
         parameters = [Parameter(name, value=value) for name, value in values.items()]
         asked = self._excitation.set_parameters(parameters)
@@ -122,13 +96,7 @@ class Neighbourhood:
                 raise PiezoError(f'the excitation refuses {name} {value}: {result.reason}')
 
     def use(self, model: ModelFile, stopped: Callable[[], bool]) -> str:
-        """Load a model into every running node; return the names of these nodes.
-
-        Raises
-        ------
-        PiezoError
-            If one refuses it.
-        """
+        """Load a model into every running node; return the names of these nodes."""
         used = []
         for name, client in self._users.items():
             if not client.service_is_ready():

@@ -41,11 +41,6 @@ class SweepGoals:
     Every goal contains the name of its client. A node that finds a goal with its own name that it
     has not sent was killed and restarted: that goal is orphaned and is cancelled, which brings the
     actuator to rest.
-
-    Parameters
-    ----------
-    node : Node
-        Client node; it spins in another thread.
     """
 
     def __init__(self, node: Node) -> None:
@@ -68,17 +63,7 @@ class SweepGoals:
     def run(
         self, goal: RunSweep.Goal, stopped: Callable[[], bool], timeout: float
     ) -> RunSweep.Result:
-        """Run a sweep to its end and return its result.
-
-        Raises
-        ------
-        Cancelled
-            If it was `stopped`; the actuator is at rest then.
-        Unanswered
-            If the excitation is missing or ends.
-        PiezoError
-            If it refuses the goal, or does not come to rest.
-        """
+        """Run a sweep to its end and return its result."""
         if not waited(self._client.server_is_ready, stopped):
             raise Unanswered('no excitation is running: start it, and investigate again')
         self._end_stale(stopped)

@@ -42,36 +42,16 @@ RESTARTED = 1.5
 
 @dataclass(frozen=True)
 class Circumstances:
-    """Conditions of the experiments.
+    """Conditions of the experiments."""
 
-    Attributes
-    ----------
-    rate : float
-        Ticks per second [Hz].
-    slew : float
-        Fastest change of the voltage [V/s].
-    ready : callable
-        Makes the excitation ready for sweeps.
-    stopped : callable
-        Returns whether it was cancelled.
-    """
-
-    rate: float
-    slew: float
-    ready: Callable[[], None]
-    stopped: Callable[[], bool]
+    rate: float  # ticks per second [Hz]
+    slew: float  # fastest change of the voltage [V/s]
+    ready: Callable[[], None]  # makes the excitation ready for sweeps
+    stopped: Callable[[], bool]  # returns whether it was cancelled
 
 
 class Sweeper:
-    """Runs experiments by the action ``run_sweep``, which records them.
-
-    Parameters
-    ----------
-    node : Node
-        Client node; it spins in another thread.
-    reached : callable
-        Returns the tick that the actuator waits for, or has reached.
-    """
+    """Runs experiments by the action ``run_sweep``, which records them."""
 
     def __init__(self, node: Node, reached: Callable[[], int]) -> None:
         self._node, self._reached = node, reached
@@ -81,13 +61,6 @@ class Sweeper:
         """Run an experiment into a new bag; repeat it after a restart of excitation or actuator.
 
         Returns whether the first attempt succeeded, so that the actuator was at rest before.
-
-        Raises
-        ------
-        Cancelled
-            If it was cancelled; the actuator is then at rest.
-        PiezoError
-            If it cannot be run.
         """
         tries, first_loss = 0, 0.0
         while True:

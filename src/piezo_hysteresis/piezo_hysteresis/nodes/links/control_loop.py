@@ -32,11 +32,6 @@ class ControlLoop:
     The state is received once for all. Feedback forwards the voltage until its `method` is set.
     A reference of another process is followed while the excitation publishes none. The recorder
     is there if it is given a bag, `-p recorder:out:=FOLDER`.
-
-    Parameters
-    ----------
-    new_excitation : callable
-        Creates the first node.
     """
 
     def __init__(

@@ -150,13 +150,7 @@ class Feedforward(LinkNode):
         self.get_logger().info(f'inverting {loaded.model.name or "the model"}: {chain}')
 
     def load(self, loaded: ModelFile) -> None:
-        """Make `loaded` the model; after an error the previous one remains, in the parameters too.
-
-        Raises
-        ------
-        PiezoError
-            If it cannot be inverted.
-        """
+        """Make `loaded` the model; after an error the previous one and its parameters remain."""
         self._model_parameters.load(loaded)
 
     def _on_load_model(

@@ -24,36 +24,13 @@ class Ended(Exception):
 
 
 class Listeners:
-    """The nodes that report the number of consumed samples on ``~/status``.
-
-    Parameters
-    ----------
-    node : Node
-        The player; its executor must spin in another thread than the one that waits here.
-    topic : str
-        Topic of the samples.
-    timeout : callable
-        Returns the longest wait [s].
-    neighbours : Neighbours
-        Neighbours of the node; newly discovered ones are waited for.
-    ended : callable
-        Returns whether the node is shutting down; every wait then raises `Ended`.
-    recorders : bool
-        Wait for recorders only, and not at all without one.
-
-    Attributes
-    ----------
-    awaited : str
-        Node whose report is awaited; empty for none.
-    since : float
-        Start of the wait [s], on the monotonic clock.
-    """
+    """The nodes that report the number of consumed samples on ``~/status``."""
 
     def __init__(
         self,
         node: Node,
         topic: str,
-        timeout: Callable[[], float],
+        timeout: Callable[[], float],  # [s]
         neighbours: Neighbours,
         ended: Callable[[], bool],
         *,
@@ -71,13 +48,7 @@ class Listeners:
         self._counted: frozenset[str] | None = None
 
     def find(self) -> None:
-        """Wait until at least one node reports, and every discovered node does.
-
-        Raises
-        ------
-        PiezoError
-            If no node reports, or a discovered node does not.
-        """
+        """Wait until at least one node reports, and every discovered node does."""
         started = time.monotonic()
         while not self._complete(started):
             if self._timed_out(started):
@@ -108,13 +79,7 @@ class Listeners:
         )
 
     def wait_matched(self, publishers: Sequence[Publisher]) -> None:
-        """Wait until all nodes are connected to every publisher.
-
-        Raises
-        ------
-        PiezoError
-            If one is not connected in time.
-        """
+        """Wait until all nodes are connected to every publisher."""
         started = time.monotonic()
         while any(self._unmatched(each) for each in publishers):
             if self._timed_out(started):
@@ -193,24 +158,7 @@ _UNKNOWN = '_NODE_NAME_UNKNOWN_'
 
 
 class Reports:
-    """The nodes that subscribe to a topic, updated during operation.
-
-    Parameters
-    ----------
-    node : Node
-        The observing node.
-    topic : str
-        The topic.
-    received : callable
-        Called after each status, by the executor of the node.
-
-    Attributes
-    ----------
-    progress : dict of str to Progress
-        Progress of each reporting node, by its fully qualified name.
-    subscribed : int
-        Number of subscriptions that match a volatile publisher.
-    """
+    """The nodes that subscribe to a topic, updated during operation."""
 
     def __init__(self, node: Node, topic: str, received: Callable[[], None]) -> None:
         self._node = node

@@ -14,13 +14,7 @@ REPORT_EVERY, REPORT_AFTER = 64, 0.05
 
 
 class RecorderReport:
-    """Counts the recorded messages and publishes the counts.
-
-    Parameters
-    ----------
-    node : Node
-        The recorder.
-    """
+    """Counts the recorded messages and publishes the counts."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(LoopStatus, '~/status', LATCHED)

@@ -13,13 +13,7 @@ from piezo_hysteresis.errors import PiezoError
 
 
 def message_type(name: str) -> type:
-    """Return the class of ``package/msg/Name``, or of a service or an action.
-
-    Raises
-    ------
-    PiezoError
-        If its package is not built or sourced.
-    """
+    """Return the class of ``package/msg/Name``, or of a service or an action."""
     package, _, rest = name.partition('/')
     room, _, kind = rest.partition('/')
     try:

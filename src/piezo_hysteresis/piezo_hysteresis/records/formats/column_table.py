@@ -21,55 +21,25 @@ _RATES = ('fs', 'rate', 'sample_rate', 'samplerate', 'sampling_rate')
 
 @dataclass(frozen=True)
 class Column:
-    """One column, or one channel with a clock of its own.
+    """One column, or one channel with a clock of its own."""
 
-    Attributes
-    ----------
-    name : str
-        With its unit, if the file states one.
-    values : ndarray, shape (n,)
-        Numbers; NaN where there is none.
-    time : ndarray, shape (n,), or None
-        Its own times [s]; None if the table has a time.
-    known : Meaning or None
-        What it is by the format of the file.
-    """
-
-    name: str
-    values: FloatArray
-    time: FloatArray | None = None
-    known: Meaning | None = None
+    name: str  # with its unit, if the file states one
+    values: FloatArray  # numbers; NaN where there is none, shape (n,)
+    time: FloatArray | None = None  # its own times [s]; None if the table has a time, shape (n,)
+    known: Meaning | None = None  # what it is by the format of the file
 
 
 @dataclass(frozen=True)
 class ColumnTable:
-    """Columns of one part of a file.
+    """Columns of one part of a file."""
 
-    Attributes
-    ----------
-    name : str
-        Of the part of the file (sheet, group, struct, segment); empty for the file itself.
-    columns : list of Column
-        In the order of the file.
-    interval : float
-        Sampling interval that the file states [s]; 0 if none.
-    count : int
-        Number of samples that the file states; 0 if none.
-    assumed : tuple of str
-        What it was recognised as, and what was assumed, one sentence each.
-    repeats : tuple of int
-        Rows in front of which the line of names stands again.
-    sparse : bool
-        A row may hold one signal only; the others hold their value.
-    """
-
-    name: str
-    columns: list[Column]
-    interval: float = 0.0
-    count: int = 0
-    assumed: tuple[str, ...] = field(default=())
+    name: str  # of the part of the file (sheet, group, struct, segment); empty for the file itself
+    columns: list[Column]  # in the order of the file
+    interval: float = 0.0  # sampling interval that the file states [s]; 0 if none
+    count: int = 0  # number of samples that the file states; 0 if none
+    assumed: tuple[str, ...] = field(default=())  # what it was recognised as
     repeats: tuple[int, ...] = field(default=())
-    sparse: bool = False
+    sparse: bool = False  # a row may hold one signal only; the others hold their value
 
 
 def vector(value: Any) -> FloatArray | None:
@@ -123,13 +93,6 @@ def tables_of(entries: Mapping[str, Any], name: str = '') -> Iterator[ColumnTabl
 
     Columns of arrays are numbered from 1. A scalar ``dt`` [s] or ``fs`` [Hz] defines the time.
     An array of more dimensions is one table for each of its first indices.
-
-    Parameters
-    ----------
-    entries : mapping
-        Arrays, scalars, mappings and lists of mappings by name.
-    name : str
-        Of the table.
     """
     columns: list[Column] = []
     for key, value in entries.items():

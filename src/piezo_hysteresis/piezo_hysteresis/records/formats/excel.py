@@ -21,13 +21,7 @@ Cells = Sequence[Any]
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield a table for each sheet; formulas count by the values that Excel stored.
-
-    Raises
-    ------
-    RecordError
-        If it is too large, or a column holds formulas without values.
-    """
+    """Yield a table for each sheet; formulas count by the values that Excel stored."""
     import openpyxl
 
     sizes.judge_zip(path)

@@ -18,13 +18,7 @@ from piezo_hysteresis.records.formats.structs import struct_tables
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield the tables of a file; scalars may be data sets or attributes.
-
-    Raises
-    ------
-    RecordError
-        If it holds MATLAB objects only.
-    """
+    """Yield the tables of a file; scalars may be data sets or attributes."""
     import h5py
 
     with h5py.File(path, 'r') as file:

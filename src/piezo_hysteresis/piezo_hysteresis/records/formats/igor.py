@@ -15,13 +15,7 @@ from piezo_hysteresis.records.formats.column_table import ColumnTable, column
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield one table: the columns of a wave, by their dimension labels or numbers.
-
-    Raises
-    ------
-    RecordError
-        If the wave is not one of columns.
-    """
+    """Yield one table: the columns of a wave, by their dimension labels or numbers."""
     from igor2 import binarywave
 
     sizes.judge(path.stat().st_size)

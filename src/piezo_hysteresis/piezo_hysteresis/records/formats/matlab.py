@@ -13,13 +13,7 @@ from piezo_hysteresis.records.formats.structs import struct_tables
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield the tables of a file: its vectors, and those of each struct.
-
-    Raises
-    ------
-    RecordError
-        If it holds MATLAB objects only.
-    """
+    """Yield the tables of a file: its vectors, and those of each struct."""
     from scipy.io import loadmat
 
     with path.open('rb') as file:

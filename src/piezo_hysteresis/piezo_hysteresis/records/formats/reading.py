@@ -47,13 +47,7 @@ def has_format(path: Path) -> bool:
 
 
 def tables(path: Path) -> list[ColumnTable]:
-    """Return the tables of a file.
-
-    Raises
-    ------
-    RecordError
-        If a library is missing, or the file cannot be read.
-    """
+    """Return the tables of a file."""
     reader, kind = FORMATS[path.suffix.lower()]
     try:
         return list(reader.read(path))

@@ -16,13 +16,7 @@ _PIECE = 1 << 20
 
 
 def judge(size: int, what: str = 'it') -> None:
-    """Refuse content that would take more than `LARGEST` bytes.
-
-    Raises
-    ------
-    RecordError
-        With the size and the remedy.
-    """
+    """Refuse content that would take more than `LARGEST` bytes."""
     if size > LARGEST:
         raise RecordError(
             f'{what} would take {size / 1e9:.4g} GB, at most {LARGEST / 1e9:.3g} GB are read; '

@@ -18,13 +18,7 @@ from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, c
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield a table for each group; a channel without a unit in its name has that of the file.
-
-    Raises
-    ------
-    RecordError
-        If it was cut off.
-    """
+    """Yield a table for each group; a channel without a unit in its name has that of the file."""
     import nptdms
 
     # it warns of a file that is cut off, which is refused here

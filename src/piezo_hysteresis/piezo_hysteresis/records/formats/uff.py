@@ -16,13 +16,7 @@ _FUNCTION, _TIME_RESPONSE = 58, 1
 
 
 def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield one table: each time response is a channel with times of its own.
-
-    Raises
-    ------
-    RecordError
-        If there is none, or one is cut off.
-    """
+    """Yield one table: each time response is a channel with times of its own."""
     import pyuff
 
     file = pyuff.UFF(str(path))

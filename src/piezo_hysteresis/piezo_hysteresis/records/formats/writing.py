@@ -14,20 +14,7 @@ WRITTEN = ('mat', 'npz', 'h5', 'parquet', 'feather', 'tdms', 'xlsx')
 
 
 def write_table(path: str | Path, record: Record, *, unit: str = 'um') -> None:
-    """Write one record as named columns, in the format of the ending.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to create, ending in one of `WRITTEN`.
-    record, unit
-        As for `tabular.columns_of`.
-
-    Raises
-    ------
-    RecordError
-        If the ending is not known, the file exists or cannot be written, or a library is missing.
-    """
+    """Write one record as named columns, in the format of the ending."""
     path = Path(path)
     ending = path.suffix.lower()
     if ending.removeprefix('.') not in WRITTEN:
