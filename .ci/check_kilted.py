@@ -10,9 +10,9 @@ from pathlib import Path
 
 from piezo_hysteresis.common.registry import NODES
 from piezo_hysteresis.ros.client import Client
-from piezo_hysteresis.ros.middleware import profiles
 from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.running import profiles
 from piezo_interfaces.msg import ActuatorState, Reference
 
 GAIN, DISPLACEMENT = 1e-4, 2e-5  # m/V, m

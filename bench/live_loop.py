@@ -19,9 +19,9 @@ from rclpy.node import Node
 from bench.live_observer import VOICES, VOLTAGE_ATTENUATED
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.ros.middleware import joined
 from piezo_hysteresis.ros.processes import NodeProcess, NodeProcesses
 from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.running import joined
 from piezo_interfaces.msg import ActuatorState
 
 NODES = tuple(VOICES)

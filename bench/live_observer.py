@@ -14,9 +14,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.ros.middleware import joined
 from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import joined
 from piezo_interfaces.msg import (
     ActuatorState,
     Gap,

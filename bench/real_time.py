@@ -45,9 +45,9 @@ from bench.quick import parsed
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.registry import inside
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.ros.middleware import prepare
 from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import prepare
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 
 Message = TypeVar('Message')

@@ -23,12 +23,12 @@ import numpy as np
 from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.inverses.extended_inverse import SlopeSelectedInverse
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
-from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
 from piezo_hysteresis.compensation.link import Link
 from piezo_hysteresis.compensation.offline_loop import tracking_metrics
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.identification.inverse_rows import row_of, selector_table
+from piezo_hysteresis.identification.inverse_fit import row_of, selector_table
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Sine, Triangle, Waveform

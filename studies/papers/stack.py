@@ -15,13 +15,13 @@ from piezo_hysteresis.compensation.feedback.hinf import (
     design,
     transfer_function,
 )
+from piezo_hysteresis.compensation.inverses.extended_inverse import SlopeSelectedInverse
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
-from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.offline_loop import tracking_metrics
 from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_function
 from piezo_hysteresis.identification.fit import fit
-from piezo_hysteresis.identification.inverse_rows import row_of, selector_table
+from piezo_hysteresis.identification.inverse_fit import row_of, selector_table
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import Triangle, Waveform

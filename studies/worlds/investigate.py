@@ -26,10 +26,9 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
+from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
-from piezo_hysteresis.investigation.history import History
-from piezo_hysteresis.investigation.session import Investigation, Rules, Stop, investigate
+from piezo_hysteresis.investigation.session import History, Investigation, Rules, Stop, investigate
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.waveforms import from_spec
 from studies.worlds.investigate_world import Bench, Changed, changed

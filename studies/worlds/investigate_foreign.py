@@ -22,8 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
-from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
+from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, PlannedExperiment
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.investigation.session import Investigation, Rules, investigate
 from piezo_hysteresis.models import ModelFile

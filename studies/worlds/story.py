@@ -20,7 +20,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from piezo_hysteresis.discovery import Discovery, Verdict, discover
-from piezo_hysteresis.discovery.verdict.prove import over_frequency
+from piezo_hysteresis.discovery.verdict.verdict import over_frequency
 from piezo_hysteresis.identification.uncertainty import digits
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, load, write_bag

@@ -9,10 +9,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
 from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
-from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
 from piezo_hysteresis.compensation.link import Limits, ReferencePoint
 
 DT = 1e-3

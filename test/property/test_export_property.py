@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.parallel import side_by_side
-from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback import hinf
 from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
@@ -29,16 +28,16 @@ from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
 )
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
+from piezo_hysteresis.compensation.limiter import EnergyLimits
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.offline_loop import closed_loop
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.export.compensator import compensator_of
-from piezo_hysteresis.export.doors import compensator_doors, plant_doors
+from piezo_hysteresis.export.compensator import compensator_doors, compensator_of, plant_doors
 from piezo_hysteresis.export.fields import of_model
 from piezo_hysteresis.export.native import object_code
-from piezo_hysteresis.export.plant_functions import plant_of
+from piezo_hysteresis.export.pieces import plant_of
 from piezo_hysteresis.export.sections import (
     attenuation_section,
     feedback_section,

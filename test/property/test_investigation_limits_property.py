@@ -9,8 +9,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from piezo_hysteresis.experiments.catalogue import catalogue
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, InvestigationError
+from piezo_hysteresis.experiments.planned_experiment import (
+    ExperimentLimits,
+    InvestigationError,
+    catalogue,
+)
 from piezo_hysteresis.runtime.sweep_plan import Sweep
 
 RANGES = st.sampled_from([(-1.0, 1.0), (0.0, 150.0), (-30.0, 150.0), (-0.2, 7.5), (-10.0, 0.0)])
@@ -54,7 +57,7 @@ def test_no_voltage_slew_frequency_or_heat_beyond_the_limits(
 
 
 def test_the_heat_of_a_sine_is_frequency_times_amplitude_squared() -> None:
-    from piezo_hysteresis.experiments.experiment_limits import heat_of
+    from piezo_hysteresis.experiments.planned_experiment import heat_of
 
     time = np.arange(10_000) / 10_000.0
     assert np.isclose(heat_of(3.0 * np.sin(2 * np.pi * 20.0 * time), 1e-4), 180.0, rtol=1e-3)

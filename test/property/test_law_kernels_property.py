@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from piezo_hysteresis.compensation.transition import CrossFade
+from piezo_hysteresis.compensation.link import CrossFade
 from piezo_hysteresis.numerics.smooth import smooth_step
 
 DT = 1e-3

@@ -24,7 +24,7 @@ from rosbags.convert.converter import convert
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import ModelError, RecordError
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.records import Record, RecordInfo, compressed, mcap_format, survey, write_bag
+from piezo_hysteresis.records import Record, RecordInfo, mcap_format, storage, survey, write_bag
 from piezo_hysteresis.records.player import Player
 from piezo_hysteresis.records.recorder import Recorder
 
@@ -301,7 +301,7 @@ def test_a_chunk_that_grows_costs_no_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
 ) -> None:
     """3 MB of zeros in 100 bytes, where at most 1 MB is read at once."""
-    for module in (compressed, mcap_format):
+    for module in (storage, mcap_format):
         for name, most in (('LARGEST', 1 << 20), ('MOST_OTHERS', 1000)):
             monkeypatch.setattr(module, name, most, raising=False)
     path = mcap_of(tmp_path, (size, zeros(3 << 20)))
@@ -324,7 +324,7 @@ def test_many_chunks_that_grow_are_not_all_read(
 ) -> None:
     monkeypatch.setattr('piezo_hysteresis.records.mcap_reader.SMALL', 1 << 20)
     read = []
-    inflated = compressed.inflated
+    inflated = storage.inflated
 
     def counted(*given: Any) -> bytes:
         read.append(given)

@@ -12,8 +12,7 @@ from std_srvs.srv import Trigger
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable, Value
 from piezo_hysteresis.ros.guarded import GuardedLifecycleNode, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
-from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_interfaces.action import RunSweep
 
 TABLE = ParameterTable(

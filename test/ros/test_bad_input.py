@@ -11,7 +11,7 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 
-from piezo_hysteresis.common.health import Level
+from piezo_hysteresis.common.node_sheet import Level
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.nodes.links.control_loop import ControlLoop

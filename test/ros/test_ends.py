@@ -87,7 +87,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import wall_timer
 from piezo_interfaces.msg import ActuatorState
 
 folder = pathlib.Path(sys.argv.pop())

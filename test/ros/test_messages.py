@@ -14,8 +14,14 @@ from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.online import online
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.models import named
-from piezo_hysteresis.nodes.codecs import measured_of, point_of, reference_bytes, voltage_bytes
-from piezo_hysteresis.nodes.messages import estimate_into, model_from
+from piezo_hysteresis.nodes.messages import (
+    estimate_into,
+    measured_of,
+    model_from,
+    point_of,
+    reference_bytes,
+    voltage_bytes,
+)
 from piezo_hysteresis.ros.flat import FlatCodec, head_of, stamp_of
 from piezo_interfaces.msg import (
     ActuatorState,

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,

@@ -11,11 +11,15 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_record import AxesRecord
-from piezo_hysteresis.axes.cross_talk import cross_talk
-from piezo_hysteresis.axes.frequency_response import response, vector_fit
-from piezo_hysteresis.axes.modal_derivatives import ModalDerivatives
-from piezo_hysteresis.axes.modal_kernel import play_bank
-from piezo_hysteresis.axes.modal_model import AxesDrive, ModalLayout, ModalModel, delayed
+from piezo_hysteresis.axes.cross_talk import cross_talk, response, vector_fit
+from piezo_hysteresis.axes.modal_fit import ModalDerivatives
+from piezo_hysteresis.axes.modal_model import (
+    AxesDrive,
+    ModalLayout,
+    ModalModel,
+    delayed,
+    play_bank,
+)
 from piezo_hysteresis.axes.modal_search import identify_axes, levels_of, rms_error
 from piezo_hysteresis.errors import IdentificationError, ModelError, RecordError
 from piezo_hysteresis.models.modelfile import is_modal

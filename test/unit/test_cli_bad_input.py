@@ -13,9 +13,8 @@ import pytest
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError, RecordError
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.checks import require_each_usable
+from piezo_hysteresis.identification.checks import require_each_usable, unit_findings
 from piezo_hysteresis.identification.method_settings import driven_at, held_at, warmed
-from piezo_hysteresis.identification.units import unit_findings
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, load
 from piezo_hysteresis.records.record import RecordInfo

@@ -12,8 +12,8 @@ import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.compensate_links import attenuation_of, configure
-from piezo_hysteresis.common.health import Level
-from piezo_hysteresis.common.settings import specs_of
+from piezo_hysteresis.common.node_sheet import Level
+from piezo_hysteresis.common.parameter_table import specs_of
 from piezo_hysteresis.compensation.controllers import UNKNOWN_PLANT
 from piezo_hysteresis.compensation.harmonics import harmonic_rls
 from piezo_hysteresis.compensation.harmonics.afc import gains
@@ -43,8 +43,7 @@ from piezo_hysteresis.models.named import named
 from piezo_hysteresis.numerics.harmonics import line_amplitudes
 from piezo_hysteresis.parameters.links import ATTENUATION
 from piezo_hysteresis.runtime.laws import HarmonicLaws
-from piezo_hysteresis.runtime.link_health import LinkHealth
-from piezo_hysteresis.runtime.watchdog import Watchdog
+from piezo_hysteresis.runtime.link_health import LinkHealth, Watchdog
 from piezo_hysteresis.waveforms import Sine
 from piezo_hysteresis.waveforms.waveform import Samples
 

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.compensation.process_plant import ProcessPlant, simulated
+from piezo_hysteresis.compensation.model_plant import ProcessPlant, simulated
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models.modelfile import ModelFile

@@ -22,15 +22,13 @@ from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
 from piezo_hysteresis.compensation.feedback.hinf import (
     XIAO_DENOMINATOR,
     XIAO_NUMERATOR,
+    GeneralizedPlant,
     HInfinity,
+    StateSpace,
     design,
+    hinf_synthesis,
     mixed_sensitivity,
     transfer_function,
-)
-from piezo_hysteresis.compensation.feedback.hinf_synthesis import (
-    GeneralizedPlant,
-    StateSpace,
-    hinf_synthesis,
 )
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains, plain
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for

@@ -17,8 +17,8 @@ from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
     FuzzyPid,
     FuzzyRules,
     infer,
+    read_tables,
 )
-from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
 from piezo_hysteresis.compensation.feedback.pid import PidGains
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import CompensationError

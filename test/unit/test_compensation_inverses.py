@@ -10,19 +10,17 @@ import pytest
 
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
-from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.extended_inverse import (
+    ExtendedInverse,
+    SlopeSelectedInverse,
+)
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
 from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse, least_slope
-from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
+from piezo_hysteresis.compensation.inverses.structure_inverse import OscillatorInverse
 from piezo_hysteresis.compensation.link import Limits, ReferencePoint
 from piezo_hysteresis.compensation.offline_loop import reference_points
 from piezo_hysteresis.errors import CompensationError, IdentificationError
-from piezo_hysteresis.identification.inverse_rows import (
-    InverseBoucWen,
-    fit_inverse,
-    selector_table,
-)
+from piezo_hysteresis.identification.inverse_fit import InverseBoucWen, fit_inverse, selector_table
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine, Triangle

@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.limiter import Limiter
-from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint, Transition
 from piezo_hysteresis.compensation.offline_loop import (
     closed_loop,
     reference_points,
     tracking_metrics,
 )
-from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.waveforms.sine import Sine
 

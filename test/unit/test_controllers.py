@@ -14,19 +14,18 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.compensation.controllers import Controllers
-from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
 from piezo_hysteresis.compensation.link import Measured
 from piezo_hysteresis.compensation.offline_loop import LoopResult, reference_points
 from piezo_hysteresis.compensation.study import track
+from piezo_hysteresis.export.header import Drive
 from piezo_hysteresis.export.library import Request, files_of
-from piezo_hysteresis.export.programs import Drive
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
-from piezo_hysteresis.runtime.inversion import Inversion
 from piezo_hysteresis.runtime.laws import (
     FeedbackLaws,
     HarmonicLaws,
+    Inversion,
     feedback_settings,
     forward_settings,
     harmonic_settings,

@@ -16,8 +16,7 @@ from dashboard_fakes import Backend, filled
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
-from piezo_hysteresis.dashboard.access import AccessPolicy
-from piezo_hysteresis.dashboard.page_server import DashboardServer
+from piezo_hysteresis.dashboard.page_server import AccessPolicy, DashboardServer
 from piezo_hysteresis.errors import PiezoError
 
 TOKEN = 'a-token-of-enough-letters'

@@ -15,7 +15,7 @@ from piezo_hysteresis.dashboard.controls import (
     refusal_text,
 )
 from piezo_hysteresis.dashboard.forms import numbers
-from piezo_hysteresis.dashboard.rows import ParameterRow
+from piezo_hysteresis.dashboard.panel import ParameterRow
 from piezo_hysteresis.errors import PiezoError
 
 

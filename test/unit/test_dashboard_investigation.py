@@ -9,7 +9,7 @@ from bokeh.events import ButtonClick
 from dashboard_fakes import Backend
 
 from piezo_hysteresis.dashboard.backend import InvestigationOrder
-from piezo_hysteresis.dashboard.investigation_form import InvestigationForm, steps_text
+from piezo_hysteresis.dashboard.forms import InvestigationForm, steps_text
 from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationState
 from piezo_hysteresis.dashboard.panel import Controls
 

@@ -13,8 +13,8 @@ from bokeh.events import ButtonClick
 from dashboard_fakes import Backend, filled, live_at
 
 from piezo_hysteresis.dashboard import live_page as page_module
-from piezo_hysteresis.dashboard.axes import Follower
 from piezo_hysteresis.dashboard.live_page import Page
+from piezo_hysteresis.dashboard.live_plots import Follower
 from piezo_hysteresis.dashboard.live_signals import State
 from piezo_hysteresis.dashboard.live_state import (
     BackgroundJob,
@@ -23,8 +23,8 @@ from piezo_hysteresis.dashboard.live_state import (
     NodeState,
     ShownEstimate,
 )
-from piezo_hysteresis.dashboard.overall_status import banner
 from piezo_hysteresis.dashboard.texts import (
+    banner,
     estimate_text,
     gap_text,
     job_text,

@@ -7,9 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.dashboard.decimate import columns, path
+from piezo_hysteresis.dashboard.live_plots import (
+    columns,
+    live_spectrum,
+    path,
+    unbroken_end,
+    whole_periods,
+)
 from piezo_hysteresis.dashboard.live_signals import Signals, State
-from piezo_hysteresis.dashboard.live_spectrum import live_spectrum, unbroken_end, whole_periods
 
 
 @pytest.mark.parametrize('n', [1, 2, 599, 600, 601, 1201, 5000, 40000])

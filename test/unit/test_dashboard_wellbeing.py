@@ -18,11 +18,14 @@ from piezo_hysteresis.dashboard.live_state import (
     LogLine,
     NodeState,
 )
-from piezo_hysteresis.dashboard.overall_status import MUTE, banner, overall, pulse
 from piezo_hysteresis.dashboard.texts import (
     LOG_SHOWN,
+    MUTE,
+    banner,
     estimate_text,
     gap_text,
+    overall,
+    pulse,
     status_text,
     time_text,
 )

@@ -9,13 +9,13 @@ import pytest
 
 HANGS = """
 import ctypes
-from piezo_hysteresis.ros.deadline import EndsWithin
+from piezo_hysteresis.ros.running import EndsWithin
 with EndsWithin(0.3, {code}):
     ctypes.PyDLL(None).sleep(60)  # holds the lock of Python
 """
 ENDS = """
 import time
-from piezo_hysteresis.ros.deadline import EndsWithin
+from piezo_hysteresis.ros.running import EndsWithin
 with EndsWithin(0.3, 3):
     pass
 time.sleep(0.6)

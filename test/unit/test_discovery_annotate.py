@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.data.annotate import annotated, sine_frequency
+from piezo_hysteresis.discovery.data.tones import annotated, sine_frequency
 from piezo_hysteresis.records import Record, RecordInfo
 
 RATE = 1000.0

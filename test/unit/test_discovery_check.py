@@ -14,7 +14,7 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named
 from piezo_hysteresis.models.modelfile import Provenance
-from piezo_hysteresis.models.operating_range import OperatingRange
+from piezo_hysteresis.models.schedule import OperatingRange
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.reporting.discovery_report import limits_of_records
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery.choice import choice_rules as rules
-from piezo_hysteresis.discovery.choice.choice_policy import CHOICE, ChoicePolicy
+from piezo_hysteresis.discovery.choice.choice_rules import CHOICE, ChoicePolicy
 from piezo_hysteresis.discovery.choice.choose import TriedModel, choose_model, climbed
 from piezo_hysteresis.discovery.choice.ladder import Ladder, Rung, simplest_first
 from piezo_hysteresis.discovery.selection.policy import rows

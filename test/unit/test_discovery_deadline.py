@@ -13,8 +13,8 @@ import pytest
 
 from piezo_hysteresis.cli.discover import configure, options_of
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.selection.baseline import fitted_baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import without_unfinished

@@ -18,8 +18,10 @@ from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.detection.limits import (
     BetterExperiment,
     DetectionLimit,
+    NuisanceDirections,
     Records,
     Signature,
+    Whitening,
     scaled,
 )
 from piezo_hysteresis.discovery.detection.statements import (
@@ -28,9 +30,7 @@ from piezo_hysteresis.discovery.detection.statements import (
     sentence,
     statements,
 )
-from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections, Whitening
-from piezo_hysteresis.experiments.catalogue import catalogue
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
+from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, catalogue
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.targets import Target, whole
@@ -233,7 +233,7 @@ def test_effects_that_records_cannot_distinguish_come_with_their_models(
     u = np.sin(2 * np.pi * 2.0 * DT * np.arange(3000))
     y = model.respond(u, model.pack({**model.defaults(), 'drift_rate': 1e-6}), DT)
     y = y + np.random.default_rng(5).normal(0, 1e-7, u.size)
-    monkeypatch.setattr('piezo_hysteresis.discovery.detection.look_alikes.APART', 1e9)
+    monkeypatch.setattr('piezo_hysteresis.discovery.detection.limits.APART', 1e9)
     found = discover([Record('r', DT, u, y, info=RecordInfo(frequency=2.0))], 'classical')
     (effect,) = found.verdict.effects
     alike = [each.name for each in effect.look_alikes]

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     Added,
@@ -32,7 +32,7 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import PARAMETER_SHIFT, Condition, Discrepancy, ModelFile, named
-from piezo_hysteresis.models.trace import Trace
+from piezo_hysteresis.models.repeating import Trace
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT, STROKE = 2e-3, 4e-5

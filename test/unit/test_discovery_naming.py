@@ -10,7 +10,7 @@ import pytest
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, is_another_change
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
-from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.discovery.selection.rules import Improvement
 from piezo_hysteresis.discovery.verdict.naming import (
     named_effects,
     suspects,

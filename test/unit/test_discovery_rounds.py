@@ -12,17 +12,16 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.selection import rounds, search
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
-from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.elimination import Step
-from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
+from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator, explained_together
 from piezo_hysteresis.discovery.selection.policy import POLICY
-from piezo_hysteresis.discovery.selection.screen import ScreeningScore
-from piezo_hysteresis.discovery.selection.significance import (
+from piezo_hysteresis.discovery.selection.rules import (
     Improvement,
     block_squares,
     improvement,
     win_shares,
 )
+from piezo_hysteresis.discovery.selection.screen import ScreeningScore
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.models import named
 

@@ -13,10 +13,11 @@ from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.numerics.harmonics import (
     harmonics,
     line_amplitudes,
+    non_harmonic_lines,
     phase_of,
+    resolved_lines,
     tone_amplitude,
 )
-from piezo_hysteresis.numerics.spectrum import non_harmonic_lines, resolved_lines
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT, TONE, SIZE = 1e-3, 41.7, 3e-7

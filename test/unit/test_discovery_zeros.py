@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.dataset import split
+from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.selection.start import zeros_apart
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import named

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.identification.drive_lines import drive_lines, drive_phase, octaves_of
+from piezo_hysteresis.identification.model_discrepancy import drive_lines, drive_phase, octaves_of
 from piezo_hysteresis.numerics.harmonics import phase_of
 
 DT, DRIVE, SIZE = 1e-2, 0.145, 7000

@@ -12,13 +12,13 @@ import pytest
 
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.comparison import compared, comparison_text
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.identification.model_discrepancy import (
     RecordResidual,
     condition_of,
     discrepancy_of,
 )
+from piezo_hysteresis.identification.validate import compared, comparison_text
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_csv
 from piezo_hysteresis.records.record import RecordInfo

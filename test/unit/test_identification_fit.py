@@ -12,12 +12,16 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.free_run import shifted
-from piezo_hysteresis.identification.linear_fit import linear_parameters
 from piezo_hysteresis.identification.objective import Prior
 from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.periods import period_of
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks, sensitivities
-from piezo_hysteresis.identification.starts import representative, resonant_lines, starts
+from piezo_hysteresis.identification.starts import (
+    linear_parameters,
+    representative,
+    resonant_lines,
+    starts,
+)
 from piezo_hysteresis.identification.targets import fold, targets_of, whole
 from piezo_hysteresis.identification.uncertainty import Covariance, digits, warnings_of
 from piezo_hysteresis.models import Model, named

@@ -18,8 +18,8 @@ from piezo_hysteresis.identification.noise import (
     independent,
     noise_of,
     noises_of,
+    repeat_of,
 )
-from piezo_hysteresis.identification.repeats import repeat_of
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.records import Record, RecordInfo
 

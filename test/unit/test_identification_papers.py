@@ -7,7 +7,7 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.global_search import FANG, Swarm
 from piezo_hysteresis.identification.identify import Identification
-from piezo_hysteresis.identification.inverse_rows import row_of
+from piezo_hysteresis.identification.inverse_fit import row_of
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.common.ranges import range_refusal
-from piezo_hysteresis.experiments.catalogue import catalogue
-from piezo_hysteresis.experiments.experiment_limits import (
+from piezo_hysteresis.common.parameter_table import range_refusal
+from piezo_hysteresis.experiments.planned_experiment import (
     ExperimentLimits,
     InvestigationError,
+    catalogue,
     granted_range,
     known_range,
 )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import PiezoError, RecordError
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, InvestigationError
+from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, InvestigationError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.investigation.journal import Journal, Setup
 from piezo_hysteresis.investigation.runner import InvestigationProgress, conduct, repeated

@@ -11,7 +11,7 @@ import pytest
 from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.identification.targets import whole
-from piezo_hysteresis.investigation.history import LONGEST, History
+from piezo_hysteresis.investigation.session import LONGEST, History
 from piezo_hysteresis.models import Model, candidates, named
 from piezo_hysteresis.records import Record
 

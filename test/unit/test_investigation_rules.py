@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from frozen_rounds import FROZEN
 
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
+from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits
 from piezo_hysteresis.investigation.belief import Belief, CandidateModel
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice, distances
 from piezo_hysteresis.investigation.predict import in_use

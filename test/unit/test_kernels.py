@@ -169,7 +169,7 @@ def test_without_a_writable_folder_it_compiles_in_memory_with_one_message(
 ) -> None:
     code = """
     import piezo_hysteresis.kernels.cache as cache
-    import piezo_hysteresis.kernels.turns as turns
+    import piezo_hysteresis.kernels.cache as turns
     from pathlib import Path
     cache.folders = turns.folders = lambda: (Path('/dev/null/a'), Path('/dev/null/b'))
     """
@@ -197,7 +197,7 @@ def test_a_folder_that_cannot_be_written_is_read(
 
 
 def test_kernels_lie_in_the_workspace_and_then_with_the_user() -> None:
-    code = 'from piezo_hysteresis.kernels.folders import folders; print(*folders(), sep="\\n")'
+    code = 'from piezo_hysteresis.kernels.cache import folders; print(*folders(), sep="\\n")'
     root = Path(__file__).parents[2].resolve()
     environment = {'XDG_CACHE_HOME': '/home/me/cache', 'NUMBA_CACHE_DIR': '/my'}
     assert python(code, **environment)[0] == [

@@ -11,12 +11,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from piezo_hysteresis.ros.middleware import PROFILES, prepare, profiles
+from piezo_hysteresis.ros.running import PROFILES, prepare, profiles
 
 SPACE = 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'
 
 NODE = """
-from piezo_hysteresis.ros.middleware import prepare
+from piezo_hysteresis.ros.running import prepare
 prepare()
 import rclpy
 rclpy.init()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_hysteresis.models.trace import MOST, SAME, Trace, stretches_of
+from piezo_hysteresis.models.repeating import MOST, SAME, Trace, stretches_of
 
 DT, PERIOD = 1e-3, 100
 

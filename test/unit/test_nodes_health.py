@@ -8,15 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.common.health import HOLD, CounterWatch, Level, judge
-from piezo_hysteresis.common.order import REORDERED, SequenceFilter
-from piezo_hysteresis.common.stamps import ActuatorClock, StampValidator, tick_nanoseconds
+from piezo_hysteresis.common.node_sheet import HOLD, CounterWatch, Level, judge
+from piezo_hysteresis.common.stamps import (
+    REORDERED,
+    ActuatorClock,
+    SequenceFilter,
+    StampValidator,
+    tick_nanoseconds,
+)
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
-from piezo_hysteresis.runtime.excitation_health import Doing, ExcitationHealth
-from piezo_hysteresis.runtime.link_health import SILENCE, LinkHealth
+from piezo_hysteresis.runtime.excitation_plan import Doing, ExcitationHealth
+from piezo_hysteresis.runtime.link_health import SILENCE, LinkHealth, Watchdog
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer
-from piezo_hysteresis.runtime.watchdog import Watchdog
 
 
 class Clock:

@@ -19,12 +19,13 @@ from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.parameters.node_tables import IDENTIFICATION
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_hysteresis.runtime.identification_plan import (
+    EVERY,
+    KEPT,
     RecordSegmenter,
     SegmentEdge,
     forgetting_of,
     new_method,
 )
-from piezo_hysteresis.runtime.rollback import EVERY, KEPT
 
 RATE = 1000.0
 MS = 1_000_000

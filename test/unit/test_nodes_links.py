@@ -11,11 +11,10 @@ import pytest
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.inverses.inverse_link import HISTORY
-from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.transition import CrossFade
+from piezo_hysteresis.compensation.link import CrossFade, Limits, Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile, named
-from piezo_hysteresis.runtime.inversion import Inversion
+from piezo_hysteresis.runtime.laws import Inversion
 from piezo_hysteresis.runtime.synchronizer import LONGEST, SampleSynchronizer
 
 DT = 1e-3

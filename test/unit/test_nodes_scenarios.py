@@ -15,7 +15,7 @@ import yaml
 from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.models import ModelFile, Provenance
-from piezo_hysteresis.models.operating_range import OperatingRange
+from piezo_hysteresis.models.schedule import OperatingRange
 from piezo_hysteresis.parameters import node_tables
 from piezo_sim.nodes.simulator_tables import plant_table, simulator_table
 from piezo_sim.plant import Plant

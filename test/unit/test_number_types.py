@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='the workspace is not built: run "make setup"')
 
-from piezo_hysteresis.nodes.codecs import STATE
+from piezo_hysteresis.nodes.messages import STATE
 from piezo_hysteresis.ros.flat import head_of, with_floats
 
 

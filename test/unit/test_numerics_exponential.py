@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from piezo_hysteresis.numerics.exponential import exponential, pace
+from piezo_hysteresis.numerics.linalg import exponential, pace
 
 
 @pytest.mark.parametrize('size', [1, 2, 5, 20])

@@ -9,9 +9,9 @@ import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.lines import factor, solve_normal
-from piezo_hysteresis.discovery.data.annotate import sine_frequency
+from piezo_hysteresis.discovery.data.tones import sine_frequency
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.identification.estimate import scaled_condition
+from piezo_hysteresis.identification.recursion import scaled_condition
 from piezo_hysteresis.identification.solver import bounded_step, solve
 from piezo_hysteresis.identification.uncertainty import covariance
 from piezo_hysteresis.numerics import linalg

@@ -26,10 +26,9 @@ from piezo_hysteresis.errors import ModelError, PiezoError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.interface.compensate_runs import compensate
 from piezo_hysteresis.models import ModelFile, Provenance
-from piezo_hysteresis.models.operating_range import OperatingRange
+from piezo_hysteresis.models.schedule import OperatingRange
 from piezo_hysteresis.records import Record
-from piezo_hysteresis.runtime.link_health import LinkHealth
-from piezo_hysteresis.runtime.watchdog import Watchdog
+from piezo_hysteresis.runtime.link_health import LinkHealth, Watchdog
 
 COVERED = OperatingRange(20.0, 140.0, 3000.0, 80.0)
 

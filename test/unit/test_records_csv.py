@@ -20,9 +20,9 @@ from piezo_hysteresis.records import (
     survey,
     write_csv,
 )
+from piezo_hysteresis.records.columns import ReadOptions
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.load import column_records
-from piezo_hysteresis.records.read_options import ReadOptions
 
 
 def write(path: Path, text: Any) -> Path:

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.records.columns import ReadOptions
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.load import column_records
-from piezo_hysteresis.records.read_options import ReadOptions
 
 N = 60
 DT = 2e-3

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import DataNote, RecordError
 from piezo_hysteresis.records import Record, load
-from piezo_hysteresis.records.formats.writing import WRITTEN, write_table
+from piezo_hysteresis.records.formats.reading import WRITTEN, write_table
 
 TIME = np.arange(400) * 1e-3
 VOLTAGE = 40.0 * np.sin(2 * np.pi * 5.0 * TIME)

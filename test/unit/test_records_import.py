@@ -11,10 +11,10 @@ import pytest
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.cli.progress import ProgressLines, remaining_time_text
+from piezo_hysteresis.cli.verbosity import ProgressLines, remaining_time_text
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, read_bag, read_csv
-from piezo_hysteresis.records.resampling import resampled
+from piezo_hysteresis.records.sampling import resampled
 
 
 def scope(

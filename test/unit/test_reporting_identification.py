@@ -15,12 +15,12 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
+from piezo_hysteresis.reporting.identification_figures import harmonics, where_section
 from piezo_hysteresis.reporting.identification_report import (
     identification_page,
     next_section,
     sentence_of,
 )
-from piezo_hysteresis.reporting.identification_where import harmonics, where_section
 
 DT = 1e-3
 VALUES = {'A1': 1.6e-4, 'A': 3e-5, 'A0': 0.0, 'beta': 1.2, 'gamma': 0.2, 'offset': 2e-6}

@@ -9,8 +9,10 @@ import pytest
 
 from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.compensation.feedback.pid import Pid
-from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
-from piezo_hysteresis.compensation.harmonics.scheduled_attenuation import ScheduledAttenuation
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
+    HarmonicAttenuation,
+    ScheduledAttenuation,
+)
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile

@@ -10,10 +10,9 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery.data.dataset import split
-from piezo_hysteresis.discovery.selection.candidate_filter import refined_candidates
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
-from piezo_hysteresis.discovery.selection.rounds import select
+from piezo_hysteresis.discovery.selection.rounds import refined_candidates, select
 from piezo_hysteresis.identification.sensitivities import sensitivities
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record, RecordInfo

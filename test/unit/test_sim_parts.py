@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from piezo_sim import Plant
 from piezo_sim.parts.amplifier import FAR, toward
-from piezo_sim.parts.noise import normal, uniform
+from piezo_sim.parts.sensor import normal, uniform
 
 RATE = 1000.0
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.runtime.steady_command import SteadyCommand
+from piezo_hysteresis.runtime.excitation_plan import SteadyCommand
 
 RATE = 1000.0
 PLAN = np.concatenate([np.sin(2 * np.pi * 100.0 * np.arange(3000) / RATE), np.zeros(200)])

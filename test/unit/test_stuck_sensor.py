@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from piezo_hysteresis.common.health import Level
+from piezo_hysteresis.common.node_sheet import Level
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.runtime.link_health import LinkHealth
-from piezo_hysteresis.runtime.stuck_sensor import StuckSensor
+from piezo_hysteresis.runtime.sensor_sign import StuckSensor
 
 DT = 1e-3
 

@@ -199,12 +199,10 @@ def recorded_input() -> None:
 
 def limits() -> None:
     """Limit a voltage, let it go to rest, and change a model smoothly."""
-    from piezo_hysteresis.compensation.energy import EnergyLimits
     from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
-    from piezo_hysteresis.compensation.limiter import Limiter
-    from piezo_hysteresis.compensation.link import Limits
+    from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
+    from piezo_hysteresis.compensation.link import CrossFade, Limits, Transition
     from piezo_hysteresis.compensation.sensor_guard import SensorWatch
-    from piezo_hysteresis.compensation.transition import CrossFade, Transition
     from piezo_hysteresis.models import named
 
     limiter = Limiter(Limits(), DT)

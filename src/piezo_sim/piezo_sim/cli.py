@@ -17,9 +17,9 @@ from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
 from piezo_sim import __version__, serve
 from piezo_sim.gcs import server
 from piezo_sim.gcs.server import FAULTS
-from piezo_sim.output import check_target, labels, write_labels, write_records
 from piezo_sim.plant import Plant
 from piezo_sim.presets import load_preset, preset_names
+from piezo_sim.serve import check_target, labels, write_labels, write_records
 from piezo_sim.simulation_errors import SimulationError, SweepError
 from piezo_sim.stage import configure_stage
 from piezo_sim.sweep import grid, simulate

@@ -14,22 +14,21 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord, leveled
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.array_pairs import ArrayPair, file_pairs, folder_pairs
-from piezo_hysteresis.records.bag_axes import axes_tracks
 from piezo_hysteresis.records.bag_content import BagContent
-from piezo_hysteresis.records.channels import pattern_of
-from piezo_hysteresis.records.columns import UNITS, counted_axes
+from piezo_hysteresis.records.bags import axes_tracks
+from piezo_hysteresis.records.columns import UNITS, ReadOptions, counted_axes, pattern_of
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.folder_content import content_of, matching
 from piezo_hysteresis.records.formats.column_table import ColumnTable
 from piezo_hysteresis.records.frames import DataFrameLike, columns_in
 from piezo_hysteresis.records.load import (
     Reading,
+    content_of,
     interval,
+    matching,
     tables_of_file,
     uniquely_named,
     warn_of,
 )
-from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.sampling import SampledTrack, Track, check_units, sampled
 from piezo_hysteresis.records.table_reader import file_samples, track_of
 

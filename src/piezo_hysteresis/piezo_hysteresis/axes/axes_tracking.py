@@ -6,17 +6,95 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.arrays import BoolArray, ComplexArray, FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
-from piezo_hysteresis.axes.inverse import change_for, inverse, lines_of
-from piezo_hysteresis.axes.modal_derivatives import ModalDerivatives
-from piezo_hysteresis.axes.modal_model import ModalModel, drive_of
+from piezo_hysteresis.axes.modal_fit import ModalDerivatives
+from piezo_hysteresis.axes.modal_model import AxesDrive, ModalModel, drive_of
 from piezo_hysteresis.errors import CompensationError, ModelError
 from piezo_hysteresis.numerics.linalg import failing_as
 
+_TURNS = 30
+_STEP = 0.8
+_ENOUGH = 0.99  # a turn that leaves more than this part of the error is the last
+_WEAK = 1e-3  # smallest singular value of a line that is inverted, of its largest
+
+
+@dataclass(frozen=True, eq=False)
+class AxesInverse:
+    """Voltages for a periodic reference, and what the model says of them.
+
+    Attributes
+    ----------
+    voltage : ndarray, shape (n, inputs)
+        One period [V].
+    displacement : ndarray, shape (n, outputs)
+        Displacement of the model without its mean [m].
+    error : ndarray, shape (outputs,)
+        Its rms distance from the reference without its mean [m].
+    """
+
+    voltage: FloatArray
+    displacement: FloatArray
+    error: FloatArray
+
+
+def inverse(model: ModalModel, reference: FloatArray, highest: float | None = None) -> AxesInverse:
+    """Invert a model for one period of references, by turns of its own linear response."""
+    # reference [m] (n, outputs); highest [Hz]
+    target = np.asarray(reference, float)
+    layout = model.layout
+    if target.ndim != 2 or target.shape[1] != layout.outputs or not np.isfinite(target).all():
+        raise ModelError(
+            f'the reference must be finite numbers of shape (samples, {layout.outputs}), got '
+            f'{target.shape}'
+        )
+    target = target - target.mean(0)
+    lines = lines_of(model, target.shape[0], highest)
+    with failing_as(ModelError('the model has no inverse for this reference')):
+        return _turns(model, target, lines)
+
+
+def lines_of(model: ModalModel, samples: int, highest: float | None = None) -> BoolArray:
+    """Return which lines above 0 Hz of a period are inverted, shape (samples // 2,)."""
+    frequency = np.fft.rfftfreq(samples, model.dt)[1:]
+    top = float(np.exp(model.parameters['log_omega'].max()) / (2.0 * np.pi))
+    return np.asarray(frequency <= (top if highest is None else highest))
+
+
+def _turns(model: ModalModel, target: FloatArray, lines: BoolArray) -> AxesInverse:
+    """Return the inverse after as many turns as lower the error."""
+    voltage = np.zeros((target.shape[0], model.layout.inputs))
+    best: AxesInverse | None = None
+    for _ in range(_TURNS):
+        record = AxesRecord('reference', model.dt, voltage, target, periods=1)
+        drive = AxesDrive(record, model.layout)
+        signals = model.signals(drive)
+        y = model.displacement(drive, signals)
+        error = np.sqrt(np.mean((target - y) ** 2, 0))
+        found = AxesInverse(voltage, y, error)
+        if best is not None and error.max() > _ENOUGH * best.error.max():
+            return best if error.max() > best.error.max() else found
+        best = found
+        response = ModalDerivatives(model, drive, signals).response()
+        voltage = voltage + _STEP * change_for(response, target - y, lines)
+    assert best is not None
+    return best
+
+
+def change_for(response: ComplexArray, error: FloatArray, lines: BoolArray) -> FloatArray:
+    """Return the voltages that a response needs for an error, in the given lines."""
+    # response [m/V] (lines, outputs, inputs); error [m] (n, outputs); lines (lines,) -> [V] (n,
+    # inputs)
+    spectrum = np.fft.rfft(error, axis=0)
+    change = np.zeros((spectrum.shape[0], response.shape[2]), complex)
+    solved = np.linalg.pinv(response[lines], _WEAK) @ spectrum[1:][lines][:, :, None]
+    change[1:][lines] = solved[:, :, 0]
+    return np.asarray(np.fft.irfft(change, error.shape[0], axis=0))
+
+
 # Share of the measured error that a period corrects, and the share of the error that it must leave
 # for another one.
-_STEP, _ENOUGH = 0.7, 0.98
+_AXES_TRACKING_STEP, _AXES_TRACKING_ENOUGH = 0.7, 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +156,8 @@ def tracked(
     for _ in range(rounds):
         measured = best.error + noise * rng.standard_normal(target.shape)
         step = change_for(response, measured, lines)
-        after, left = run(best.name, best.voltage + _STEP * step), best.rms.max()
+        after, left = run(best.name, best.voltage + _AXES_TRACKING_STEP * step), best.rms.max()
         best = after if after.rms.max() < left else best
-        if after.rms.max() > _ENOUGH * left:
+        if after.rms.max() > _AXES_TRACKING_ENOUGH * left:
             break
     return [*runs, best]

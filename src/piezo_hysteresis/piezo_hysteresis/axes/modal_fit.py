@@ -7,12 +7,243 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.arrays import ComplexArray, FloatArray, IntArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
-from piezo_hysteresis.axes.modal_derivatives import ModalDerivatives
-from piezo_hysteresis.axes.modal_model import AxesDrive, ModalLayout, ModalModel, delayed, drive_of
+from piezo_hysteresis.axes.modal_model import (
+    RATE_UNIT,
+    AxesDrive,
+    ModalLayout,
+    ModalModel,
+    delayed,
+    drive_of,
+    play_bank,
+)
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.numerics.linalg import solve_square
+
+
+@dataclass(eq=False)
+class _Lines:
+    """Spectra of one record and transfer functions of the model, by line."""
+
+    s: ComplexArray  # (lines,)
+    drive: ComplexArray  # voltage with feedback, (lines, inputs)
+    elongation: ComplexArray  # (lines, inputs)
+    q: ComplexArray  # (lines, modes)
+    omega: FloatArray  # (modes,)
+    damping: FloatArray  # (modes,)
+    inverse: ComplexArray  # 1 / denominator, (lines, modes)
+    reading: ComplexArray  # displacement for a coordinate, (lines, modes, outputs)
+    through: ComplexArray  # displacement for a voltage, (lines, inputs, outputs)
+    compliance: ComplexArray  # elongation for a voltage, (lines, inputs, inputs)
+    loop: ComplexArray  # voltage for an elongation through the feedback, (lines, inputs, inputs)
+
+
+class ModalDerivatives:
+    """Derivatives of one record."""
+
+    def __init__(self, model: ModalModel, drive: AxesDrive, signals: FloatArray) -> None:
+        # signals (n, features)
+        self._model, self._drive = model, drive
+        self._found = model.parameters
+        layout = model.layout
+        modes, inputs = layout.modes, layout.inputs
+        q, total = signals[:, :modes], signals[:, 2 * modes : 2 * modes + inputs]
+        self._e = q @ self._found['shape'].T
+        self._samples = signals.shape[0]
+        omega, damping = model.modes_at(drive.level)
+        self._at = self._transfers(q, total, omega.mean(0), damping.mean(0))
+
+    def _spectrum(self, x: FloatArray) -> ComplexArray:
+        """Return the lines above 0 Hz, of unit power."""
+        return np.asarray(np.fft.rfft(x, axis=0)[1:] * np.sqrt(2.0 / self._samples), complex)
+
+    def _transfers(
+        self, q: FloatArray, total: FloatArray, omega: FloatArray, damping: FloatArray
+    ) -> _Lines:
+        modes, inputs = self._model.layout.modes, self._model.layout.inputs
+        s = 2j * np.pi * np.fft.rfftfreq(self._samples, self._model.dt)[1:]
+        inverse = 1.0 / (s[:, None] ** 2 + 2.0 * damping * omega * s[:, None] + omega**2)
+        output = self._model.output
+        reading = output[:modes] + RATE_UNIT * s[:, None, None] * output[modes : 2 * modes]
+        shape, rate_shape = self._found['shape'].T, self._found['rate_shape'].T  # (modes, inputs)
+        by_rate = (omega * (s[:, None] + 2.0 * damping * omega) * inverse)[:, :, None]
+        driven = (omega**2 * inverse)[:, :, None] * shape + by_rate * rate_shape
+        through = np.einsum('lki,lko->lio', driven, reading, optimize=True)
+        through = through + output[2 * modes : 2 * modes + inputs]
+        compliance = np.einsum('ki,lkj->lij', shape, driven, optimize=True)
+        drive, elongation = self._spectrum(total), self._spectrum(self._e)
+        gain = self._gain(elongation, self._spectrum(self._feedback()))
+        closed = np.eye(inputs) - compliance * gain
+        loop = gain[:, None] * np.linalg.inv(closed)
+        return _Lines(
+            np.asarray(s), drive, elongation, self._spectrum(q), omega, damping,
+            np.asarray(inverse), reading, through,
+            compliance, loop,
+        )  # fmt: skip
+
+    def _plays(self) -> FloatArray:
+        """Return the plays of the elongation, shape (plays, n, inputs)."""
+        widths = np.asarray(self._model.layout.elongation_plays)
+        found = np.empty((widths.size, *self._e.shape))
+        for i in range(self._e.shape[1]):
+            bank = np.empty((self._samples, widths.size))
+            turns = 2 if self._drive.periodic else 1
+            play_bank(np.ascontiguousarray(self._e[:, i]), widths, bank, turns)
+            found[:, :, i] = bank.T
+        return found
+
+    def _feedback(self) -> FloatArray:
+        """Return the voltage that the elongation feeds back, shape (n, inputs) [V]."""
+        fed = self._found['square'] * self._e**2 + self._found['cube'] * self._e**3
+        weights = self._found['elongation_weights']
+        return np.asarray(fed + np.einsum('ji,jni->ni', weights, self._plays()))
+
+    @staticmethod
+    def _gain(elongation: ComplexArray, feedback: ComplexArray) -> ComplexArray:
+        """Return the linear gain from the elongation to the feedback, shape (inputs,)."""
+        power = np.sum(np.abs(elongation) ** 2, 0) + 1e-300
+        return np.asarray(np.sum(feedback * elongation.conj(), 0) / power)
+
+    def _closed(self) -> ComplexArray:
+        """Return the displacement for a voltage with the feedback, (lines, inputs, outputs)."""
+        at = self._at
+        fed = np.einsum('lij,ljk->lik', at.loop, at.compliance, optimize=True)
+        return np.asarray(at.through + np.einsum('lji,ljo->lio', fed, at.through, optimize=True))
+
+    def response(self) -> ComplexArray:
+        """Return the displacement for a voltage at this level, (lines, outputs, inputs)."""
+        at, fine = self._at, self._drive.fine
+        step = fine.shape[0] // self._samples
+        u = fine[::step] - fine[::step].mean(0)
+        power = np.sum(u**2, 0)
+        forced = self._model.forced(self._drive)[::step]
+        ratio = np.sum(forced * u, 0) / np.where(power > 0.0, power, 1.0)
+        gain = np.where(power > 0.0, ratio, 1.0)
+        late = np.exp(-at.s * self._found['delay'][0])[:, None, None]
+        return np.asarray((late * self._closed() * gain[:, None]).transpose(0, 2, 1))
+
+    # --- derivatives ---------------------------------------------------------------------------
+
+    def of(self, names: list[str]) -> ComplexArray:
+        """Return the derivatives by the named parameters, shape (parameters, lines, outputs)."""
+        made = {
+            'log_omega': self._omega, 'log_damping': self._damping, 'shape': self._shape,
+            'rate_shape': self._rate_shape, 'delay': self._delay, 'softening': self._softening,
+            'level_damping': self._level_damping, 'level_power': self._level_power,
+            'voltage_weights': self._voltage_weights,
+            'elongation_weights': self._elongation_weights, 'square': self._square,
+            'cube': self._cube,
+        }  # fmt: skip
+        return np.concatenate([made[name]() for name in names])
+
+    def _moved(
+        self, modes: IntArray, change: ComplexArray, direct: ComplexArray | float = 0.0
+    ) -> ComplexArray:
+        """Return the displacement for changes of single coordinates, (parameters, lines, outputs).
+
+        `modes` are the modes of the parameters, `change` those of their coordinates, (lines,
+        parameters), `direct` what the elongations change by directly, (lines, parameters, inputs).
+        """
+        at = self._at
+        elongation = change[:, :, None] * self._found['shape'].T[modes] + direct
+        fed = np.einsum('lij,lpj->lpi', at.loop, elongation, optimize=True)
+        moved = change[:, :, None] * at.reading[:, modes]
+        moved = moved + np.einsum('lpi,lio->lpo', fed, at.through, optimize=True)
+        return np.asarray(moved.transpose(1, 0, 2))
+
+    def _by_omega(self) -> ComplexArray:
+        """Return the change of each coordinate by its own angular frequency, (lines, modes)."""
+        at, shape, rate_shape = self._at, self._found['shape'], self._found['rate_shape']
+        g, h = at.drive @ shape, at.drive @ rate_shape
+        s = at.s[:, None]
+        upper = 2.0 * at.omega * g + (s + 4.0 * at.damping * at.omega) * h
+        return np.asarray((upper - at.q * (2.0 * at.damping * s + 2.0 * at.omega)) * at.inverse)
+
+    def _by_damping(self) -> ComplexArray:
+        """Return the change of each coordinate by its own damping ratio, (lines, modes)."""
+        at, h = self._at, self._at.drive @ self._found['rate_shape']
+        upper = 2.0 * at.omega**2 * h - at.q * 2.0 * at.omega * at.s[:, None]
+        return np.asarray(upper * at.inverse)
+
+    def _each(self, change: ComplexArray) -> ComplexArray:
+        return self._moved(np.arange(self._model.layout.modes), change)
+
+    def _omega(self) -> ComplexArray:
+        return self._each(self._by_omega() * self._at.omega)
+
+    def _damping(self) -> ComplexArray:
+        return self._each(self._by_damping() * self._at.damping)
+
+    def _grown(self) -> FloatArray:
+        """Return the two powers of the level."""
+        level = float(self._drive.level.mean()) / self._model.full_level
+        grown = level ** float(self._found['level_power'][0])
+        return np.array([grown, grown**2])
+
+    def _softening(self) -> ComplexArray:
+        omega = np.exp(self._found['log_omega'])
+        moved = self._each(-self._by_omega() * omega)
+        return np.concatenate([grown * moved for grown in self._grown()])
+
+    def _level_damping(self) -> ComplexArray:
+        moved = self._damping()
+        return np.concatenate([grown * moved for grown in self._grown()])
+
+    def _level_power(self) -> ComplexArray:
+        level = max(float(self._drive.level.mean()) / self._model.full_level, 1e-12)
+        slope = np.log(level) * self._grown() * np.array([1.0, 2.0])
+        omega = -np.exp(self._found['log_omega']) * (slope @ self._found['softening'])
+        damping = self._at.damping * (slope @ self._found['level_damping'])
+        change = self._by_omega() * omega + self._by_damping() * damping
+        return np.asarray(np.sum(self._each(change), 0, keepdims=True))
+
+    def _shape(self) -> ComplexArray:
+        at, inputs, modes = self._at, self._model.layout.inputs, self._model.layout.modes
+        which = np.tile(np.arange(modes), inputs)
+        axis = np.repeat(np.arange(inputs), modes)
+        change = (at.omega**2 * at.inverse)[:, which] * at.drive[:, axis]
+        direct = at.q[:, which, None] * (axis[:, None] == np.arange(inputs))
+        return self._moved(which, change, direct)
+
+    def _rate_shape(self) -> ComplexArray:
+        at, inputs, modes = self._at, self._model.layout.inputs, self._model.layout.modes
+        which = np.tile(np.arange(modes), inputs)
+        axis = np.repeat(np.arange(inputs), modes)
+        by_rate = at.omega * (at.s[:, None] + 2.0 * at.damping * at.omega) * at.inverse
+        return self._moved(which, by_rate[:, which] * at.drive[:, axis])
+
+    def _delay(self) -> ComplexArray:
+        """Return the derivative by the delay, by which the measurement is taken earlier."""
+        early = np.exp(self._at.s * self._found['delay'][0])[:, None]
+        y = self._spectrum(self._drive.record.displacement)
+        return np.asarray((-self._at.s[:, None] * early * y)[None])
+
+    def _forced(self, signals: FloatArray) -> ComplexArray:
+        """Return the displacement for voltages (m, n, inputs), each of which acts alone."""
+        at = self._at
+        count, _, inputs = signals.shape
+        whole = self._closed()
+        rows = [
+            self._spectrum(signals[j][:, i : i + 1]) * whole[:, i]
+            for j in range(count)
+            for i in range(inputs)
+        ]
+        return np.array(rows).reshape(-1, at.s.size, self._model.layout.outputs)
+
+    def _voltage_weights(self) -> ComplexArray:
+        step = self._drive.memory.shape[1] // self._samples
+        return self._forced(self._drive.memory[:, ::step])
+
+    def _elongation_weights(self) -> ComplexArray:
+        return self._forced(self._plays())
+
+    def _square(self) -> ComplexArray:
+        return self._forced(self._e[None] ** 2)
+
+    def _cube(self) -> ComplexArray:
+        return self._forced(self._e[None] ** 3)
+
 
 _RIDGE = 1e-9
 _FEWER = 0.9995  # a smaller gain of the sum of squares ends the fit

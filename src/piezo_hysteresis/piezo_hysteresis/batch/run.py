@@ -34,7 +34,7 @@ from piezo_hysteresis import __version__
 from piezo_hysteresis.common.results import Tabular
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.process_setup import number_of_workers, one_for_linear_algebra
-from piezo_hysteresis.records.folder_content import content_of, files_of
+from piezo_hysteresis.records.load import content_of, files_of
 from piezo_hysteresis.reporting.folder import claim, clear, write_folder
 
 NOTE = 'job.json'

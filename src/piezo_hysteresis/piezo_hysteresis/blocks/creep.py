@@ -1,14 +1,29 @@
 """Creep: displacement that continues to grow at constant voltage."""
 
-from math import expm1
+from __future__ import annotations
+
+from math import expm1, sqrt
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._creep_times import ELEMENTS, PER_DECADE, SPECTRUM, over_onset
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit, leaf
+
+ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
+PER_DECADE = 2
+# Time constants of the spectrum [s]: one per decade, so that their shares form any creep curve.
+SPECTRUM = (0.01, 0.1, 1.0, 10.0)
+_FIRST = 1.7811  # exp(Euler's constant): the bank then follows log10(1 + t/onset)
+
+
+@jit
+def over_onset(i: int) -> float:
+    """Return the time constant of element `i` of the logarithmic law over its onset."""
+    spacing: float = 10.0 ** (1.0 / PER_DECADE)
+    return float(_FIRST * sqrt(spacing) * spacing**i)
+
 
 # Smallest ratio of two time constants: closer elements are equivalent to one, where a fit stalls.
 _APART = 3.0

@@ -8,8 +8,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.harmonics import DOMINANT, non_harmonic_lines, resolved_lines
 from piezo_hysteresis.numerics.linalg import solve_least_squares
-from piezo_hysteresis.numerics.spectrum import DOMINANT, non_harmonic_lines, resolved_lines
 
 # Number of neighbouring lines for the background of a line.
 _ABOUT = 51

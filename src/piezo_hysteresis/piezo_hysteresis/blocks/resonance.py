@@ -13,7 +13,7 @@ from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.blocks.mode import kernel as mode_kernel
 from piezo_hysteresis.blocks.mode import system as series_system
 from piezo_hysteresis.jit import jit
-from piezo_hysteresis.numerics.spectrum import windowed
+from piezo_hysteresis.numerics.harmonics import windowed
 
 # A second mode with a share so near to 1 leaves nothing to the first one: it is the first one.
 _WHOLE = 0.05

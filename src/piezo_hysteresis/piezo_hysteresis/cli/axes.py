@@ -1,12 +1,83 @@
-"""Verbs on records of several axes: what ``identify`` and ``validate`` do with them."""
+"""Records of several axes: options, and what identify and validate do with them."""
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from piezo_hysteresis.cli.axes_options import axes_records_of
-from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.cli.shared_options import statements_of
+from piezo_hysteresis.cli.verbosity import progress_bar
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.axes.axes_record import AxesRecord
+    from piezo_hysteresis.records.damage import DamageLog
+
+__all__ = ['add_axes_options', 'axes_records_of', 'read_axes', 'states_axes']
+
+_PATTERN = 'columns, arrays or files of the {}s of all axes by pattern'
+
+
+def add_axes_options(parser: argparse.ArgumentParser, *, patterns: bool = True) -> None:
+    """Add ``--axes``, ``--fs``, ``--periodic`` and, unless it has them, the `patterns`.
+
+    The parser has those of `shared_options.add_statements` as well.
+    """
+    group = parser.add_argument_group('records of several axes')
+    add: Any = group.add_argument
+    add('--axes', type=int, metavar='N', help='number of voltages that the records must have')
+    if patterns:
+        for what, example in (('voltage', "'u*:V'"), ('displacement', "'y*:um'")):
+            add(f'--{what}', metavar='PATTERN[:UNIT]',
+                help=f'{_PATTERN.format(what)}, as {example}')  # fmt: skip
+    add('--fs', type=float, metavar='HZ', help='sampling rate of data without a time')
+    add(
+        '--periodic', nargs='?', type=int, const=1, metavar='N',
+        help='the records are N whole periods of a steady state (default one)',
+    )  # fmt: skip
+
+
+def states_axes(arguments: argparse.Namespace) -> bool:
+    """Return whether the options say that the data are of several axes."""
+    given = [arguments.voltage or '', arguments.displacement or '']
+    by_pattern = any('*' in each or '?' in each for each in given)
+    return by_pattern or arguments.axes is not None or arguments.periodic is not None
+
+
+def axes_records_of(
+    arguments: argparse.Namespace, data: Sequence[Any] | None = None
+) -> list[AxesRecord]:
+    """Return the records of several axes that the arguments name, or those of `data`."""
+    from piezo_hysteresis.records.load import warn_of
+
+    records, log = read_axes(arguments, arguments.data if data is None else data)
+    warn_of(log)
+    return records
+
+
+def read_axes(
+    arguments: argparse.Namespace, data: Sequence[Any], *, salvage: bool = False
+) -> tuple[list[AxesRecord], DamageLog]:
+    """Return the records of several axes, and what was found while they were read."""
+    from piezo_hysteresis.axes.axes_load import AxesReading
+    from piezo_hysteresis.records.damage import DamageLog
+    from piezo_hysteresis.records.load import interval
+
+    named = {'voltage': arguments.voltage, 'displacement': arguments.displacement}
+    given = statements_of(arguments)
+    options = replace(
+        given,
+        columns={what: text for what, text in named.items() if text},
+        interval=interval(given.interval, arguments.fs),
+        header_row=getattr(arguments, 'header_row', None),
+        axes=True,
+    )
+    log = DamageLog(salvage or arguments.salvage)
+    reading = AxesReading(log, options, periodic=arguments.periodic)
+    return reading.records(data, arguments.axes), log
+
 
 MODES = 'modes'
 

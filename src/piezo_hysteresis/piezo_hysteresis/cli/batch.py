@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.cli import discover, identify, verbosity
-from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.process_setup import number_of_workers
 

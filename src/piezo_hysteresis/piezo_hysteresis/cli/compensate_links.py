@@ -14,8 +14,7 @@ from piezo_hysteresis.compensation.feedback.feedback_settings import (
     HInfinityWeights,
     PidGains,
 )
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyRules
-from piezo_hysteresis.compensation.feedback.fuzzy_tables import read_tables
+from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyRules, read_tables
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.errors import CompensationError

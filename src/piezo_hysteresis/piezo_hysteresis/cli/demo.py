@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import add_out
+from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import IdentificationError
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ import argparse
 from typing import Any
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.progress import progress_bar
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
     add_out,
     add_statements,
     statements_of,
 )
+from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.process_setup import number_of_workers
 

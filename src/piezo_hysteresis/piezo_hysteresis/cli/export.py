@@ -19,7 +19,7 @@ from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record, survey, write_csv
 from piezo_hysteresis.records.columns import LENGTHS
-from piezo_hysteresis.records.formats.writing import WRITTEN, write_table
+from piezo_hysteresis.records.formats.reading import WRITTEN, write_table
 from piezo_hysteresis.records.tabular import INFO_FILE
 from piezo_hysteresis.reporting.folder import replacing
 

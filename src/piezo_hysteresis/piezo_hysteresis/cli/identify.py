@@ -13,15 +13,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.axes import MODES, identify_several
-from piezo_hysteresis.cli.axes_options import add_axes_options
-from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.cli.axes import MODES, add_axes_options, identify_several
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
     add_out,
     add_statements,
     statements_of,
 )
+from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.common.recipes import NAMES
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.process_setup import number_of_workers

@@ -17,7 +17,7 @@ from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.resampling import resampled
+from piezo_hysteresis.records.sampling import resampled
 
 EXAMPLE = "import lab.csv --time 'Time (s)' --voltage CH1:V --displacement CH2:um --out bag"
 

@@ -10,7 +10,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from piezo_hysteresis.cli.axes_options import add_axes_options, read_axes, states_axes
+from piezo_hysteresis.cli.axes import add_axes_options, read_axes, states_axes
 from piezo_hysteresis.cli.data_report import axes_table, bag_lines, records_table, topics_table
 from piezo_hysteresis.cli.shared_options import add_reading, options_of
 from piezo_hysteresis.common.wording import counted

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from piezo_hysteresis.common.stated import CLOCKS, STARTS, ZEROS
 
 if TYPE_CHECKING:
-    from piezo_hysteresis.records.read_options import ReadOptions
+    from piezo_hysteresis.records.columns import ReadOptions
 
 __all__ = [
     'SALVAGE_HELP',
@@ -86,7 +86,7 @@ def add_statements(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 def statements_of(arguments: argparse.Namespace) -> ReadOptions:
     """Return what `add_statements` asked."""
-    from piezo_hysteresis.records.read_options import ReadOptions
+    from piezo_hysteresis.records.columns import ReadOptions
 
     return ReadOptions(
         interval=arguments.interval,

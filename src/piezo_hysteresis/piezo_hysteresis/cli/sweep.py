@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from piezo_hysteresis.cli.progress import progress_bar
+from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.drivers import open_controller, sweep, write_measured
 from piezo_hysteresis.drivers.addresses import FORMS, TAKE_OVER

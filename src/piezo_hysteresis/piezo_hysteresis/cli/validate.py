@@ -9,8 +9,7 @@ from __future__ import annotations
 import argparse
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.axes import validate_several
-from piezo_hysteresis.cli.axes_options import add_axes_options
+from piezo_hysteresis.cli.axes import add_axes_options, validate_several
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
     add_out,

@@ -5,13 +5,33 @@ It does not depend on ROS, so that parameter files are checked without starting 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from math import isfinite
+from typing import Any, TypeAlias, TypeVar
 
 from piezo_hysteresis.common.wording import near
+
+
+def range_refusal(low: float | None, high: float | None) -> str:
+    """Return '' if `low` .. `high` [V] is a range or neither is given, else the error."""
+    if low is None and high is None:
+        return ''
+    if low is None or high is None:
+        missing = 'lowest' if low is None else 'highest'
+        return f'the {missing} voltage is not given: give both voltage limits, or neither'
+    if not (isfinite(low) and isfinite(high)):
+        return f'the voltage limits {low:g} .. {high:g} V are not finite: give two numbers in V'
+    if not low < high:
+        return (
+            f'the voltage limits are empty: low = {low:g} V is not below high = {high:g} V; '
+            'exchange or widen them'
+        )
+    return ''
+
 
 Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str]
 Rule: TypeAlias = Callable[[Mapping[str, Value]], str]
@@ -183,3 +203,64 @@ class ParameterTable:
                 f'{"no" if spec.read_only else "yes"} | {spec.description} |'
             )
         return '\n'.join(lines)
+
+
+Kind = TypeVar('Kind')
+
+_SPEC = 'spec'
+
+
+def setting(default: object, description: str, unit: str = '', **bounds: Any) -> Any:
+    """Return the field of a dataclass for one setting."""
+    value: Value = list(default) if isinstance(default, tuple) else default  # type: ignore[assignment]
+    spec = ParameterSpec('', value, description, unit, **bounds)
+    return dataclasses.field(default=default, metadata={_SPEC: spec})
+
+
+def specs_of(kind: Any, prefix: str = '') -> tuple[ParameterSpec, ...]:
+    """Return the rows of a parameter table for the settings of `kind`, named with `prefix`."""
+    return tuple(
+        dataclasses.replace(field.metadata[_SPEC], name=prefix + field.name)
+        for field in dataclasses.fields(kind)
+        if _SPEC in field.metadata
+    )
+
+
+def judge(settings: Any) -> str:
+    """Return '' if every setting is within its range, else the first reason."""
+    for spec in specs_of(settings):
+        value = getattr(settings, spec.name)
+        reason = spec.judge(spec.coerce(list(value) if isinstance(value, tuple) else value))
+        if reason:
+            return reason
+    return ''
+
+
+def rule_of(
+    kind: Callable[..., object], error: type[Exception], prefix: str = ''
+) -> Callable[[Any], str]:
+    """Return a rule of a table: '' where `kind` takes the values together, else why not."""
+    names = [spec.name for spec in specs_of(kind)]
+
+    def rule(values: Any) -> str:
+        chosen = {name: values[prefix + name] for name in names}
+        try:
+            kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in chosen.items()})
+        except error as refused:
+            return str(refused)
+        return ''
+
+    return rule
+
+
+def documented(kind: type[Kind]) -> type[Kind]:
+    """Give the docstring of `kind` the section that lists its settings."""
+    lines = [(kind.__doc__ or '').rstrip(), '', '    Attributes', '    ----------']
+    for spec in specs_of(kind):
+        what = ', '.join(map(repr, spec.choices))
+        types: dict[type, str] = {list: 'tuple of int', str: f'{{{what}}}' if what else 'str'}
+        unit = f' [{spec.unit}]' if spec.unit else ''
+        name = types.get(type(spec.default), type(spec.default).__name__)
+        lines += [f'    {spec.name} : {name}', f'        {spec.description.rstrip(".")}{unit}.']
+    kind.__doc__ = '\n'.join(lines) + '\n    '
+    return kind

@@ -14,8 +14,10 @@ from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
     METHODS,
     AttenuationSettings,
 )
-from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
-from piezo_hysteresis.compensation.harmonics.scheduled_attenuation import ScheduledAttenuation
+from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
+    HarmonicAttenuation,
+    ScheduledAttenuation,
+)
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, mode_of, model_gain
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.inverses.scheduled_inverse import ScheduledInverse

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.jit import jit
+from piezo_hysteresis.numerics.smooth import STEEPEST, smooth_step
 
 # What `inverse_for` can be asked for: the best there is, a paper's own law (as in CITATION.cff),
 # the exact inverse of one Bouc-Wen block, the numeric one of any chain, or a mere gain.
@@ -85,3 +92,136 @@ class Limits:
     low: float = -1.2
     high: float = 1.2
     slew: float = 1000.0
+
+
+# Places in the memory of a change: whether one is asked for, what the output would have jumped by,
+# ticks so far, how long it takes [s], the last output and whether there was one.
+PENDING, BUMP, _ELAPSED, _LENGTH, LAST, _STARTED = range(6)
+FADE_SIZE = 6
+# Places in the memory of a cross-fade: ticks so far (-1 for none), the share before it, the last
+# share and whether there was one.
+_TICKS, _BEFORE, _SHARE, _SHARED = range(4)
+CROSS_SIZE = 4
+
+
+@jit
+def fade(raw: float, memory: FloatArray, dt: float, duration: float, slew: float) -> float:
+    """Return the output of this tick [V]; `raw` is what the law in charge wants."""
+    if memory[PENDING] > 0.0 and memory[_STARTED] > 0.0:
+        memory[PENDING] = 0.0
+        memory[BUMP] = memory[LAST] - raw
+        memory[_ELAPSED] = 0.0
+        memory[_LENGTH] = max(duration, dt, STEEPEST * abs(memory[BUMP]) / slew)
+    output = raw
+    if memory[BUMP] != 0.0:
+        done = memory[_ELAPSED] * dt / memory[_LENGTH]
+        if done >= 1.0:
+            memory[BUMP] = 0.0
+        else:
+            output += memory[BUMP] * (1.0 - smooth_step(done)[0])
+            memory[_ELAPSED] += 1.0
+    memory[LAST], memory[_STARTED] = output, 1.0
+    return output
+
+
+@jit
+def begin_fade(memory: FloatArray) -> None:
+    """Make the next output begin where the last one was."""
+    memory[PENDING] = memory[_STARTED]
+
+
+@jit
+def reset_fade(memory: FloatArray) -> None:
+    """Reset the last output and any running transition."""
+    memory[PENDING] = memory[BUMP] = memory[_STARTED] = 0.0
+
+
+@jit
+def cross_fade(raw: float, memory: FloatArray, dt: float, duration: float) -> float:
+    """Return the share of this tick [V]: the old one fades out while `raw` fades in."""
+    share = raw
+    if memory[_TICKS] >= 0.0:
+        done = memory[_TICKS] * dt / max(duration, dt)
+        share = memory[_BEFORE] + smooth_step(done)[0] * (raw - memory[_BEFORE])
+        memory[_TICKS] = -1.0 if done >= 1.0 else memory[_TICKS] + 1.0
+    memory[_SHARE], memory[_SHARED] = share, 1.0
+    return share
+
+
+@jit
+def begin_cross(memory: FloatArray) -> None:
+    """Make the next share begin where the last one was, if there was one."""
+    if memory[_SHARED] > 0.0:
+        memory[_BEFORE], memory[_TICKS] = memory[_SHARE], 0.0
+
+
+@jit
+def reset_cross(memory: FloatArray) -> None:
+    """Reset the last share and any running transition."""
+    memory[_TICKS], memory[_SHARED] = -1.0, 0.0
+
+
+class CrossFade:
+    """Fades the old share out and the new one in.
+
+    A law that learns from the measurement answers wildly at first. It so begins with no weight,
+    where `Transition` would pass its first answers on.
+    """
+
+    def __init__(self, dt: float, duration: float) -> None:  # dt, duration [s]
+        self._dt = float(dt)
+        self._duration = float(duration)
+        self._memory = np.zeros(CROSS_SIZE)
+        reset_cross(self._memory)
+
+    def start(self) -> None:
+        """Make the next output begin where the last one was, if there was one."""
+        begin_cross(self._memory)
+
+    def retune(self, duration: float, _slew: float) -> None:
+        """Set the duration of a transition [s]; the slew is limited by the limiter."""
+        self._duration = float(duration)
+
+    def apply(self, raw: float) -> float:
+        """Return the share for this tick [V]; `raw` is what the law in charge wants."""
+        return cross_fade(float(raw), self._memory, self._dt, self._duration)
+
+
+class Transition:
+    """Bumpless change: holds what the output would have jumped by and lets it fade.
+
+    A step in the voltage strikes a lightly damped mode, so the difference fades along a quintic
+    smooth step, whose velocity and acceleration are continuous.
+    """
+
+    def __init__(
+        self,
+        dt: float,  # [s]
+        duration: float = 0.2,  # [s]
+        slew: float = math.inf,  # [V/s]
+        memory: FloatArray | None = None,  # (FADE_SIZE,)
+    ) -> None:
+        self._dt = float(dt)
+        self._memory = np.zeros(FADE_SIZE) if memory is None else memory
+        self.retune(duration, slew)
+
+    def start(self) -> None:
+        """Make the next output begin where the last one was."""
+        begin_fade(self._memory)
+
+    def retune(self, duration: float, slew: float) -> None:
+        """Change how long [s] and how fast [V/s] changes may be, from the next one on."""
+        self._duration, self._slew = float(duration), float(slew)
+
+    def apply(self, raw: float) -> float:
+        """Return the output for this tick [V]; `raw` is what the law in charge wants."""
+        return fade(float(raw), self._memory, self._dt, self._duration, self._slew)
+
+    @property
+    def active(self) -> bool:
+        """Whether a change is under way."""
+        return bool(self._memory[PENDING] > 0.0 or self._memory[BUMP] != 0.0)
+
+    def reset(self) -> None:
+        """Discard the last output and any running transition."""
+        reset_fade(self._memory)

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from piezo_hysteresis.common.wording import reason_of
+from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.chain import Model
 
 
@@ -56,3 +63,82 @@ class ModelPlant:
         if self._noise > 0.0:
             displacement += self._noise * float(self._random.standard_normal())
         return displacement
+
+
+_NUMBER = struct.Struct('<d')
+_REST = _NUMBER.pack(float('nan'))
+_TIMEOUT = 10.0  # for it to end [s]
+
+
+class ProcessPlant:
+    """Plant in a separate program that returns a displacement for each voltage.
+
+    The program writes one line of JSON about itself, then for every double that it reads (eight
+    bytes, the lowest first) the displacement [m] before that voltage [V] acts. A voltage that is
+    no number means: back to rest.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        try:
+            self._process = subprocess.Popen(
+                list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )  # fmt: skip
+        except OSError as error:
+            raise CompensationError(f'the plant cannot be started: {reason_of(error)}') from error
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._in, self._out = self._process.stdin, self._process.stdout
+        try:
+            self.about: Mapping[str, Any] = json.loads(self._out.readline())
+        except ValueError:
+            raise CompensationError(f'the plant cannot be started: {self._last()}') from None
+
+    def exchange(self, voltage: float) -> float:
+        """Apply `voltage` [V] for one tick; return the displacement before it acts [m]."""
+        return self._ask(_NUMBER.pack(voltage))
+
+    def reset(self) -> None:
+        """Return the plant to rest and restart its noise."""
+        self._ask(_REST)
+
+    def _ask(self, number: bytes) -> float:
+        try:
+            self._in.write(number)
+            self._in.flush()
+        except OSError:
+            raise CompensationError(f'the plant has ended: {self._last()}') from None
+        answer = self._out.read(_NUMBER.size)
+        if len(answer) < _NUMBER.size:
+            raise CompensationError(f'the plant has ended: {self._last()}')
+        return float(_NUMBER.unpack(answer)[0])
+
+    def _last(self) -> str:
+        """Return the last line that the program printed, without the prefix of errors."""
+        self._process.kill()
+        _, output = self._process.communicate()
+        lines = output.decode('utf-8', 'replace').strip().splitlines()
+        return lines[-1].removeprefix('error: ') if lines else 'no output'
+
+    def close(self) -> None:
+        """End the program."""
+        if self._process.poll() is None:
+            self._in.close()
+            try:
+                self._process.wait(_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        for stream in (self._out, self._process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def simulated(
+    preset: str, rate: float, seed: int = 0, settings: Sequence[str] = ()
+) -> ProcessPlant:  # rate [Hz]
+    """Return the simulated actuator of a preset, in a separate process."""
+    command = ['plant', '--preset', preset, '--rate', repr(rate), '--seed', str(seed)]
+    for setting in settings:
+        command += ['--set', setting]
+    return ProcessPlant([sys.executable, '-m', 'piezo_sim', *command])

@@ -11,8 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import Guided
-from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.limiter import Limiter
+from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
 from piezo_hysteresis.compensation.link import Limits, Link, Measured, ReferencePoint
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.numerics.harmonics import line_amplitudes

@@ -18,7 +18,7 @@ from piezo_hysteresis.compensation.drive_selection import entry_of
 from piezo_hysteresis.compensation.inverses.reach import require_reachable
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits, Link
-from piezo_hysteresis.compensation.model_plant import ModelPlant
+from piezo_hysteresis.compensation.model_plant import ModelPlant, simulated
 from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
     TrackingMetrics,
@@ -26,7 +26,6 @@ from piezo_hysteresis.compensation.offline_loop import (
     tracking_metrics,
 )
 from piezo_hysteresis.compensation.operating_limits import above_nyquist, limited, operating_limits
-from piezo_hysteresis.compensation.process_plant import simulated
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting

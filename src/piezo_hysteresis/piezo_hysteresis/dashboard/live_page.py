@@ -8,11 +8,10 @@ from bokeh.document import Document
 from bokeh.models import CustomJS, Div, Select
 
 from piezo_hysteresis.dashboard.backend import Backend
-from piezo_hysteresis.dashboard.overall_status import banner, pulse
 from piezo_hysteresis.dashboard.panel import Controls
 from piezo_hysteresis.dashboard.pictures import Pictures
 from piezo_hysteresis.dashboard.template import WIDGET_STYLE, page_template
-from piezo_hysteresis.dashboard.texts import set_text, text_div
+from piezo_hysteresis.dashboard.texts import banner, pulse, set_text, text_div
 
 SLOWLY = 0.3  # shortest interval of updates of texts and spectra [s]
 TIMEOUT = 10.0  # time after which an update is treated as lost [s]

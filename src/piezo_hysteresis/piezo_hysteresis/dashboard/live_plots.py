@@ -2,20 +2,268 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, HoverTool, Range1d
+from bokeh.core.property.descriptors import UnsetValueError
+from bokeh.models import ColumnDataSource, HoverTool, Label, Range1d, Span
 
-from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.dashboard.axes import Follower, columns_of, live_axes
-from piezo_hysteresis.dashboard.decimate import columns, path
+from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.dashboard.live_signals import Window
-from piezo_hysteresis.dashboard.live_spectrum import live_spectrum, whole_periods
-from piezo_hysteresis.reporting.display_units import MICRO
-from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE, add_legend
+from piezo_hysteresis.dashboard.live_state import Gap, ShownEstimate
+from piezo_hysteresis.reporting.display_units import MICRO, shown
+from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE, add_legend, new_axes
+from piezo_hysteresis.reporting.signals import amplitude_spectrum
+
+HEIGHT = 230
+
+
+class Follower:
+    """Range around the data: it grows immediately and shrinks only if much of it is empty."""
+
+    def __init__(self, logarithmic: bool = False, floor: float = 1e-3) -> None:
+        start, end = (0.1, 10.0) if logarithmic else (-1.0, 1.0)
+        self.range = Range1d(start, end)
+        self._logarithmic, self._floor = logarithmic, floor
+        self._set = (start, end)
+
+    def fit(self, low: float, high: float) -> None:
+        """Extend the range to `low` .. `high`."""
+        if not (math.isfinite(low) and math.isfinite(high)):
+            return
+        if (self.range.start, self.range.end) != self._set:
+            return  # the user has zoomed; the reset tool restores the automatic range
+        limits = self._decades(low, high) if self._logarithmic else self._linear(low, high)
+        if limits != self._set:
+            self._set = limits
+            start, end = limits
+            self.range.update(start=start, end=end, reset_start=start, reset_end=end)
+
+    def _decades(self, low: float, high: float) -> tuple[float, float]:
+        bottom = math.floor(math.log10(max(low, self._floor)))
+        top = math.ceil(math.log10(max(high, self._floor) * 1.2))
+        return 10.0**bottom, 10.0 ** max(top, bottom + 1)
+
+    def _linear(self, low: float, high: float) -> tuple[float, float]:
+        span = max(high - low, self._floor)
+        start, end = self._set
+        inside = start <= low - 0.01 * span and high + 0.01 * span <= end
+        if inside and span > 0.6 * (end - start):
+            return self._set
+        middle = 0.5 * (low + high)
+        return middle - 0.6 * span, middle + 0.6 * span
+
+
+def live_axes(title: str, x_label: str, y_label: str, x: Any, y: Any, **options: Any) -> Any:
+    """Return an empty plot in the style of the reports, with less height and inactive tools."""
+    plot = new_axes(title, x_label, y_label, x_range=x, y_range=y, **options)
+    plot.frame_height = HEIGHT
+    plot.toolbar.active_drag = None  # a finger on a plot scrolls the page
+    plot.toolbar.autohide = True
+    plot.toolbar.stylesheets = [':host(.bk-hidden) { visibility: hidden; }']
+    return plot
+
+
+def columns_of(plot: Any) -> int:
+    """Return the number of pixel columns of the plot in the browser."""
+    try:
+        width = int(plot.inner_width)
+    except UnsetValueError:  # not on a screen yet
+        width = 0
+    return min(max(width, 300), 1600)
+
+
+def columns(first: int, values: FloatArray, pixels: int) -> tuple[IntArray, FloatArray]:
+    """Return the smallest and the largest value of every pixel column with their positions.
+
+    Columns hold equal numbers of samples and begin at multiples of that number, for any part of
+    the signal: a peak keeps its height while it moves across the screen.
+    """
+    # values (n,)
+    if pixels < 1:
+        raise ValueError(f'{pixels} pixel columns: give at least 1')
+    samples = np.arange(first, first + values.size)
+    width = math.ceil(values.size / pixels)
+    if width <= 2:
+        return samples, values
+    before = first % width
+    after = -(before + values.size) % width
+    blocks = np.pad(values, (before, after), constant_values=np.nan).reshape(-1, width)
+    empty = np.isnan(blocks)
+    low = np.where(empty, np.inf, blocks).argmin(axis=1)
+    high = np.where(empty, -np.inf, blocks).argmax(axis=1)
+    within = np.sort(np.stack([low, high], axis=1), axis=1)
+    rows = np.arange(len(blocks))[:, None]
+    drawn = blocks[rows, within]
+    places = first - before + rows * width + within
+    # a column without values may begin before the signal or end behind it
+    inside = np.clip(places, first, first + values.size - 1)
+    return inside.ravel(), drawn.ravel()
+
+
+def path(x: FloatArray, y: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:  # x, y (n,)
+    """Return at most `points` points of a curve in the plane, with the extremes of both axes."""
+    if x.size <= points:
+        return x, y
+    width = math.ceil(x.size / (points // 4))
+    missing = -x.size % width
+    keep = []
+    for values in (x, y):
+        blocks = np.pad(values, (0, missing), constant_values=np.nan).reshape(-1, width)
+        empty = np.isnan(blocks)
+        keep.append(np.where(empty, np.inf, blocks).argmin(axis=1))
+        keep.append(np.where(empty, -np.inf, blocks).argmax(axis=1))
+    places = np.sort(np.stack(keep, axis=1), axis=1) + width * np.arange(len(keep[0]))[:, None]
+    order = np.unique(np.minimum(places.ravel(), x.size - 1))
+    return x[order], y[order]
+
+
+ORDERS = (1, 2, 3, 4, 5, 7, 9)
+LONGEST = 1 << 15
+SHORTEST = 32
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Lines of a spectrum and the harmonics of the drive."""
+
+    frequency: FloatArray  # frequency [Hz], shape (n,)
+    amplitude: FloatArray  # amplitude [m] of each line, shape (n,)
+    orders: tuple[int, ...] = ()  # harmonic orders below half the sampling rate
+    harmonics: FloatArray = field(default_factory=lambda: np.empty(0))  # [m]
+
+
+def unbroken_end(signal: FloatArray) -> FloatArray:
+    """Return the end of `signal` after the last missing sample."""
+    missing = np.flatnonzero(np.isnan(signal))
+    if missing.size and missing[-1] == signal.size - 1:
+        # the reference of the last tick may not have arrived
+        return unbroken_end(signal[:-1]) if signal.size > 1 else signal[:0]
+    return signal[missing[-1] + 1 :] if missing.size else signal
+
+
+def live_spectrum(
+    signal: FloatArray, dt: float, fundamental: float, orders: tuple[int, ...] = ORDERS
+) -> Spectrum | None:  # signal [m] (n,); dt [s]; fundamental [Hz]
+    """Return the spectrum of the last whole periods of `signal`, None if it is too short."""
+    end = unbroken_end(signal)[-LONGEST:]
+    end = end[end.size - whole_periods(end.size, fundamental, dt) :]
+    if end.size < SHORTEST:
+        return None
+    frequency, amplitude = amplitude_spectrum(end, dt)
+    inside = tuple(k for k in orders if 0 < k * fundamental < 0.5 / dt)
+    return Spectrum(frequency, amplitude, inside, _projected(end, dt, fundamental, inside))
+
+
+def whole_periods(n: int, frequency: float, dt: float) -> int:
+    """Return the number of samples in whole periods among `n`; all if there is no whole period."""
+    periods = math.floor(n * frequency * dt + 1e-9)
+    return min(n, round(periods / (frequency * dt))) if periods > 0 else n
+
+
+def _projected(
+    signal: FloatArray, dt: float, fundamental: float, orders: tuple[int, ...]
+) -> FloatArray:
+    """Return the amplitude at each order by projection on its phasor.
+
+    A period need not be a whole number of samples. From two periods on, a Hann window separates
+    the orders, because its zeros are at the other orders. A single period has no window.
+    """
+    turn = fundamental * dt * np.arange(signal.size)
+    window = np.ones(signal.size)
+    if turn[-1] > 1.5:
+        window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(signal.size) / signal.size)
+    window /= window.sum()
+    centred = window * (signal - np.sum(window * signal))
+    return np.array([2 * abs(np.sum(centred * np.exp(-2j * np.pi * k * turn))) for k in orders])
+
+
+SECONDS = 120.0
+BAND = 2.0  # standard deviations
+
+
+class GapPlot:
+    """The gap in multiples of the noise floor over the last minutes."""
+
+    def __init__(self) -> None:
+        self._y = Follower(logarithmic=True, floor=0.1)
+        self.figure = live_axes(
+            'Gap between model and measurement', 'seconds before now', 'noise floors',
+            Range1d(-SECONDS, 1.0), self._y.range, y_axis_type='log',
+        )  # fmt: skip
+        self.figure.name = 'gap'
+        self.figure.yaxis.ticker.mantissas = [1]  # only powers of ten; others would overlap
+        self._source = ColumnDataSource(
+            {'x': [], 'y': [], 'colour': [], 'marker': []}, name='gap.floors'
+        )
+        self.figure.line('x', 'y', source=self._source, color=GREY)
+        self.figure.scatter('x', 'y', source=self._source, color='colour', marker='marker', size=6)
+        line = {'line_dash': 'dotted', 'line_color': '#000000', 'line_width': 1.5}
+        self.figure.add_layout(Span(location=1.0, dimension='width', **line))
+        self.figure.add_layout(
+            Label(x=6, x_units='screen', y=1.0, text='noise floor', text_font_size='11px',
+                  y_offset=2)
+        )  # fmt: skip
+
+    def show(self, gaps: Sequence[Gap], now: float) -> None:
+        """Draw the received values."""
+        recent = [gap for gap in gaps if now - gap.at < SECONDS]
+        self._source.data = {
+            'x': [gap.at - now for gap in recent],
+            'y': [max(gap.floors, 1e-3) for gap in recent],
+            'colour': [PALETTE[1 if gap.beyond else 0] for gap in recent],
+            'marker': ['square' if gap.beyond else 'circle' for gap in recent],
+        }
+        sizes = [1.0, *(gap.floors for gap in recent if math.isfinite(gap.floors))]
+        self._y.fit(min(0.5, *sizes), max(3.0, *sizes))
+
+
+class EstimatePlot:
+    """One estimated parameter with its band over the last minutes."""
+
+    def __init__(self) -> None:
+        self.parameter = ''
+        self._y = Follower(floor=1e-9)
+        self.figure = live_axes(
+            'Parameter estimate', 'seconds before now', 'value', Range1d(-SECONDS, 1.0),
+            self._y.range,
+        )  # fmt: skip
+        self.figure.name = 'estimate'
+        self._source = ColumnDataSource(
+            {'x': [], 'y': [], 'low': [], 'high': []}, name='estimate.values'
+        )
+        self.figure.varea(
+            'x', 'low', 'high', source=self._source, fill_color=PALETTE[0], fill_alpha=0.2
+        )
+        self.figure.line('x', 'y', source=self._source, color=PALETTE[0], line_width=1.8)
+
+    def show(self, estimates: Sequence[ShownEstimate], now: float) -> None:
+        """Draw the received values of the selected parameter."""
+        name = self.parameter
+        recent = [e for e in estimates if now - e.at < SECONDS and name in e.names]
+        if not recent:
+            self._source.data = {'x': [], 'y': [], 'low': [], 'high': []}
+            return
+        unit, factor = shown(recent[-1].units[recent[-1].names.index(name)])
+        places = [e.names.index(name) for e in recent]
+        value = factor * np.array([e.values[k] for e, k in zip(recent, places, strict=True)])
+        spread = BAND * abs(factor) * np.nan_to_num(
+            [e.deviations[k] for e, k in zip(recent, places, strict=True)], posinf=0.0
+        )  # fmt: skip
+        self._source.data = {
+            'x': [e.at - now for e in recent],
+            'y': value,
+            'low': value - spread,
+            'high': value + spread,
+        }
+        self.figure.yaxis.axis_label = f'{name} [{unit}]' if unit else name
+        tail = slice(-max(3, len(recent) // 2), None)  # the range excludes the initial transient
+        low, high = float(np.min((value - spread)[tail])), float(np.max((value + spread)[tail]))
+        self._y.fit(low, max(high, low + 1e-3 * abs(low)))
+
 
 LOOP_POINTS = 1600
 LOOP_SECONDS = 2.0

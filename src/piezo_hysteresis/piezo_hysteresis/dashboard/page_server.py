@@ -4,28 +4,244 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
+import hmac
 import logging
 import re
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlencode, urlsplit
 
 from bokeh.application import Application
 from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
 from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
 from bokeh.server.util import bind_sockets
 from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
-from tornado.web import HTTPError, StaticFileHandler
+from tornado.web import HTTPError, OutputTransform, RequestHandler, StaticFileHandler
 
 from piezo_hysteresis.common.wording import reason_of
-from piezo_hysteresis.dashboard.access import LOCAL_NAMES, AccessPolicy
 from piezo_hysteresis.dashboard.backend import Backend
-from piezo_hysteresis.dashboard.guard import GuardedApplication
 from piezo_hysteresis.dashboard.live_page import Page
 from piezo_hysteresis.errors import PiezoError
+
+# Names of this machine as a browser on it writes them.
+LOCAL_NAMES = ('localhost', '127.0.0.1', '[::1]')
+# Wildcard addresses, which are no host name of a browser.
+_EVERY_ADDRESS = ('', '0.0.0.0', '::')
+# Default ports, which a browser omits from a name.
+_USUAL_PORT = re.compile(r':(80|443)$')
+_NAME = re.compile(r'^(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(:\d{1,5})?$')
+# Shorter tokens can be guessed [characters].
+SHORTEST_TOKEN = 16
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Reason for the rejection of a request."""
+
+    status: int  # HTTP status
+    reason: str  # problem and remedy, without any text of the request
+
+
+class AccessPolicy:
+    """Access control of a request by its headers, before any handler."""
+
+    def __init__(
+        self, address: str, port: int, origins: Sequence[str] = (), token: str = ''
+    ) -> None:
+        if token and (len(token) < SHORTEST_TOKEN or not token.isascii()):
+            raise PiezoError(
+                f'token has to be {SHORTEST_TOKEN} or more characters of ASCII; one is made by '
+                "python3 -c 'import secrets; print(secrets.token_urlsafe())'"
+            )
+        own = [*LOCAL_NAMES, *([] if address in _EVERY_ADDRESS else [_bracketed(address)])]
+        self.names = tuple(
+            dict.fromkeys(
+                [*(_canonical(f'{name}:{port}') for name in own), *map(_checked, origins)]
+            )
+        )
+        self._token = token
+        # A proof of the token, so that the token itself is in no later request.
+        self._proof = hmac.new(token.encode(), b'piezo page', hashlib.sha256).hexdigest()
+        # Browsers share cookies between ports.
+        self.cookie = f'piezo_page_{port}'
+
+    @property
+    def proof(self) -> str:
+        """The value of the cookie after the token was accepted."""
+        return self._proof
+
+    def refusal(self, headers: Mapping[str, str]) -> Refusal | None:
+        """Return the reason to reject a request with these headers, None to accept it.
+
+        A request without an origin comes from a program or from a followed link.
+        """
+        if _canonical(headers.get('Host', '')) not in self.names:
+            return Refusal(
+                403,
+                f'This page is not known by that name. Open http://{self.names[0]}/ on its own '
+                'machine, or name the host in the parameter origins of the dashboard.',
+            )
+        for name in ('Origin', 'Sec-Websocket-Origin'):
+            if name in headers and not self._is_known_host(headers[name]):
+                return Refusal(403, 'Pages of other sites may not use this one.')
+        return None
+
+    def _is_known_host(self, origin: str) -> bool:
+        try:
+            parts = urlsplit(origin)
+        except ValueError:
+            return False
+        return parts.scheme in ('http', 'https') and _canonical(parts.netloc) in self.names
+
+    def shown(self, token: str) -> bool:
+        """Return whether a text is the token."""
+        return bool(self._token) and hmac.compare_digest(token.encode(), self._token.encode())
+
+    def admitted(self, headers: Mapping[str, str]) -> bool:
+        """Return whether a request carries the token, if one is required."""
+        if not self._token:
+            return True
+        try:
+            cookies = SimpleCookie(headers.get('Cookie', ''))
+        except CookieError:
+            return False
+        found = cookies.get(self.cookie)
+        return found is not None and hmac.compare_digest(found.value.encode(), self.proof.encode())
+
+
+def _bracketed(address: str) -> str:
+    return f'[{address}]' if ':' in address else address
+
+
+def _canonical(name: str) -> str:
+    """Return the normalised form of a host name with its port."""
+    return _USUAL_PORT.sub('', name.strip().lower())
+
+
+def _checked(origin: str) -> str:
+    name = _canonical(origin)
+    if not _NAME.match(name):
+        raise PiezoError(f'origins holds {origin!r}; write HOST:PORT, as in bench:5006')
+    return name
+
+
+_NO_TOKEN = Refusal(401, 'This page asks for its token: open it once with ?token=... behind.')
+# Headers of every response: no embedding in other pages, no referrer.
+_HEADERS = {
+    'Content-Security-Policy': "frame-ancestors 'none'",
+    'X-Frame-Options': 'DENY',
+    'X-Content-Type-Options': 'nosniff',
+    'Referrer-Policy': 'same-origin',
+}
+
+
+class GuardedApplication(BokehTornado):
+    """Bokeh application that checks an `AccessPolicy` first."""
+
+    def __init__(self, applications: Any, *, access: AccessPolicy, **settings: Any) -> None:
+        self._access = access
+        super().__init__(applications, **settings)
+        self.transforms.append(_Headers)
+
+    def resources(self, absolute_url: str | bool | None = None) -> Any:
+        """Return Bokeh's resources without the scripts that the page does not need."""
+        found = super().resources(absolute_url)
+        found.components = ['bokeh', 'bokeh-widgets']
+        return found
+
+    def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
+        """Return the handler of a request; all requests, WebSockets included, pass here."""
+        request.uri = request.path  # the logged part of the address; a token may follow it
+        refusal = self._access.refusal(request.headers)
+        if '\0' in unquote(request.path):
+            refusal = Refusal(400, 'the path has a null byte: open / instead')
+        if refusal is None and self._shows_token(request):
+            cookie = f'{self._access.cookie}={self._access.proof}; HttpOnly; SameSite=Lax; Path=/'
+            details = {'cookie': cookie, 'target': _without_token(request)}
+            return self.get_handler_delegate(request, _Admission, details)
+        if refusal is None and not self._access.admitted(request.headers):
+            refusal = _NO_TOKEN
+        if refusal is not None:
+            return self.get_handler_delegate(request, _Refused, {'refusal': refusal})
+        if request.method == 'HEAD' and request.path == '/':
+            return self.get_handler_delegate(request, _Head)
+        return super().find_handler(request, **more)
+
+    def _shows_token(self, request: HTTPServerRequest) -> bool:
+        shown = request.query_arguments.get('token', [])
+        return (
+            request.method == 'GET'
+            and request.path == '/'
+            and any(self._access.shown(token.decode('utf-8', 'replace')) for token in shown)
+        )
+
+
+def _without_token(request: HTTPServerRequest) -> str:
+    """Return the address of a request for the page without the token in it."""
+    rest = [
+        (name, value.decode('utf-8', 'replace'))
+        for name, values in request.query_arguments.items()
+        for value in values
+        if name != 'token'
+    ]
+    return f'/?{urlencode(rest)}' if rest else '/'
+
+
+class _Headers(OutputTransform):
+    """Adds the headers to every response."""
+
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
+        """Add the headers to the first chunk."""
+        for name, value in _HEADERS.items():
+            headers[name] = value
+        return status_code, headers, chunk
+
+
+class _Refused(RequestHandler):
+    """Handler that responds with the reason of a rejection."""
+
+    def initialize(self, refusal: Refusal) -> None:
+        """Store the reason."""
+        self._refusal = refusal
+
+    def prepare(self) -> None:
+        """Respond before the method is evaluated."""
+        self.set_status(self._refusal.status)
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish(self._refusal.reason + '\n')
+
+
+class _Admission(RequestHandler):
+    """Stores an accepted token in a cookie, and removes it from the address."""
+
+    def initialize(self, cookie: str, target: str) -> None:
+        """Store the cookie, and the address to redirect to."""
+        self._cookie, self._target = cookie, target
+
+    def get(self) -> None:
+        """Redirect the client."""
+        self.add_header('Set-Cookie', self._cookie)
+        self.redirect(self._target)
+
+
+class _Head(RequestHandler):
+    """Handler of HEAD requests, which do not open the page."""
+
+    def head(self) -> None:
+        """Return the headers of the page."""
+        self.set_header('Content-Type', 'text/html; charset=UTF-8')
+
 
 # A client that reads nothing for this time is disconnected [s].
 STALLED_AFTER = 15.0

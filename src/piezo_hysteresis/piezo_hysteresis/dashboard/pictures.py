@@ -9,6 +9,8 @@ import numpy as np
 from bokeh.models import Div, RadioButtonGroup, Row, Select, Toggle
 
 from piezo_hysteresis.dashboard.live_plots import (
+    EstimatePlot,
+    GapPlot,
     LoopPlot,
     PageState,
     SpectrumPlot,
@@ -25,7 +27,6 @@ from piezo_hysteresis.dashboard.texts import (
     text_div,
     tracking_text,
 )
-from piezo_hysteresis.dashboard.trends import EstimatePlot, GapPlot
 
 WINDOWS = {'0.5 s': 0.5, '2 s': 2.0, '5 s': 5.0, '20 s': 20.0}
 NOTHING = (float('nan'), float('nan'))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from jinja2 import Environment, Template
 
-from piezo_hysteresis.reporting.page_export import EXPORT_SCRIPT, EXPORT_STYLE
-from piezo_hysteresis.reporting.page_style import STYLE
+from piezo_hysteresis.reporting.page_style import EXPORT_SCRIPT, EXPORT_STYLE, STYLE
 
 # Widgets of Bokeh are in shadow trees, which styles of the page do not affect.
 WIDGET_STYLE = """

@@ -10,24 +10,26 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from piezo_hysteresis.common.results import Reportable
-from piezo_hysteresis.discovery.data.annotate import annotated
 from piezo_hysteresis.discovery.data.check import Check, Outside, beyond_the_fit, check, outside_of
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
+from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.detection.better_experiments import with_better_experiments
-from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
-from piezo_hysteresis.discovery.detection.look_alikes import look_alikes
+from piezo_hysteresis.discovery.detection.limits import (
+    DetectionLimit,
+    detection_limits,
+    look_alikes,
+)
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step
-from piezo_hysteresis.discovery.selection.final_evaluation import without_names
 from piezo_hysteresis.discovery.selection.reference import as_on, support_for, with_repeats
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
+from piezo_hysteresis.discovery.selection.search import without_names
 from piezo_hysteresis.discovery.selection.start import Searching, find, unsearched
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.discovery.verdict.build_verdict import build_verdict
 from piezo_hysteresis.discovery.verdict.final_model import final_model
-from piezo_hysteresis.discovery.verdict.prove import Proof, prove
-from piezo_hysteresis.discovery.verdict.verdict import Verdict
+from piezo_hysteresis.discovery.verdict.verdict import Proof, Verdict, prove
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import require_settings

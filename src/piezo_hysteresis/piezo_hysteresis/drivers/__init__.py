@@ -2,8 +2,8 @@
 
 from piezo_hysteresis.drivers.addresses import open_controller
 from piezo_hysteresis.drivers.controller import Controller, Identity, Measurement
-from piezo_hysteresis.drivers.driver_errors import DriverError
 from piezo_hysteresis.drivers.driver_sweep import measured, planned_sweep, sweep, write_measured
+from piezo_hysteresis.drivers.wires import DriverError
 
 __all__ = [
     'Controller',

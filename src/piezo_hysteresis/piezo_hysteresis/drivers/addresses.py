@@ -8,10 +8,9 @@ from urllib.parse import parse_qs, urlsplit
 
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.drivers.controller import Controller
-from piezo_hysteresis.drivers.driver_errors import DriverError
-from piezo_hysteresis.drivers.gcs import GcsConnection, GcsController, gcs_connection
-from piezo_hysteresis.drivers.nv200 import Nv200Connection, Nv200Controller, nv200_connection
-from piezo_hysteresis.drivers.wires import BAUD, TIMEOUT, SerialWire, TcpWire, Wire
+from piezo_hysteresis.drivers.gcs import GcsConnection, GcsController, gcs_controller
+from piezo_hysteresis.drivers.nv200 import Nv200Connection, Nv200Controller, nv200_controller
+from piezo_hysteresis.drivers.wires import BAUD, TIMEOUT, DriverError, SerialWire, TcpWire, Wire
 
 #: How addresses look, for help and messages.
 FORMS = 'gcs://HOST[:PORT], gcs:///dev/ttyUSB0 or nv200:///dev/ttyUSB0'
@@ -31,8 +30,8 @@ def _nv200(wire: Wire, limits: Limits, axis: str, take_over: bool) -> Controller
 
 #: Each kind with its usual TCP port.
 KINDS: dict[str, tuple[_Opened, int]] = {
-    'gcs': (_gcs, gcs_connection.PORT),
-    'nv200': (_nv200, nv200_connection.PORT),
+    'gcs': (_gcs, gcs_controller.PORT),
+    'nv200': (_nv200, nv200_controller.PORT),
 }
 
 

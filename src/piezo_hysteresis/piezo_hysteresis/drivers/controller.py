@@ -23,7 +23,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.drivers.driver_errors import DriverError
+from piezo_hysteresis.drivers.wires import DriverError
 
 #: Default limits; those of the controller apply in addition.
 UNLIMITED = Limits(-math.inf, math.inf, math.inf)

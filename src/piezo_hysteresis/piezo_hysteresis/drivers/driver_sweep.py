@@ -11,9 +11,9 @@ import numpy as np
 import yaml
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.drivers.controller import Controller
-from piezo_hysteresis.drivers.driver_errors import DriverError
+from piezo_hysteresis.drivers.wires import DriverError
 from piezo_hysteresis.records import Record, RecordInfo, write_bag
 from piezo_hysteresis.runtime.sweep_plan import RETURN, Sweep, SweepRecord, parse_options
 

@@ -23,8 +23,8 @@ from piezo_hysteresis.compensation.offline_loop import (
     tracking_metrics,
 )
 from piezo_hysteresis.drivers.controller import Controller
-from piezo_hysteresis.drivers.driver_errors import DriverError
 from piezo_hysteresis.drivers.driver_sweep import REST, whole
+from piezo_hysteresis.drivers.wires import DriverError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.numerics.smooth import smooth_ramp

@@ -8,7 +8,20 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from piezo_hysteresis.common.wording import reason_of
-from piezo_hysteresis.drivers.driver_errors import ConnectionLostError, DriverError
+from piezo_hysteresis.errors import PiezoError
+
+
+class DriverError(PiezoError):
+    """A controller cannot be reached, or refuses."""
+
+
+class ConnectionLostError(DriverError):
+    """The controller no longer responds; a new connection is required."""
+
+
+class UnknownCommandError(DriverError):
+    """A controller does not know a command."""
+
 
 #: Timeout of a response [s].
 TIMEOUT = 5.0

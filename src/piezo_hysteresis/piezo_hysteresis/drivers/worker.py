@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.drivers.controller import Controller
-from piezo_hysteresis.drivers.driver_errors import ConnectionLostError, DriverError
 from piezo_hysteresis.drivers.driver_sweep import measured, planned_sweep, write_measured
+from piezo_hysteresis.drivers.wires import ConnectionLostError, DriverError
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.runtime.sweep_plan import SweepRecord

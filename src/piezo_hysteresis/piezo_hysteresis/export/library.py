@@ -11,29 +11,29 @@ import numpy as np
 from piezo_hysteresis import __version__
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between
-from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
+from piezo_hysteresis.compensation.limiter import EnergyLimits
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.offline_loop import closed_loop
-from piezo_hysteresis.export.compensator import compensator_of
-from piezo_hysteresis.export.doors import compensator_doors, plant_doors
+from piezo_hysteresis.export.compensator import compensator_doors, compensator_of, plant_doors
 from piezo_hysteresis.export.fields import Component, of_model
-from piezo_hysteresis.export.header import About, header
-from piezo_hysteresis.export.native import ExportError, known_target, object_code
-from piezo_hysteresis.export.plant_functions import plant_of
-from piezo_hysteresis.export.programs import (
+from piezo_hysteresis.export.header import (
+    About,
     Drive,
     archive,
     bench,
     cmake,
     example,
+    header,
     makefile,
     plant_test,
     selftest,
 )
+from piezo_hysteresis.export.native import ExportError, known_target, object_code
+from piezo_hysteresis.export.pieces import plant_of
 from piezo_hysteresis.export.sections import (
     Section,
     attenuation_section,

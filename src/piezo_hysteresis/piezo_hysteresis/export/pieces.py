@@ -8,17 +8,226 @@ advance (the exponential of a mode, the steps of a path) are constants of the pi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block
-from piezo_hysteresis.blocks.transport_delay import ring_size, shift
+from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size, shift
+from piezo_hysteresis.export.compensator import NOT_FINITE
+from piezo_hysteresis.export.fields import OK, UNINITIALISED, Component, Field, checking, of_model
 from piezo_hysteresis.jit import leaf, scratch
+from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.simulation.compiled import kernel_of
+from piezo_hysteresis.models.simulation.intersample import joined, read, with_turns, without_turns
 from piezo_hysteresis.models.simulation.plan import LinearStage, Stage, TickStage
-from piezo_hysteresis.models.simulation.state_space import run_held
+from piezo_hysteresis.models.simulation.quadrature_run import QuadratureRun, approaches, integrate
+from piezo_hysteresis.models.simulation.state_layout import Layout
+from piezo_hysteresis.models.simulation.state_space import LinearStep, run_held, run_path
+from piezo_hysteresis.models.simulation.substep_run import PathPiece, PathRun
+
+
+def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
+    """Return a path run for its parameters `own`."""
+    steps, layout = run.steps(own, dt), run.layout(dt)
+    if steps == 0 and run.by_quadrature is not None:
+        return _quadrature_run(run.by_quadrature, own, dt, layout)
+    order, points = run.order(own), 3 * steps
+    timing = run.timing(own, dt, order > 0.0)
+    whole: Run | None = None
+    made = run.made(own, dt, steps)
+    for piece, step in zip(run.pieces(layout), made, strict=True):
+        one = _at(_followed(piece, step, own, dt, points, timing.ahead), piece.memory)
+        whole = one if whole is None else _then(whole, one)
+    assert whole is not None
+    part = timing.part
+    past, past_end = layout.past.start, layout.past.stop
+
+    @leaf
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        path, answer = scratch(points), scratch(points)
+        for k in range(x.size):
+            if order > 0.0:
+                joined(x[k : k + 1], path, state[past:past_end], order)
+            else:
+                for i in range(points):
+                    path[i] = x[k]
+            whole(path, answer, state, p, frequency)
+            if part == 1.0:
+                y[k] = answer[points - 1]
+            elif part == 0.0:
+                y[k] = state[0]
+            else:
+                read(answer, y[k : k + 1], points, part)
+            state[0] = answer[points - 1]
+
+    return late(follow, timing.ticks, layout.ring) if run.delays else follow
+
+
+def _then(before: Run, behind: Run) -> Run:
+    """Return two runs in series, each with its indices in the state."""
+
+    @leaf
+    def run(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        between = scratch(x.size)
+        before(x, between, state, p, frequency)
+        behind(between, y, state, p, frequency)
+
+    return run
+
+
+def _at(alone: Alone, memory: slice) -> Run:
+    first, last = memory.start, memory.stop
+
+    @leaf
+    def run(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        alone(x, y, state[first:last], p, frequency)
+
+    return run
+
+
+def _with(alone: Alone, own: FloatArray) -> Alone:
+    """Return a block with constant parameters."""
+    values = np.ascontiguousarray(own)
+
+    @leaf
+    def run(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        alone(x, y, state, values, frequency)
+
+    return run
+
+
+def _followed(
+    piece: PathPiece,
+    step: LinearStep | None,
+    own: FloatArray,
+    dt: float,
+    points: int,
+    ahead: float,
+) -> Alone:
+    if step is not None:
+        phi, gamma, rows, gains = step
+
+        @leaf
+        def linear(
+            x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+        ) -> None:
+            run_path(x, y, state, phi, gamma, rows, gains)
+
+        return linear
+    ((block, span),) = piece.parts
+    if block.between is Between.CLOCK:
+        return _with(_with_time(block, dt, points // 3, ahead), own[span])
+    plain = _with(of_block(block, dt, points), own[span])
+    if piece.turns and block.between is Between.PATH and block.along is None:
+        return _turning(plain)
+    return plain
+
+
+def _turning(run: Alone) -> Alone:
+    """Return a memory that is also evaluated at the extrema of its path."""
+
+    @leaf
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        count = x.size // 3
+        wide, answer, turned = scratch(4 * count), scratch(4 * count), scratch(count)
+        with_turns(x, wide, turned)
+        run(wide, answer, state, p, frequency)
+        without_turns(answer, turned, y)
+
+    return follow
+
+
+def _with_time(block: Block, dt: float, steps: int, ahead: float) -> Alone:
+    """Return a time-dependent block along a path."""
+    assert block.count is not None
+    count, run = block.count, of_block(block, dt / steps)
+
+    @leaf
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        memory = scratch(state.size)
+        part, answer = scratch(steps), scratch(steps)
+        for place in range(3):
+            for i in range(state.size):
+                memory[i] = state[i]
+            memory[count] = (state[count] + ahead) * steps + 0.5 * place
+            for i in range(steps):
+                part[i] = x[3 * i + place]
+            run(part, answer, memory, p, frequency)
+            for i in range(steps):
+                y[3 * i + place] = answer[i]
+        state[count] += 1.0
+
+    return follow
+
+
+def _quadrature_run(run: QuadratureRun, own: FloatArray, dt: float, layout: Layout) -> Run:
+    """Return a run that is integrated by quadrature within a tick."""
+    approach, places, weights = run.approach(own, dt)
+    response = run.response(own, dt)
+    whole, part = in_ticks(float(own[: run.delays].sum()), dt)
+    pieces, count = (2 if part > 0.0 else 1), places.size + 1
+    memories = layout.memories[1 : 1 + len(run.middle)]
+    middle: Run = _same
+    for each, place in zip(run.middle, memories, strict=True):
+        middle = _then(middle, _at(_with(of_block(each.block, dt), own[each.span]), place))
+    delays, ahead = run.delays, run.ahead
+    ring, ring_end = layout.ring.start, layout.ring.stop
+    first, first_end = layout.memories[0].start, layout.memories[0].stop
+    behind = layout.memories[1 + len(run.middle)].start
+    states = layout.size - behind
+    going = (float(approach.time), float(approach.most))
+    phi, impulse, integral, row, direct = response
+
+    @leaf
+    def follow(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+    ) -> None:
+        old, new, lasts = scratch(1), scratch(1), scratch((1, pieces))
+        values, seen = scratch((1, pieces, count)), scratch((1, 1, pieces, count))
+        answer, memory = scratch((1, 1)), scratch((1, states))
+        for k in range(x.size):
+            old[0] = new[0] = x[k]
+            if delays:
+                shift(x[k : k + 1], new, state[ring:ring_end], whole)
+                old[0] = state[1]
+                state[1] = new[0]
+            approaches(old, new, part, state[first:first_end], going, dt, places, values, lasts)
+            for i in range(pieces):
+                middle(values[0, i], seen[0, 0, i], state, p, frequency)
+            for i in range(states):
+                memory[0, i] = state[behind + i]
+            integrate(
+                seen, lasts, part, places, weights, answer, memory, state[:1], phi, impulse,
+                integral, row, direct, ahead,
+            )  # fmt: skip
+            for i in range(states):
+                state[behind + i] = memory[0, i]
+            y[k] = answer[0, 0]
+
+    return follow
+
+
+@leaf
+def _same(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
+) -> None:
+    for k in range(x.size):
+        y[k] = x[k]
+
 
 Run = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float], None]
 #: The same for one block on its own parameters: ``run(x, y, state, p, frequency)``.
@@ -35,8 +244,6 @@ class Piece(NamedTuple):
 
 def piece_of(stage: Stage, packed: FloatArray, dt: float) -> Piece:
     """Return the piece of a stage for the parameters `packed` of the chain."""
-    from piezo_hysteresis.export.path_pieces import path_run
-
     start = stage.initial_state(dt, 0.0)
     if isinstance(stage, TickStage):
         first, last = stage.columns.start, stage.columns.stop
@@ -54,14 +261,14 @@ def in_series(pieces: Sequence[Piece]) -> Piece:
     whole = pieces[0]
     for piece in pieces[1:]:
         whole = Piece(
-            _then(whole.run, piece.run, whole.start.size),
+            _pieces_then(whole.run, piece.run, whole.start.size),
             np.concatenate([whole.start, piece.start]),
             (*whole.live, *piece.live),
         )
     return whole
 
 
-def _then(before: Run, behind: Run, size: int) -> Run:
+def _pieces_then(before: Run, behind: Run, size: int) -> Run:
     @leaf
     def run(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
@@ -125,3 +332,92 @@ def _held(stage: LinearStage, own: FloatArray, dt: float) -> Run:
         run_held(x, y, state[ring:], phi, gamma, row, gain)
 
     return late(run, whole, slice(0, ring)) if ring else run
+
+
+# Indices in the memory: mark of initialisation, last voltage; parameters and state
+# follow.
+_MARK, _VOLTAGE = range(2)
+HEAD = 2
+
+_FREQUENCY = Field(
+    'drive_frequency', 'Hz', 0.0, 0.0, 1e9,
+    'Fundamental of the drive, for blocks that depend on it; 0 where there is none.',
+)  # fmt: skip
+
+
+def plant_of(model: Model, packed: FloatArray, dt: float, mark: float) -> Component:
+    """Return the free run of `model` at one sampling interval [s].
+
+    Its ``step(s, voltage, displacement)`` returns 0, or 16 if the voltage is not finite and the
+    last one is held.
+    """
+    whole = in_series([piece_of(stage, packed, dt) for stage in model.stages])
+    fields = (_FREQUENCY, *of_model(model, packed, whole.live))
+    values, states = len(fields), whole.start.size
+    first = HEAD + values
+    return Component(
+        _stepping(whole.run, first, states, mark),
+        *_changing(fields, whole.start, first, mark),
+        first + states,
+        fields,
+        (('head', HEAD), ('parameters', values), ('memory', states)),
+    )
+
+
+def _stepping(
+    run: Any, first: int, states: int, mark: float
+) -> Callable[[FloatArray, float, FloatArray], int]:
+    @leaf
+    def step(s: FloatArray, voltage: float, displacement: FloatArray) -> int:
+        if s[_MARK] != mark:
+            displacement[0] = 0.0
+            return UNINITIALISED
+        code = OK
+        if not np.isfinite(voltage):
+            voltage, code = s[_VOLTAGE], NOT_FINITE
+        s[_VOLTAGE] = voltage
+        x = scratch(1)
+        x[0] = voltage
+        run(x, displacement, s[first : first + states], s[HEAD + 1 : first], s[HEAD])
+        return code
+
+    return step
+
+
+def _changing(
+    fields: tuple[Field, ...], start: FloatArray, first: int, mark: float
+) -> tuple[Any, Any, Any]:
+    """Return the kernels that initialise, change and reset a state."""
+    check, count = checking(fields), len(fields)
+    states = start.size
+    rest = start if states else np.zeros(1)
+
+    @leaf
+    def change(s: FloatArray, values: FloatArray) -> int:
+        if s[_MARK] != mark:
+            return UNINITIALISED
+        code = check(values)
+        if code == OK:
+            for k in range(count):
+                s[HEAD + k] = values[k]
+        return code
+
+    @leaf
+    def reset(s: FloatArray) -> int:
+        if s[_MARK] != mark:
+            return UNINITIALISED
+        s[_VOLTAGE] = 0.0
+        for k in range(states):
+            s[first + k] = rest[k]
+        return OK
+
+    @leaf
+    def begin(s: FloatArray, values: FloatArray) -> int:
+        s[_MARK] = mark
+        reset(s)
+        code = change(s, values)
+        if code != OK:
+            s[_MARK] = 0.0
+        return code
+
+    return begin, change, reset

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.energy import EnergyLimits, energy_numbers
 from piezo_hysteresis.compensation.feedback import feedback_link as feedback
 from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink, reset_link
 from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid
@@ -41,22 +40,23 @@ from piezo_hysteresis.compensation.limiter import (
     SHARE,
     STEP,
     VOLTAGE,
+    EnergyLimits,
+    energy_numbers,
     limit,
     packed_limits,
 )
 from piezo_hysteresis.compensation.linear_gain import ModeGain
-from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.compensation.sensor_guard import reset_watch
-from piezo_hysteresis.compensation.transition import (
+from piezo_hysteresis.compensation.link import (
     CROSS_SIZE,
+    Limits,
     begin_cross,
     begin_fade,
     cross_fade,
     reset_cross,
     reset_fade,
 )
-from piezo_hysteresis.export.fields import OK, Field, of_table
-from piezo_hysteresis.export.inverse_numbers import numbers_of
+from piezo_hysteresis.compensation.sensor_guard import reset_watch
+from piezo_hysteresis.export.fields import OK, Field, numbers_of, of_table
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
 

@@ -18,7 +18,7 @@ import yaml
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common import plain_yaml
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.jit import jit

@@ -19,7 +19,7 @@ from piezo_hysteresis.identification.checks import require_each_usable, require_
 from piezo_hysteresis.identification.clock import Unsaved
 from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
-from piezo_hysteresis.identification.input_spread import with_input_error
+from piezo_hysteresis.identification.inverse_fit import output_error_in_stages
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import held_at, require_settings
 from piezo_hysteresis.identification.methods import base_of, options_implied_by
@@ -33,9 +33,8 @@ from piezo_hysteresis.identification.prediction import with_mean_zero
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.simulate import FreeRuns, free_runs
 from piezo_hysteresis.identification.solver import Progress
-from piezo_hysteresis.identification.staged_fit import output_error_in_stages
 from piezo_hysteresis.identification.swarm import identify_by_search
-from piezo_hysteresis.identification.unseen import without_unseen
+from piezo_hysteresis.identification.unseen import with_input_error, without_unseen
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chain_of
 from piezo_hysteresis.models.modelfile import (
@@ -44,8 +43,7 @@ from piezo_hysteresis.models.modelfile import (
     parameter_columns,
     parameter_lines,
 )
-from piezo_hysteresis.models.operating_range import OperatingRange
-from piezo_hysteresis.models.schedule import Schedule
+from piezo_hysteresis.models.schedule import OperatingRange, Schedule
 from piezo_hysteresis.records import Record, listed
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 

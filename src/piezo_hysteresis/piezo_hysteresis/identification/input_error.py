@@ -28,7 +28,7 @@ from piezo_hysteresis.identification.outliers import step_of
 from piezo_hysteresis.identification.periods import mean_changes
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
-from piezo_hysteresis.records.input_uncertainty import InputUncertainty
+from piezo_hysteresis.records.record import InputUncertainty
 
 # Share of the range of the input below which an error is negligible, and that of a command.
 _EXACT, _SMOOTH = 2e-5, 1e-6

@@ -17,7 +17,7 @@ from piezo_hysteresis.identification.periods import cached_per_record
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
-from piezo_hysteresis.records.input_uncertainty import InputUncertainty
+from piezo_hysteresis.records.record import InputUncertainty
 
 # Ranges over the largest below which a drive may be an error, and its share of the motion of a
 # drive; error over the range from which an input is unknown.

@@ -10,11 +10,10 @@ import numpy as np
 
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.estimate import Estimate
 from piezo_hysteresis.identification.fit import FARTHEST
 from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.output_error import output_error
-from piezo_hysteresis.identification.recursion import OnlineMethod
+from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.identification.solver import Progress

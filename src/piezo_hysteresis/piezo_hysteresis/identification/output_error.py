@@ -19,12 +19,11 @@ from piezo_hysteresis.identification.initial_conditions.revision import (
     zeros_lie_apart,
 )
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
-from piezo_hysteresis.identification.linear_fit import Simulated
 from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
 from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
-from piezo_hysteresis.identification.starts import Start, representative, starts
+from piezo_hysteresis.identification.starts import Simulated, Start, representative, starts
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model, for_range
 from piezo_hysteresis.numerics.qr import inner

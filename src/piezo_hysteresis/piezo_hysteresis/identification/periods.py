@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.numerics.spectrum import autocorrelation
+from piezo_hysteresis.numerics.harmonics import autocorrelation
 from piezo_hysteresis.records import Record
 
 Result = TypeVar('Result')

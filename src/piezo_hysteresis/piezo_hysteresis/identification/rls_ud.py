@@ -18,8 +18,12 @@ from piezo_hysteresis.blocks._second_order import hold
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import ud_kernels as ud
-from piezo_hysteresis.identification.estimate import Estimate, correlation_of, scaled_condition
-from piezo_hysteresis.identification.recursion import OnlineMethod
+from piezo_hysteresis.identification.recursion import (
+    Estimate,
+    OnlineMethod,
+    correlation_of,
+    scaled_condition,
+)
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK
 

@@ -19,8 +19,7 @@ from piezo_hysteresis.identification.global_search import (
     search,
 )
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
-from piezo_hysteresis.identification.inverse_fit import fit_direct, law_of
-from piezo_hysteresis.identification.inverse_rows import by_swarm
+from piezo_hysteresis.identification.inverse_fit import by_swarm, fit_direct, law_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.identification.result import FitResult, result_at

@@ -30,7 +30,7 @@ from piezo_hysteresis.identification.noise import (
 from piezo_hysteresis.identification.periods import period_of, periodic_from
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.records import Record
-from piezo_hysteresis.records.input_uncertainty import InputUncertainty
+from piezo_hysteresis.records.record import InputUncertainty
 
 #: Ticks for which the last voltage is held: the largest sampling offset of a recording.
 LEAD_OUT = 2

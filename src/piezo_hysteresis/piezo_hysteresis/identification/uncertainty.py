@@ -10,9 +10,9 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import enumerated
+from piezo_hysteresis.numerics.harmonics import autocorrelation
 from piezo_hysteresis.numerics.linalg import column_norms, right_singular
 from piezo_hysteresis.numerics.qr import inner
-from piezo_hysteresis.numerics.spectrum import autocorrelation
 
 _Item = TypeVar('_Item')
 

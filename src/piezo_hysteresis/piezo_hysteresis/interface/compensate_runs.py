@@ -26,8 +26,8 @@ from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, tra
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
+from piezo_hysteresis.records.columns import ReadOptions
 from piezo_hysteresis.records.load import reference_record
-from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.waveforms import Waveform
 from piezo_hysteresis.waveforms.sampled import Sampled
 

@@ -11,8 +11,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.operating_limits import operating_limits, rate_of
 from piezo_hysteresis.compensation.study import PRESET, open_plant
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits
-from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
+from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, PlannedExperiment
 from piezo_hysteresis.investigation.journal import Setup
 from piezo_hysteresis.investigation.runner import InvestigationProgress, Result, conduct
 from piezo_hysteresis.investigation.session import Rules

@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_hysteresis.compensation.controllers import Controllers, Feedback
 from piezo_hysteresis.compensation.drive_selection import entry_of
-from piezo_hysteresis.compensation.energy import EnergyLimits
 from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
 from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.inverses.inverse_choice import model_gain
 from piezo_hysteresis.compensation.inverses.reach import reach_of
-from piezo_hysteresis.compensation.limiter import packed_limits
+from piezo_hysteresis.compensation.limiter import EnergyLimits, packed_limits
 from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.offline_loop import closed_loop
 from piezo_hysteresis.compensation.operating_limits import (
@@ -30,9 +29,9 @@ from piezo_hysteresis.compensation.operating_limits import (
     rate_of,
 )
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.export.header import Drive
 from piezo_hysteresis.export.library import Request, files_of
 from piezo_hysteresis.export.native import known_target
-from piezo_hysteresis.export.programs import Drive
 from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.models.model_actions import InverseResult
 from piezo_hysteresis.models.modelfile import ModelFile

@@ -18,7 +18,7 @@ from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.discovery import Discovery
-from piezo_hysteresis.discovery.data.annotate import annotated
+from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import Identification, Validation
 from piezo_hysteresis.interface.compensate_runs import Compensation

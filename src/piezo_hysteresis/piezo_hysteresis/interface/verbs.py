@@ -26,8 +26,8 @@ from piezo_hysteresis.identification.per_frequency import identify_per_frequency
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.choice import ModelLike, chosen
 from piezo_hysteresis.records import Record, listed
+from piezo_hysteresis.records.columns import ReadOptions
 from piezo_hysteresis.records.load import Source, interval, loaded
-from piezo_hysteresis.records.read_options import ReadOptions
 
 Progress: TypeAlias = Callable[[float, str], None]
 Data: TypeAlias = Source | Iterable[Source]

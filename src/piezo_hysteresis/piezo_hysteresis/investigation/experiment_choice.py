@@ -13,9 +13,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.detection.limits import APART
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.investigation.belief import Belief, CandidateModel
-from piezo_hysteresis.investigation.criterion import binary_entropy, discrimination
 from piezo_hysteresis.investigation.predict import Outlook, answer_of, sensitivities_of
-from piezo_hysteresis.investigation.undetected import Hidden
+from piezo_hysteresis.investigation.undetected import Hidden, binary_entropy, discrimination
 
 # Largest number of runs of one experiment.
 MOST_RUNS = 2

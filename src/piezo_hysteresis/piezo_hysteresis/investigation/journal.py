@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.wording import reason_of
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, InvestigationError
+from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, InvestigationError
 from piezo_hysteresis.investigation.belief import Belief
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
 from piezo_hysteresis.investigation.session import ExperimentAnswer, Investigation, Rules

@@ -9,8 +9,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
-from piezo_hysteresis.discovery.detection.planned_view import view_of
-from piezo_hysteresis.discovery.detection.whitening import NuisanceDirections
+from piezo_hysteresis.discovery.detection.better_experiments import view_of
+from piezo_hysteresis.discovery.detection.limits import NuisanceDirections
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors_of
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation

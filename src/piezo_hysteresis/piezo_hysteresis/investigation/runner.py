@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment

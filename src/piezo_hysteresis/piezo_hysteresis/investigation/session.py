@@ -8,20 +8,75 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 
+import numpy as np
+
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import Discovery, discover
-from piezo_hysteresis.experiments.catalogue import catalogue
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, InvestigationError
-from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
+from piezo_hysteresis.experiments.planned_experiment import (
+    ExperimentLimits,
+    InvestigationError,
+    PlannedExperiment,
+    catalogue,
+)
 from piezo_hysteresis.investigation.belief import Belief, belief_of, prior_belief
 from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice, choices, unseen
-from piezo_hysteresis.investigation.history import History
 from piezo_hysteresis.investigation.predict import in_use, outlook, within
 from piezo_hysteresis.investigation.undetected import hidden_effects
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
+
+# Length of the history before a record [s]: every record is simulated with its history, and a
+# slower state is indistinguishable from a zero offset.
+LONGEST = 60.0
+
+
+class History:
+    """The records so far as one continuous voltage signal."""
+
+    def __init__(self, rest: float = 0.0) -> None:  # rest [V]
+        self._rest = rest
+        self._last: Record | None = None
+        self._zero = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether the state of the actuator follows from the last record."""
+        return self._last is not None
+
+    def discard(self) -> None:
+        """Discard the history, because the actuator received other commands."""
+        self._last = None
+
+    def following(self, record: Record) -> Record:
+        """Return a record with its voltage history, and append it to the history.
+
+        The initial state of a record is estimated unless its history is known for `LONGEST`.
+        """
+        start, before = record.start - self._zero, None
+        if self._last is not None:
+            rest = round((start - self._last.start) / record.dt) - len(self._last)
+            before = self._voltage_before(rest, round(LONGEST / record.dt)) if rest >= 0 else None
+        if before is None:
+            self._zero, start = record.start, 0.0
+        begins = 'step' if before is not None and start >= LONGEST else 'estimate'
+        info = replace(record.info, start=begins)
+        self._last = replace(record, start=start, before=before, info=info)
+        return self._last
+
+    def _voltage_before(self, rest: int, most: int) -> FloatArray:
+        """Return the voltage before a record that starts after `rest` ticks at rest.
+
+        The voltage is limited to the last `most` ticks.
+        """
+        assert self._last is not None
+        known = (self._last.before, self._last.voltage, np.full(min(rest, most), self._rest))
+        found = np.concatenate([part for part in known if part is not None])[-most:]
+        earlier = most - found.size if self._rest else 0
+        return np.concatenate([np.full(earlier, self._rest), found])
+
 
 # Shortest time of an evaluation, also beyond the time limit of all [s].
 _SHORTEST = 5.0

@@ -8,8 +8,13 @@ same kernel, one compiles it while the others wait.
 
 from __future__ import annotations
 
+import fcntl
+import functools
 import hashlib
+import os
 import sys
+import time
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,9 +25,97 @@ from numba.core.caching import IndexDataCacheFile, _Cache
 from numba.core.compiler import CompileResult
 
 from piezo_hysteresis.kernels import fresh
-from piezo_hysteresis.kernels.folders import folders
 from piezo_hysteresis.kernels.numba_changes import defer_blas
-from piezo_hysteresis.kernels.turns import Turns
+
+# Where set-up leaves them, below the root of the workspace.
+WITHIN = Path('install', 'kernels')
+
+
+@functools.cache
+def folders() -> tuple[Path, ...]:
+    """Return the folders in search order; new entries go to the first writable one.
+
+    The order is ``NUMBA_CACHE_DIR`` if set, the workspace, which is also read if it is not
+    writable, and the cache folder of the user.
+    """
+    named = os.environ.get('NUMBA_CACHE_DIR')
+    own = [Path(named) / 'piezo_kernels'] if named else []
+    return (*own, _workspace(), *_user())
+
+
+def _workspace() -> Path:
+    """Return the folder in the workspace of this file, for any kind of installation."""
+    here = Path(__file__).resolve()
+    for parent in here.parents:
+        if (parent / 'setup.bash').is_file() and parent.name != 'install':
+            return parent / WITHIN
+    return here.parent / 'kernels'
+
+
+def _user() -> list[Path]:
+    named = os.environ.get('XDG_CACHE_HOME')
+    try:
+        return [(Path(named) if named else Path.home() / '.cache') / 'piezo_kernels']
+    except RuntimeError:
+        return []  # a process without a home folder
+
+
+# Longest wait for another process that compiles [s]; if it hangs, all processes compile.
+TIMEOUT = 300.0
+LOOK = 0.05
+
+
+class Turns:
+    """Locks on single bytes of one file, one byte per kernel; a process that dies releases them.
+
+    A kernel waits only for those that it calls, so that two processes never wait for each other.
+    """
+
+    def __init__(self) -> None:
+        self._file: int | None = None
+        self._owner = 0
+        self._mine: set[int] = set()
+
+    def take(self, name: str) -> None:
+        """Acquire the lock for `name`; without locks there is no wait."""
+        file, place, started = self._opened(), _place(name), time.monotonic()
+        while file is not None and time.monotonic() - started < TIMEOUT:
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
+            except BlockingIOError:
+                time.sleep(LOOK)
+                continue
+            except OSError:
+                return  # a file system without locks
+            self._mine.add(place)
+            return
+
+    def give_back(self, name: str) -> None:
+        """Release the lock for `name`."""
+        place = _place(name)
+        if self._owner == os.getpid() and self._file is not None and place in self._mine:
+            self._mine.discard(place)
+            fcntl.lockf(self._file, fcntl.LOCK_UN, 1, place)
+
+    def _opened(self) -> int | None:
+        """Return the file of the locks; those of a parent process are not ours."""
+        if self._owner != os.getpid():
+            self._owner, self._mine = os.getpid(), set()
+            self._file = next(filter(None, map(_open, folders())), None)
+        return self._file
+
+
+def _place(name: str) -> int:
+    return zlib.crc32(name.encode())
+
+
+def _open(folder: Path) -> int | None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return os.open(folder / 'turns', os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError:
+        return None
+
 
 _BASE: Any = _Cache
 

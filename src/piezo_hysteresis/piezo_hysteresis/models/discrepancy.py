@@ -26,8 +26,7 @@ from piezo_hysteresis.models.repeated_records import (
     same_form,
     together,
 )
-from piezo_hysteresis.models.repeating import Repeating, of_orders, repeating
-from piezo_hysteresis.models.trace import Trace
+from piezo_hysteresis.models.repeating import Repeating, Trace, of_orders, repeating
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 
 _DIGITS = 4

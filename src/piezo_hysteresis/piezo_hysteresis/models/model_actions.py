@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.results import Plottable
 from piezo_hysteresis.common.wording import Guided, choices
 from piezo_hysteresis.errors import ModelError

@@ -22,7 +22,6 @@ from piezo_hysteresis.models.correlation import Correlation
 from piezo_hysteresis.models.discrepancy import Discrepancy
 from piezo_hysteresis.models.model_actions import ModelActions
 from piezo_hysteresis.models.named import named
-from piezo_hysteresis.models.operating_range import OperatingRange
 from piezo_hysteresis.models.plain import (
     mapping,
     number,
@@ -31,7 +30,7 @@ from piezo_hysteresis.models.plain import (
     write_yaml,
     yaml_text,
 )
-from piezo_hysteresis.models.schedule import BY_FREQUENCY, Schedule
+from piezo_hysteresis.models.schedule import BY_FREQUENCY, OperatingRange, Schedule
 from piezo_hysteresis.records.fingerprint import Fingerprint
 
 SCHEMA = 'piezo_hysteresis/model/2'

@@ -12,7 +12,7 @@ from rclpy.action import ActionClient, get_action_names_and_types
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.wording import near, reason_of
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.recording.topic_profiles import message_type
+from piezo_hysteresis.nodes.recording.listeners import message_type
 from piezo_hysteresis.ros.client import Client
 
 Report = Callable[[str], None]

@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.action import GoalResponse
 from rclpy.task import Future
 
-from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.nodes.investigation.investigation_server import InvestigationServer

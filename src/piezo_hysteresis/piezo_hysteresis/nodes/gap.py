@@ -8,10 +8,9 @@ from math import isfinite
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
-from piezo_hysteresis.common.order import SequenceFilter
+from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.common.parameter_table import Value
-from piezo_hysteresis.common.stamps import StampValidator, nanoseconds_of
+from piezo_hysteresis.common.stamps import SequenceFilter, StampValidator, nanoseconds_of
 from piezo_hysteresis.discovery.gap_monitor import GapMonitor, GapReport
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile

@@ -14,7 +14,7 @@ from rclpy.action import GoalResponse
 from rclpy.task import Future
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import Health, Level, judge
+from piezo_hysteresis.common.node_sheet import Health, Level, judge
 from piezo_hysteresis.common.stamps import NANOSECONDS
 from piezo_hysteresis.drivers.addresses import FORMS, open_controller
 from piezo_hysteresis.drivers.controller import Controller
@@ -31,8 +31,7 @@ from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LOOP
-from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState
 

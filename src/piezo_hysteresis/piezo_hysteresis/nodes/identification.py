@@ -8,7 +8,7 @@ from collections.abc import Callable
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import nanoseconds_of
 from piezo_hysteresis.errors import PiezoError
@@ -20,8 +20,7 @@ from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
-from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_hysteresis.runtime.identification_plan import (
     SETTINGS,
     RecordSegmenter,

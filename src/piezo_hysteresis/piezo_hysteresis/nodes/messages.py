@@ -6,12 +6,40 @@ from typing import TYPE_CHECKING
 
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.common.recipes import RECIPES as MODELS
+from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models import Model, ModelFile, named
-from piezo_interfaces.msg import ModelEstimate
+from piezo_hysteresis.ros.flat import FlatCodec
+from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference, VoltageCommand
 
-if TYPE_CHECKING:  # an import at run time would load every identification method
-    from piezo_hysteresis.identification.estimate import Estimate
+if TYPE_CHECKING:
+    from piezo_hysteresis.identification.recursion import Estimate
+
+REFERENCE = FlatCodec(Reference)
+STATE = FlatCodec(ActuatorState)
+VOLTAGE = FlatCodec(VoltageCommand)
+
+
+def point_of(payload: bytes) -> tuple[bytes, ReferencePoint]:
+    """Return the head and the point of a Reference."""
+    head, numbers = REFERENCE.decode(payload)
+    return head, ReferencePoint._make(numbers)
+
+
+def reference_bytes(head: bytes, point: ReferencePoint) -> bytes:
+    """Return a Reference."""
+    return head + REFERENCE.pack(*point)
+
+
+def measured_of(payload: bytes) -> tuple[bytes, Measured]:
+    """Return the head and the measurement of an ActuatorState."""
+    head, numbers = STATE.decode(payload)
+    return head, Measured._make(numbers)
+
+
+def voltage_bytes(head: bytes, sample: int, voltage: float) -> bytes:
+    """Return a VoltageCommand."""
+    return head + VOLTAGE.pack(sample, voltage)
 
 
 def estimate_into(estimate: Estimate, model: Model | None, message: ModelEstimate) -> None:

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable, Value
-from piezo_hysteresis.common.ranges import range_refusal
-from piezo_hysteresis.common.settings import rule_of, specs_of
+from piezo_hysteresis.common.parameter_table import (
+    ParameterSpec,
+    ParameterTable,
+    Value,
+    range_refusal,
+    rule_of,
+    specs_of,
+)
 from piezo_hysteresis.compensation.feedback.feedback_settings import (
     FEEDBACKS,
     FuzzyScales,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import NodeSheet
 from piezo_hysteresis.common.parameter_table import ParameterTable
-from piezo_hysteresis.parameters import dashboard_table, node_tables
+from piezo_hysteresis.parameters import node_tables
 
 
 def _inside() -> dict[str, ParameterTable]:
@@ -159,7 +159,7 @@ _ALL = (
         'the parameters and actions of the other nodes.',
         node_tables.DASHBOARD,
         publishes=('/diagnostics',),
-        add_options=dashboard_table.configure,
+        add_options=node_tables.configure,
     ),
     NodeSheet(
         'recorder',

@@ -14,14 +14,19 @@ import numpy as np
 from piezo_hysteresis.arrays import IntArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
-from piezo_hysteresis.records.compressed import CompressedFile, decompressed
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.definitions import MARKER, MESSAGES, REFERENCE, STATE
 from piezo_hysteresis.records.markers import Marker, decode_markers
 from piezo_hysteresis.records.mcap_reader import McapFile
 from piezo_hysteresis.records.metadata import Metadata, read_metadata
-from piezo_hysteresis.records.sqlite_reader import SqliteFile
-from piezo_hysteresis.records.storage import MessageBlock, Storage, Topic
+from piezo_hysteresis.records.storage import (
+    CompressedFile,
+    MessageBlock,
+    SqliteFile,
+    Storage,
+    Topic,
+    decompressed,
+)
 
 READERS: dict[str, Callable[[Path, DamageLog], Storage]] = {'.mcap': McapFile, '.db3': SqliteFile}
 DROPPED_KEY = 'piezo_hysteresis.dropped'

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr

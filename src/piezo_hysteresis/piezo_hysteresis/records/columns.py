@@ -9,9 +9,67 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 
+import numpy as np
+
+from piezo_hysteresis.common.stated import CLOCKS
 from piezo_hysteresis.errors import RecordError, SeveralAxesError
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Statements about the files to be read.
+
+    Attributes
+    ----------
+    columns : mapping of str to str
+        ``NAME:UNIT`` or the number of a column, from 1, by quantity (or ``/topic.field:unit``).
+    header_row : int or None
+        Line of the column names of a text file, from 1.
+    interval : float or None
+        Sampling interval of files without a time [s]; a time that they have is not used.
+    sign : float
+        1, or -1 for a sensor that measures the distance.
+    unit : str
+        Unit of a displacement that states none.
+    decimal : str
+        Decimal mark of a text file, ``.`` or ``,``; empty: found from all cells.
+    time_from : str
+        ``recording`` or ``header`` for bags; empty: header stamps where they agree.
+    axes : bool
+        The files are of several axes: a column of ``voltage`` and ``displacement`` is then a
+        pattern, ``u*`` or ``u*:mV``.
+
+    Raises
+    ------
+    RecordError
+        If a value is out of range.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    header_row: int | None = None
+    interval: float | None = None
+    sign: float = 1.0
+    unit: str = ''
+    decimal: str = ''
+    time_from: str = ''
+    axes: bool = False
+
+    def __post_init__(self) -> None:
+        step = self.interval
+        if step is not None and not (
+            isinstance(step, int | float) and np.isfinite(step) and step > 0
+        ):
+            raise RecordError(f'the interval (dt) must be a positive number [s], got {step!r}')
+        if self.sign not in (1, -1):
+            raise RecordError(f'the sign is 1 or -1, got {self.sign!r}')
+        if self.decimal not in ('', '.', ','):
+            raise RecordError(f'the decimal mark is . or , and not {self.decimal!r}')
+        if self.time_from not in ('', *CLOCKS):
+            raise RecordError(f'the time is from {" or ".join(CLOCKS)}, not {self.time_from!r}')
+
 
 LENGTHS = {
     'm': 1.0, 'mm': 1e3, 'um': 1e6, 'µm': 1e6, 'μm': 1e6, 'nm': 1e9, 'cm': 1e2, 'Å': 1e10,
@@ -355,3 +413,90 @@ def with_unit(name: str, unit: str) -> str:
     if not unit or meaning(name).unit:
         return name
     return f'{name} ({unit})'
+
+
+QUANTITIES = ('voltage', 'displacement')
+
+
+def used_columns(
+    names: Sequence[str],
+    where: object,
+    options: ReadOptions,
+    hints: Mapping[int, Meaning],
+    timed: object,
+) -> list[int]:
+    """Return the columns that are read: time, voltages, displacements, reference."""
+    chosen, several = dict(options.columns), set()
+    if options.axes:
+        channels = channels_of(names, where, options, hints)
+        several = {place for places in channels.values() for place in places}
+        chosen |= {what: channel(names, places[0], '') for what, places in channels.items()}
+    found, _ = assigned(
+        names, where, chosen=chosen, hints=hints, length=options.unit,
+        needed=() if timed else ('time', *QUANTITIES),
+    )  # fmt: skip
+    return list({**found, **dict.fromkeys(several)})
+
+
+def channels_of(
+    names: Sequence[str], where: object, options: ReadOptions, hints: Mapping[int, Meaning]
+) -> dict[str, list[int]]:
+    """Return the columns of voltage and displacement, each in the order of their numbers.
+
+    They match the pattern of their quantity in ``options.columns`` or, without one, are all of its
+    columns that state a unit: one, or names that differ in one number (or letter x, y, z).
+    """
+    meanings = meanings_of(names, hints, options.unit)
+    found = {}
+    for what in QUANTITIES:
+        if pattern := options.columns.get(what):
+            places = _matching(names, pattern_of(pattern, what)[0])
+            if not places:
+                raise RecordError(
+                    f'{where}: no column matches {pattern!r}; its columns are '
+                    f'{", ".join(names)[:160]}'
+                )
+        else:
+            places = _meant(names, meanings, what, where)
+        found[what] = in_order(names, places)
+    if both := set(found['voltage']) & set(found['displacement']):
+        raise RecordError(
+            f'{where}: column {names[min(both)]!r} is a voltage and a displacement; give '
+            "narrower patterns, as in --voltage 'u*' --displacement 'y*'"
+        )
+    return found
+
+
+def pattern_of(text: str, what: str) -> tuple[str, str]:
+    """Return the pattern and the unit of ``PATTERN[:UNIT]``."""
+    stem, colon, unit = text.rpartition(':')
+    return (stem, unit) if colon and unit in UNITS[what] else (text, '')
+
+
+def channel(names: Sequence[str], place: int, unit: str) -> str:
+    """Return how one column is named to the reader of one axis."""
+    return f'{names[place]}:{unit}' if unit else names[place]
+
+
+def _matching(names: Sequence[str], pattern: str) -> list[int]:
+    return [k for k, name in enumerate(names) if name == pattern or fnmatchcase(name, pattern)]
+
+
+def _meant(
+    names: Sequence[str], meanings: Sequence[Meaning], what: str, where: object
+) -> list[int]:
+    """Return the columns of a quantity by their names."""
+    ranked = [(m.rank, k) for k, m in enumerate(meanings) if m.what == what]
+    rank = min(ranked, default=(NOT_ENOUGH, 0))[0]
+    places = [k for each, k in ranked if each == rank]
+    listed = ', '.join(repr(names[k]) for k in places or range(len(names)))[:120]
+    option = f"give them as --{what} 'PATTERN:UNIT' (in Python {what}='PATTERN:UNIT')"
+    if not places:
+        raise RecordError(
+            f'{where}: it has no column of a {what} (its columns are {listed}); {option}'
+        )
+    if rank == NOT_ENOUGH:
+        raise RecordError(f'{where}: its columns {listed} state no unit; {option}')
+    if len(places) > 1 and not alike([names[k] for k in places]):
+        raise RecordError(f'{where}: a {what} may be each of {listed}; {option}')
+    return places

@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
+from piezo_hysteresis.records.columns import ReadOptions
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.records.table_reader import file_records
 from piezo_hysteresis.records.tabular import columns_of, new_file

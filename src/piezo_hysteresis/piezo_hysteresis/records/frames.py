@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.array_pairs import ArrayPair, refuse_pair
-from piezo_hysteresis.records.columns import UNITS, meaning
+from piezo_hysteresis.records.columns import UNITS, ReadOptions, meaning
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, column
-from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.records.sampling import records_of
 from piezo_hysteresis.records.table_reader import track_of

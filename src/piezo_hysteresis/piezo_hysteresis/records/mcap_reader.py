@@ -15,9 +15,8 @@ from zlib import crc32
 import numpy as np
 
 from piezo_hysteresis.records import mcap_format as mcap
-from piezo_hysteresis.records.compressed import RATIO, SMALL, inflated
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.storage import MessageBlock, Topic
+from piezo_hysteresis.records.storage import RATIO, SMALL, MessageBlock, Topic, inflated
 
 WINDOW = 1 << 22
 WANTED = (mcap.SCHEMA, mcap.CHANNEL, mcap.MESSAGE, mcap.CHUNK)

@@ -21,7 +21,7 @@ from zlib import crc32
 import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.records import mcap_format as mcap
 from piezo_hysteresis.records.storage import Topic
 

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from piezo_hysteresis.common import plain_yaml
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import Topic

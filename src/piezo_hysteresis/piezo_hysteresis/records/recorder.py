@@ -20,7 +20,7 @@ import numpy as np
 import yaml
 
 from piezo_hysteresis.common import plain_yaml
-from piezo_hysteresis.common.files import write_atomically
+from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import mcap_format as mcap

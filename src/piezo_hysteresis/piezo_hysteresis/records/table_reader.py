@@ -11,11 +11,20 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records.channels import QUANTITIES, channel, channels_of, pattern_of
-from piezo_hysteresis.records.columns import CERTAIN, UNITS, Meaning, assigned, meaning
+from piezo_hysteresis.records.columns import (
+    CERTAIN,
+    QUANTITIES,
+    UNITS,
+    Meaning,
+    ReadOptions,
+    assigned,
+    channel,
+    channels_of,
+    meaning,
+    pattern_of,
+)
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, united
-from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.record import Record, RecordInfo
 from piezo_hysteresis.records.sampling import SampledTrack, Track, sampled
 from piezo_hysteresis.records.tabular import about

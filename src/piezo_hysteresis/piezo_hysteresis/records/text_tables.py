@@ -12,12 +12,10 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import csv_columns
-from piezo_hysteresis.records.channels import used_columns
-from piezo_hysteresis.records.columns import Meaning, stamped
+from piezo_hysteresis.records.columns import Meaning, ReadOptions, stamped, used_columns
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.dialects import TextLayout, dialect_of, plain
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable
-from piezo_hysteresis.records.read_options import ReadOptions
 from piezo_hysteresis.records.text_cells import (
     decimal_mark,
     is_number,

@@ -14,9 +14,8 @@ from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
-from piezo_hysteresis.reporting.identification_certainty import parameter_section
+from piezo_hysteresis.reporting.identification_figures import parameter_section, where_section
 from piezo_hysteresis.reporting.identification_report import fit_section, identification_page
-from piezo_hysteresis.reporting.identification_where import where_section
 from piezo_hysteresis.reporting.page import PageSection, Plot, table, write_report
 from piezo_hysteresis.reporting.plots import (
     Curve,

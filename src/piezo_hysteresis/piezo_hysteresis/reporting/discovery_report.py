@@ -15,8 +15,7 @@ from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES
 from piezo_hysteresis.discovery import Discovery, Verdict
 from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
-from piezo_hysteresis.discovery.verdict.prove import over_frequency
-from piezo_hysteresis.discovery.verdict.verdict import NamedEffect
+from piezo_hysteresis.discovery.verdict.verdict import NamedEffect, over_frequency
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.reporting.detection_table import detection_section
 from piezo_hysteresis.reporting.display_units import MICRO

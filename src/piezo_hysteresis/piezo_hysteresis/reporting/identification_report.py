@@ -11,19 +11,19 @@ import yaml
 
 from piezo_hysteresis.arrays import FloatArray, largest_if_unknown
 from piezo_hysteresis.discovery.choice.choose import TriedModel
-from piezo_hysteresis.discovery.data.annotate import annotated
+from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.models.named import LADDER
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
-from piezo_hysteresis.reporting.identification_certainty import (
+from piezo_hysteresis.reporting.identification_figures import (
     correlation_section,
+    figures,
     parameter_section,
+    where_section,
 )
-from piezo_hysteresis.reporting.identification_figures import figures
-from piezo_hysteresis.reporting.identification_where import where_section
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
 from piezo_hysteresis.reporting.plots import Curve, response_figure, trace_figure
 from piezo_hysteresis.reporting.signals import last_periods

@@ -20,8 +20,7 @@ from jinja2 import Template
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.reporting.folder import write_folder
-from piezo_hysteresis.reporting.page_export import EXPORT_SCRIPT, EXPORT_STYLE
-from piezo_hysteresis.reporting.page_style import PAGE, STYLE
+from piezo_hysteresis.reporting.page_style import EXPORT_SCRIPT, EXPORT_STYLE, PAGE, STYLE
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from piezo_hysteresis.ros.middleware import joined
-from piezo_hysteresis.ros.running import destroy
+from piezo_hysteresis.ros.running import destroy, joined
 
 
 class Client:

@@ -13,10 +13,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from piezo_hysteresis.common.health import HOLD, Health, Level
+from piezo_hysteresis.common.node_sheet import HOLD, Health, Level
 from piezo_hysteresis.ros.guarded import Guarded
 from piezo_hysteresis.ros.readiness import HeartbeatPublisher, Readiness
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import wall_timer
 
 TOPIC = '/diagnostics'
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import gc
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from importlib.resources import files
+from pathlib import Path
+from types import TracebackType
 from typing import NoReturn
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
@@ -19,11 +25,104 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.timer import Timer
 
 from piezo_hysteresis.common.wording import near
-from piezo_hysteresis.ros.deadline import EndsWithin
-from piezo_hysteresis.ros.middleware import prepare
-from piezo_hysteresis.ros.timers import wall_timer
+
+# Names the file of profiles that Fast DDS reads when the first node of a process is created.
+PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+
+
+def profiles(name: str = '') -> str:
+    """Return the path of profiles that come with this package, for the Fast DDS at hand."""
+    chosen = name or ('fastdds3.xml' if _has_fast_dds_3() else 'fastdds.xml')
+    return str(files('piezo_hysteresis.ros') / chosen)
+
+
+def _has_fast_dds_3() -> bool:
+    """Return whether the sourced ROS 2 has Fast DDS 3, from Kilted on: its library was renamed."""
+    places = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    libraries = ('lib/libfastdds.so*', 'lib/*-linux-gnu/libfastdds.so*')
+    return any(any(Path(each).glob(name)) for each in places if each for name in libraries)
+
+
+def prepare() -> None:
+    """Configure discovery of this process within a fraction of a second; call before `init`.
+
+    By default Fast DDS announces a process every three seconds, and sends heartbeats at the same
+    rate. A profile file of the user has priority; other middleware ignores the setting.
+    """
+    os.environ.setdefault(PROFILES, profiles())
+
+
+def joined(domain: int | None = None) -> Context:
+    """Return a separate context in a domain, in addition to that of the process."""
+    prepare()
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    return context
+
+
+_SIGEV_THREAD = 2
+_WHOLE_SIGEVENT = 64
+
+
+class _Event(ctypes.Structure):
+    """``struct sigevent`` of Linux, for a function in a separate thread."""
+
+    _fields_ = (
+        ('value', ctypes.c_void_p),
+        ('signal', ctypes.c_int),
+        ('notify', ctypes.c_int),
+        ('function', ctypes.c_void_p),
+        ('attributes', ctypes.c_void_p),
+        ('rest', ctypes.c_byte * (_WHOLE_SIGEVENT - 32)),
+    )
+
+
+class _Times(ctypes.Structure):
+    """``struct itimerspec``: interval and first time, each in seconds and nanoseconds."""
+
+    _fields_ = tuple((name, ctypes.c_long) for name in ('every', 'every_ns', 'first', 'first_ns'))
+
+
+class EndsWithin:
+    """Ends the process with an exit code unless the ``with`` block is left before.
+
+    A timer of the C library calls ``_exit``, because what hangs may hold the lock of Python.
+    """
+
+    def __init__(self, seconds: float, code: int) -> None:  # seconds [s]
+        self._library = ctypes.CDLL(ctypes.util.find_library('c'), use_errno=True)
+        self._timer = ctypes.c_void_p()
+        end = ctypes.cast(self._library._exit, ctypes.c_void_p)
+        self._event = _Event(value=code, notify=_SIGEV_THREAD, function=end)
+        self._times = _Times(first=int(seconds), first_ns=int(seconds % 1.0 * 1e9))
+        self._set = False
+
+    def __enter__(self) -> None:
+        clock = ctypes.c_int(time.CLOCK_MONOTONIC)
+        made = self._library.timer_create(
+            clock, ctypes.byref(self._event), ctypes.byref(self._timer)
+        )
+        self._set = made == 0
+        if self._set:
+            self._library.timer_settime(self._timer, 0, ctypes.byref(self._times), None)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._set:
+            self._library.timer_delete(self._timer)
+
+
+def wall_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Call `callback` every `period` seconds of real time, regardless of ``use_sim_time``."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
 
 # How long a signal may wait to be seen [s].
 LOOK = 0.1

@@ -3,15 +3,154 @@
 from __future__ import annotations
 
 import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.numerics.smooth import smooth_ramp
 from piezo_hysteresis.waveforms import Sine, Waveform
 from piezo_hysteresis.waveforms.waveform import Samples
+
+# Largest number of commands in transit.
+_ON_THEIR_WAY = 256
+# After this time a command has been applied or skipped [s].
+_ARRIVES = 0.1
+# An actuator with a constant voltage for this time ignores commands [s].
+_STUCK = 1.0
+_ROUNDING = 1e-9
+
+
+class _Sent(NamedTuple):
+    """A command [V], for which tick, and when it was sent [s]."""
+
+    voltage: float
+    sample: int
+    time: float
+
+
+class SteadyCommand:
+    """Limits the rate of a command relative to every possible state of the actuator.
+
+    Commands that are applied in their own tick reach the full rate. A command that is always one
+    tick late is limited relative to two voltages and reaches half the rate.
+    """
+
+    def __init__(self, rate: float, now: Callable[[], float] = time.monotonic) -> None:
+        # rate [Hz]; now [s]
+        self._rate, self._now, self._still = rate, now, 0
+        self._applied: float | None = None
+        self._sent: deque[_Sent] = deque(maxlen=_ON_THEIR_WAY)
+        self.limited = 0
+        self.behind = False
+
+    def reset(self) -> None:
+        """Reset for a restarted actuator."""
+        self._applied, self._still, self.behind = None, 0, False
+        self._sent.clear()
+
+    def update(self, sample: int, voltage: float) -> None:
+        """Store the voltage [V] applied at a tick; earlier commands are no longer in transit."""
+        if voltage == self._applied:  # constant: no information on commands in transit
+            self._still += self.behind
+        else:
+            self._still, self._applied = 0, voltage
+            if any(each.voltage == voltage for each in self._sent):
+                while self._sent.popleft().voltage != voltage:  # the oldest that it may be
+                    pass
+            else:  # the actuator changed the voltage itself
+                while len(self._sent) > 1:
+                    self._sent.popleft()
+        self._drop_arrived(sample)
+
+    def _drop_arrived(self, sample: int) -> None:
+        """Discard commands that arrived before tick `sample` according to the last states.
+
+        An old command is discarded only if the tick is also much later, because states may be
+        delivered late.
+        """
+        arrived, ticks = self._now() - _ARRIVES, _ARRIVES * self._rate
+        while len(self._sent) > 1:
+            first = self._sent[0]
+            if first.time > arrived or sample < first.sample + ticks:
+                break
+            self._sent.popleft()
+
+    def next(self, sample: int, planned: float, slew: float) -> float:
+        """Return the limited command of a tick [V] for the planned one [V].
+
+        The actuator moves by no more than `slew` [V/s]; 0 means no limit.
+        """
+        command = planned
+        if slew > 0.0 and self._applied is not None and self._still <= _STUCK * self._rate:
+            most = slew / self._rate * (1.0 + _ROUNDING)
+            before = (self._applied, *(each.voltage for each in self._sent))
+            low, high = max(before) - most, min(before) + most
+            if low > high:  # the actuator changed the voltage itself
+                low, high = self._applied - most, self._applied + most
+            command = min(max(planned, low), high)
+        self.behind = command != planned
+        self.limited += self.behind
+        if not self._sent or self._sent[-1].voltage != command:
+            self._sent.append(_Sent(command, sample, self._now()))
+        return command
+
+
+_SENTENCES: dict[str, Finding] = {
+    'missed': (Level.WARN, 'ticks of the actuator were not received: they had no reference'),
+    'strays': (Level.WARN, 'states are numbered far from the others: is there a second actuator?'),
+    'reordered': (Level.WARN, 'states come out of order: is there a second actuator?'),
+    'stamp_jumps': (Level.WARN, 'time stamps of states jump: the numbers of the samples hold'),
+    'limited': (
+        Level.WARN,
+        'commands are held back to slew: they come late, or are planned faster',
+    ),
+    'restarts': (Level.WARN, 'the actuator was restarted'),
+    'sweeps_refused': (Level.WARN, 'a sweep was refused'),
+    'sweeps_failed': (Level.ERROR, 'a sweep did not come to its end'),
+}
+
+# Silence of the actuator that is reported during an experiment [s].
+SILENCE = 2.0
+
+
+@dataclass(frozen=True)
+class Doing:
+    """Present task of the node."""
+
+    what: str  # the experiment or the record of a sweep; empty for none
+    waits: str  # node that it waits for; empty for none
+    given_up: str  # reason why the last experiment was aborted; empty if it was not
+    silent: float  # time since the last actuator state [s]
+    sample: int  # newest tick of the actuator, -1 for none
+
+
+class ExcitationHealth:
+    """Evaluates the health of an excitation, including recently increased counters."""
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:  # now [s]
+        self._watch = CounterWatch(_SENTENCES, now)
+
+    def judge(self, doing: Doing, counts: Mapping[str, int], last: str) -> Health:
+        """Return the health for the task `doing`; `last` is the outcome of the last sweep."""
+        findings = self._watch.findings(counts)
+        if doing.given_up:
+            findings.append((Level.ERROR, doing.given_up))
+        if doing.waits:
+            findings.append((Level.WARN, f'waits for {doing.waits}'))
+        elif doing.what and doing.silent > SILENCE:
+            message = f'no actuator/state for {doing.silent:.0f} s after tick {doing.sample}'
+            findings.append((Level.WARN, message))
+        rest = 'idle' if doing.sample >= 0 else 'idle, no actuator state received yet'
+        values = {'sample': doing.sample, 'last_sweep': last, **counts}
+        return judge(findings, doing.what or rest, values)
+
 
 # Ticks that are evaluated together, and to see how far a waveform goes.
 AHEAD = 256

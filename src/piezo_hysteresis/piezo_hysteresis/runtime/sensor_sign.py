@@ -7,12 +7,42 @@ from enum import Enum
 
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 
+# Readings that differ by less, relative to themselves, are equal: the last bit of a float32.
+LAST_BIT = 1.2e-7
+# The sensor is stuck after this time [s], if the voltage has moved by this share of its largest
+# magnitude in that time.
+STUCK_AFTER = 0.1
+_MOVED = 0.02
+
+
+class StuckSensor:
+    """Counts the ticks at which a sensor is stuck."""
+
+    def __init__(self, dt: float) -> None:  # dt [s]
+        self.ticks = 0
+        self._needed = max(20, math.ceil(STUCK_AFTER / dt))
+        self._reading, self._equal = math.nan, 0
+        self._low = self._high = self._largest = 0.0
+
+    def update(self, voltage: float, displacement: float) -> None:
+        """Take the voltage [V] and the displacement [m] of one tick."""
+        if not abs(displacement - self._reading) <= LAST_BIT * abs(self._reading):
+            self._reading, self._equal = displacement, 0
+            self._low = self._high = voltage
+            return
+        self._equal += 1
+        self._low, self._high = min(self._low, voltage), max(self._high, voltage)
+        self._largest = max(self._largest, abs(voltage))
+        moved = self._high - self._low > _MOVED * self._largest
+        self.ticks += moved and self._equal >= self._needed
+
+
 # Slow parts of voltage and displacement are compared: below this share of the natural frequency
 # (or this frequency [Hz] where it is not known) the plant delays by much less than half a period.
 _SHARE_OF_MODE, _WITHOUT_MODE = 0.3, 16.0
 # The voltage has moved enough if the rms of its slow part is this share of the range of the
 # voltage (a sinusoid of 0.7 % of it), and at least so much of its rms as a whole.
-_MOVED, _SLOW = 0.005, 0.5
+_SENSOR_SIGN_MOVED, _SLOW = 0.005, 0.5
 # Correlations and slopes, relative to the expected one, from which the sensor is right or not.
 _RIGHT, _WRONG, _LEAST_SLOPE, _STILL = 0.5, -0.7, 0.1, 0.05
 # What speaks against the sensor must last so long [s]; older data count less after [s]; a loop
@@ -52,7 +82,7 @@ class SensorSign:
 
     def expect(self, plant: ModeGain, span: float) -> None:  # span [V]
         """Set what is expected."""
-        self._least = (_MOVED * span) ** 2
+        self._least = (_SENSOR_SIGN_MOVED * span) ** 2
         if plant == self._plant:
             return
         before, self._plant = self._plant, plant

@@ -1,7 +1,6 @@
 """Excitations and references with analytic derivatives (neutral: no physics)."""
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.waveforms.chirp import Chirp
 from piezo_hysteresis.waveforms.corners import (
     Lines,
     Raster,
@@ -11,11 +10,17 @@ from piezo_hysteresis.waveforms.corners import (
     staircase,
     step_and_hold,
 )
-from piezo_hysteresis.waveforms.decay import Decay
-from piezo_hysteresis.waveforms.sequence import Sequence
 from piezo_hysteresis.waveforms.sine import Multisine, Sine, SineSum
 from piezo_hysteresis.waveforms.spec import KINDS, Kind, Setting, from_spec, has_setting
-from piezo_hysteresis.waveforms.waveform import Samples, Shaped, Waveform, WaveformError
+from piezo_hysteresis.waveforms.waveform import (
+    Chirp,
+    Decay,
+    Samples,
+    Sequence,
+    Shaped,
+    Waveform,
+    WaveformError,
+)
 
 __all__ = [
     'KINDS',

@@ -11,11 +11,15 @@ import numpy as np
 
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.waveforms import corners
-from piezo_hysteresis.waveforms.chirp import LAWS, Chirp
-from piezo_hysteresis.waveforms.decay import Decay
-from piezo_hysteresis.waveforms.sequence import Sequence
 from piezo_hysteresis.waveforms.sine import GRIDS, Multisine, Sine, SineSum
-from piezo_hysteresis.waveforms.waveform import Waveform, WaveformError
+from piezo_hysteresis.waveforms.waveform import (
+    LAWS,
+    Chirp,
+    Decay,
+    Sequence,
+    Waveform,
+    WaveformError,
+)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import Health
+from piezo_hysteresis.common.node_sheet import Health
 from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import NANOSECONDS, StampValidator, tick_nanoseconds
 from piezo_hysteresis.ros.diagnostics import Diagnostics
@@ -21,12 +21,10 @@ from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
-from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset
-from piezo_sim.nodes.pacing import CommandQueue, Pace
-from piezo_sim.nodes.simulator_health import ActuatorHealth
+from piezo_sim.nodes.pacing import ActuatorHealth, CommandQueue, Pace
 from piezo_sim.nodes.simulator_tables import command_range, plant_table, simulator_table
 from piezo_sim.plant import Plant
 from piezo_sim.simulation_errors import SimulationError

@@ -9,7 +9,15 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import (
+    FADE_SIZE,
+    Limits,
+    Measured,
+    ReferencePoint,
+    begin_fade,
+    fade,
+    reset_fade,
+)
 from piezo_hysteresis.compensation.sensor_guard import (
     DISPLACEMENT,
     POINT_SIZE,
@@ -23,7 +31,6 @@ from piezo_hysteresis.compensation.sensor_guard import (
     write_point,
     write_read,
 )
-from piezo_hysteresis.compensation.transition import FADE_SIZE, begin_fade, fade, reset_fade
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from piezo_hysteresis.common.settings import documented, judge, setting
+from piezo_hysteresis.common.parameter_table import documented, judge, setting
 from piezo_hysteresis.errors import CompensationError
 
 #: Laws on the tracking error.

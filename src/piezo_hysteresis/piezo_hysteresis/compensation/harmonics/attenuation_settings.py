@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.common.settings import documented, judge, setting
+from piezo_hysteresis.common.parameter_table import documented, judge, setting
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 

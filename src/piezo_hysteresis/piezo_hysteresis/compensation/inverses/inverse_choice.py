@@ -14,15 +14,17 @@ from piezo_hysteresis.blocks.base import Between, Part, Slot
 from piezo_hysteresis.blocks.gain import BLOCK as STRAIGHT
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
-from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.extended_inverse import (
+    ExtendedInverse,
+    SlopeSelectedInverse,
+)
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
-from piezo_hysteresis.compensation.inverses.oscillator import OscillatorInverse
 from piezo_hysteresis.compensation.inverses.physical import (
     Law,
     PhysicalInverse,
     structure_coefficients,
 )
-from piezo_hysteresis.compensation.inverses.slope_selector import SlopeSelectedInverse
+from piezo_hysteresis.compensation.inverses.structure_inverse import OscillatorInverse
 from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain, gain_at, packed_pulse
 from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.errors import CompensationError

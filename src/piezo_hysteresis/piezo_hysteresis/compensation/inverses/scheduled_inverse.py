@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable
 
 from piezo_hysteresis.compensation.drive_selection import DriveSelector
 from piezo_hysteresis.compensation.inverses.inverse_link import HISTORY, InverseLink
-from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.transition import Transition
+from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint, Transition
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.schedule import OperatingPoint
 

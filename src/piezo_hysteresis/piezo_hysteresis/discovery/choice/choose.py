@@ -13,9 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from piezo_hysteresis.discovery.choice.choice_rules import plays_are_bearable
+from piezo_hysteresis.discovery.choice.choice_rules import HeldOutScore, plays_are_bearable
 from piezo_hysteresis.discovery.choice.ladder import Ladder, Rung
-from piezo_hysteresis.discovery.choice.score import HeldOutScore
 from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model

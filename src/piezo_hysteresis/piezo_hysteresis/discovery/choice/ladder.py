@@ -14,13 +14,14 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.effect import Effect
-from piezo_hysteresis.discovery.choice.choice_policy import CHOICE, FITS
 from piezo_hysteresis.discovery.choice.choice_rules import (
+    CHOICE,
+    FITS,
+    HeldOutScore,
     differs_from_none,
     has_one_amplitude,
     predicts_better,
 )
-from piezo_hysteresis.discovery.choice.score import HeldOutScore
 from piezo_hysteresis.discovery.data.dataset import thinned
 from piezo_hysteresis.identification.fit import fit
 from piezo_hysteresis.identification.initial_conditions.revision import Choices

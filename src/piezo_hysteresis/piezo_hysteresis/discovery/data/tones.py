@@ -16,8 +16,17 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, tone_amplitude
-from piezo_hysteresis.numerics.spectrum import BINS, DOMINANT, non_harmonic_lines, resolved_lines
+from piezo_hysteresis.numerics.harmonics import (
+    BINS,
+    DOMINANT,
+    HIGHEST_ORDER,
+    non_harmonic_lines,
+    resolved_lines,
+    tone_amplitude,
+    without_tone,
+)
+from piezo_hysteresis.numerics.qr import inner
+from piezo_hysteresis.records import Record
 
 # Ratio to the local median of the spectrum from which a line is significant.
 PROMINENT = 30.0
@@ -151,3 +160,54 @@ def with_aligned_phases(
         ahead = (np.angle(z) - zero) / (2.0 * np.pi) - tone.frequency * starts[name]
         starts[name] += (ahead - round(ahead)) / tone.frequency
     return data.with_each(lambda view: replace(view, start=starts[view.name]))
+
+
+# Share of the input power that one sinusoid must explain to count as a pure sinusoid.
+PURE = 0.999
+
+
+def annotated(records: Sequence[Record]) -> list[Record]:
+    """Return the records with missing excitation types and frequencies filled in.
+
+    Files without markers (CSV, external bags) do not contain the waveform. An input at rest and a
+    pure sinusoid are recognized; every other input stays unknown.
+    """
+    return [_annotated(record) for record in records]
+
+
+def _annotated(record: Record) -> Record:
+    info = record.info
+    if info.excitation not in ('', 'unknown'):
+        return record
+    if float(np.ptp(record.voltage)) == 0.0:
+        return replace(record, info=replace(info, excitation='rest'))
+    frequency = sine_frequency(record.voltage, record.dt)
+    if frequency == 0.0:
+        return record
+    amplitude = info.amplitude or float(np.max(np.abs(record.voltage - record.voltage.mean())))
+    known = replace(info, excitation='sine', frequency=frequency, amplitude=amplitude)
+    return replace(record, info=known)
+
+
+def sine_frequency(voltage: FloatArray, dt: float) -> float:
+    """Return the frequency of a pure sinusoid [Hz], 0 for any other input."""
+    from scipy.optimize import minimize_scalar
+
+    centred = voltage - voltage.mean()
+    n = centred.size
+    spectrum = np.abs(np.fft.rfft(centred * np.hanning(n)))
+    place = int(np.argmax(spectrum))
+    if not 1 < place < spectrum.size - 1:
+        return 0.0
+    # between the spectral lines: minimum of what a fitted sinusoid leaves
+    found = minimize_scalar(
+        lambda line: without_tone(centred, line / (n * dt), dt),
+        bounds=(place - 1.0, place + 1.0),
+        method='bounded',
+        options={'xatol': 1e-6},
+    )
+    frequency = float(found.x) / (n * dt)
+    if found.fun > (1.0 - PURE) * inner(centred, centred):
+        return 0.0
+    cleaned = float(f'{frequency:.4g}')
+    return cleaned if abs(cleaned - frequency) < 0.02 / (n * dt) else frequency

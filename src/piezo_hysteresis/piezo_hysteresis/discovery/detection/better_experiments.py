@@ -24,14 +24,43 @@ from piezo_hysteresis.discovery.detection.limits import (
     shape_of,
     size_of,
 )
-from piezo_hysteresis.discovery.detection.planned_view import view_of
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, errors_of
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
-from piezo_hysteresis.experiments.catalogue import catalogue
-from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, InvestigationError
-from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
+from piezo_hysteresis.experiments.planned_experiment import (
+    ExperimentLimits,
+    InvestigationError,
+    PlannedExperiment,
+    catalogue,
+)
+from piezo_hysteresis.identification.initial_conditions.record_start import STEP
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models.effects import is_never_reached
+
+# Ticks of rest before a record.
+_EDGE = 4
+
+
+def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
+    """Return an experiment as a view for the fit functions, with zero measured displacement."""
+    driven = experiment.voltage(rate)
+    voltage = np.concatenate([np.full(_EDGE, driven[0]), driven])
+    first = _EDGE + round(experiment.prelude * rate)
+    return Target(
+        name=experiment.name,
+        voltage=voltage,
+        measured=np.zeros(voltage.size - first),
+        first=first,
+        stride=1,
+        dt=1.0 / rate,
+        frequency=experiment.frequency,
+        repeats=1,
+        noise=noise,
+        period=0,
+        start=-_EDGE / rate,
+        origin=_EDGE,
+        begins=STEP,
+    )
+
 
 # Number of samples to which the given records are shortened.
 _SAMPLES = 8_000

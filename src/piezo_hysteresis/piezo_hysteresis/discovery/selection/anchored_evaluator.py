@@ -35,13 +35,12 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     is_another_change,
     is_at_the_drive,
 )
-from piezo_hysteresis.discovery.selection.delayed_discrepancy import with_delayed_discrepancy
 from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change, widened
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, costs, expectation
-from piezo_hysteresis.discovery.selection.score_ascent import ScoreAscent
-from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.discovery.selection.rules import Improvement
+from piezo_hysteresis.discovery.selection.score_ascent import ScoreAscent, with_delayed_discrepancy
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.clock import clock_about

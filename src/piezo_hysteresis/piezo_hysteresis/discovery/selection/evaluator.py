@@ -24,7 +24,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     fitted_to,
 )
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
-from piezo_hysteresis.discovery.selection.significance import Improvement
+from piezo_hysteresis.discovery.selection.rules import Improvement
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.targets import Target

@@ -10,7 +10,6 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
-from piezo_hysteresis.discovery.data.edges import block_edges
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import (
     first_values,
@@ -24,13 +23,66 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     is_another_change,
 )
-from piezo_hysteresis.discovery.selection.consistency import explained_together
 from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
 from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
-from piezo_hysteresis.discovery.selection.significance import Improvement, improvement, win_shares
+from piezo_hysteresis.discovery.selection.rules import Improvement, improvement, win_shares
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Candidate
+
+
+def block_edges(
+    sizes: Sequence[int], periods: Sequence[int], dts: Sequence[float], seconds: float, fewest: int
+) -> list[list[int]]:
+    """Return the edges of blocks of whole periods, at least `seconds` long, per view.
+
+    A few slow periods give too few blocks for a statistical test; parts of periods are then used.
+    """
+    lengths = []
+    for period, dt in zip(periods, dts, strict=True):
+        block = max(round(seconds / dt), 1)
+        lengths.append(period * max(1, round(block / period)) if period else block)
+    blocks = sum(size / length for size, length in zip(sizes, lengths, strict=True))
+    shrink = min(1.0, blocks / fewest)
+    edges = []
+    for size, length in zip(sizes, lengths, strict=True):
+        count = max(1, int(size // max(shrink * length, 1.0)))
+        edges.append([k * size // count for k in range(count + 1)])
+    return edges
+
+
+# Ratio of standard errors from which training alone determines a value poorly.
+_OPEN = 1.5
+_MOST_NAMES = 3
+
+
+def explained_together(training: CandidateFit, both: CandidateFit) -> str:
+    """Return a sentence on a held-out gap that a fit to all records closes.
+
+    If the held-out records exceed the range of the training records (a chirp into a mode), values
+    that the training records determine poorly cause a gap, although no effect is missing. A fit to
+    all records then has no residual; with a missing effect a residual remains in that fit, too.
+    The values of `training` stay unchanged, because a model fitted to all records could not be
+    tested on any.
+    """
+    names = _better_determined(training, both)
+    which = f' ({", ".join(names)})' if names else ''
+    return (
+        'One set of values explains all records to the floor: the residual on held-out records '
+        f'comes from values that the fitted records determine poorly{which}.'
+    )
+
+
+def _better_determined(training: CandidateFit, both: CandidateFit) -> list[str]:
+    """Return the parameters that all records determine much better than training, worst first."""
+    if training.fitted is None or both.fitted is None:
+        return []
+    before, after = training.fitted.std, both.fitted.std
+    free = training.model.free_names
+    ratios = {n: before[n] / max(after[n], 1e-300) for n in before if n in free}
+    worst = sorted((n for n, r in ratios.items() if r > _OPEN), key=lambda n: -ratios[n])
+    return worst[:_MOST_NAMES]
+
 
 _AUTO = Choices()
 # 5 % quantile of the standard normal distribution, in standard deviations below the mean.

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from piezo_hysteresis.discovery.data.annotate import annotated
+from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
@@ -20,7 +20,7 @@ from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import Discrepancy, Model, ModelFile
 from piezo_hysteresis.models.repeated_records import Support, kinds_of, support_of
-from piezo_hysteresis.models.trace import Trace
+from piezo_hysteresis.models.repeating import Trace
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.records.fingerprint import fingerprints, recognised
 

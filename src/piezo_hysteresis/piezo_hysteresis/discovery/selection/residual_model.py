@@ -17,17 +17,18 @@ import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray, IntArray
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
-from piezo_hysteresis.identification.drive_lines import (
+from piezo_hysteresis.identification.model_discrepancy import (
+    LEAST_POWER,
     amplitudes,
     drive_lines,
     drive_turn,
     octaves_of,
+    waveform_of,
 )
-from piezo_hysteresis.identification.model_discrepancy import LEAST_POWER, waveform_of
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
-from piezo_hysteresis.models.trace import stretches_of
+from piezo_hysteresis.models.repeating import stretches_of
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 from piezo_hysteresis.numerics.modulated import ModulatedLines
 

@@ -7,18 +7,77 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.candidate_filter import refined_candidates
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
+    ModelSpec,
     effect_of,
     is_another_change,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
-from piezo_hysteresis.discovery.selection.restart import better_of_both
+from piezo_hysteresis.discovery.selection.rules import Improvement
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
-from piezo_hysteresis.discovery.selection.significance import Improvement
-from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate
+from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, described
+
+
+def refined_candidates(evaluator: Evaluator, before: ModelSpec) -> tuple[Candidate, ...]:
+    """Return the model extended by each candidate, without simpler variants of its effects."""
+    return tuple(each for each in evaluator.candidates(before) if not _is_had(each, before))
+
+
+def _is_had(candidate: Candidate, before: ModelSpec) -> bool:
+    """Return whether the model already has a refined variant of the candidate."""
+    block = candidate.effect.block
+    own = {q.name for q in block.parameters} if block is not None else set()
+    return any(
+        effect.refines and set(effect.refines.values()) <= own
+        for added in before.added
+        if added.effect == candidate.effect.name
+        for effect in described(added.effect)
+        if effect.variant == added.variant
+    )
+
+
+def better_of_both(
+    evaluator: Evaluator,
+    before: CandidateFit,
+    chosen: Sequence[ScreeningScore],
+    fitted: Sequence[CandidateFit],
+) -> list[CandidateFit]:
+    """Return first fits, repeated from the initial values of the baseline if these fit better.
+
+    This applies only to the first effect, because with an effect the baseline is fitted jointly.
+    It does not apply to a fixed baseline.
+    """
+    needless = before.added or not chosen or evaluator.deadline.passed
+    values = None if needless else evaluator.first_values(before)
+    if values is None:
+        return list(fitted)
+    enough = evaluator.enough(fitted[0], evaluator.policy.final_within) if fitted else inf
+
+    def again(score: ScreeningScore) -> CandidateFit | None:
+        candidate = score.candidate
+        if evaluator.deadline.skips(candidate.effect.name):
+            return None
+        own = {name: score.starts[0][name] for name in candidate.added}
+        initial = {**score.starts[0], **candidate.values({**before.values, **values}, own)}
+        spec = before.with_candidate(candidate, initial)
+        # far from the minimum the first steps do not predict the final result
+        near = evaluator.fit_briefly(spec, evaluator.policy.first_evaluations)
+        if near is None:
+            return None
+        fit = evaluator.fit_briefly(near, evaluator.policy.restart_evaluations, enough)
+        return evaluator.sharpened(evaluator.evaluated_for_ranking(fit or near))
+
+    best = {(fit.effect, fit.variant): fit for fit in fitted}
+    for fit in evaluator.map(again, chosen):
+        if fit is None:
+            continue
+        known = best.get((fit.effect, fit.variant))
+        if known is None or fit.square < known.square:
+            best[fit.effect, fit.variant] = fit
+    return list(best.values())
+
 
 Progress = Callable[[float, str], None]
 

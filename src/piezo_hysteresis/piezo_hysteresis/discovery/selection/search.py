@@ -2,18 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
+from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.selection.elimination import (
     Step,
     pruned,
     retested,
     without_unfinished,
 )
-from piezo_hysteresis.discovery.selection.evaluator import Evaluator
-from piezo_hysteresis.discovery.selection.finalist_starts import led_by_best_start
-from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, select
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
+from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, ranked, select
+
+
+def led_by_best_start(
+    evaluator: Evaluator, round_: SelectionRound, start: CandidateFit
+) -> tuple[Evaluator, SelectionRound]:
+    """Return the round with the finalist first that is best with its own initial conditions.
+
+    This is needed only if the initial conditions can change; otherwise they can hide no effect.
+    """
+    if not evaluator.starts_may_differ(round_.best):
+        return evaluator, round_
+    if evaluator.deadline.skips('initial conditions of the alternatives'):
+        return evaluator, round_
+    chosen, first, fits = evaluator, round_.best, list(round_.finalists)
+    best_of_each = {fit.effect: fit for fit in reversed(round_.finalists)}
+    for fit in best_of_each.values():
+        other, again = evaluator.with_own_starts(fit)
+        if other.score(again) >= evaluator.score(fit) - evaluator.policy.better:
+            continue
+        # the model without the effect may have its own initial conditions, too
+        before = min(round_.before, other.evaluated(round_.before), key=other.score)
+        wins = (
+            other.score(again) < chosen.score(first) - evaluator.policy.better
+            and other.explains_enough(before, again, start)
+            and other.is_significant(before, again, round_.tried)
+        )
+        if fit is first and not wins:
+            continue
+        fits[next(k for k, each in enumerate(fits) if each is fit)] = again
+        if wins:
+            chosen, first = other, again
+    if all(fit is before for fit, before in zip(fits, round_.finalists, strict=True)):
+        return evaluator, round_
+    return chosen, _led(chosen, round_, first, fits, accepted=chosen is not evaluator)
+
+
+def _led(
+    chosen: Evaluator,
+    round_: SelectionRound,
+    first: CandidateFit,
+    fits: Sequence[CandidateFit],
+    *,
+    accepted: bool,
+) -> SelectionRound:
+    """Return the round with `first` in the lead of the finalists, each with its own starts."""
+    order = (first, *ranked(chosen, [fit for fit in fits if fit is not first]))
+    return replace(
+        round_,
+        accepted=round_.accepted or accepted,
+        finalists=order,
+        shares=chosen.shares(round_.before, order),
+        gain=chosen.improvement(round_.before, first, round_.tried),
+    )
 
 
 @dataclass(frozen=True)
@@ -149,3 +202,62 @@ def steps_of(current: CandidateFit, steps: list[Step], last: SelectionRound) -> 
     if count(current) == count(last.best):
         return [*kept, Step(last, current)]
     return [*kept[:-1], replace(kept[-1], fit=current)]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Data of a verdict."""
+
+    found: Found  # result of the search
+    before: CandidateFit
+    after: CandidateFit
+    remainder: Remainder  # residual of the final model
+    certainty: float  # probability that the missing effect is among the candidates [1]
+
+    @property
+    def ends_in_noise(self) -> bool:
+        """Whether the final residual on held-out records is close to the noise."""
+        return self.after.floors <= self.found.evaluator.policy.explained_gap
+
+
+def with_headlines_only(found: Found) -> Found:
+    """Return the result of a search without effects that reduce the gap too little.
+
+    The known discrepancy of a fixed baseline is not part of the gap: no effect can remove it.
+    """
+    if not found.steps:
+        return found
+    if found.evaluator.reduces_gap(found.start, found.final):
+        return found
+    last = found.last or found.steps[-1].round
+    return replace(found, steps=(), final=found.start, last=last)
+
+
+def outcome_of(found: Found) -> Outcome:
+    """Return the result of a search, evaluated on held-out records."""
+    found = with_headlines_only(found)
+    evaluator, views = found.evaluator, found.evaluator.measured.held_out
+    before = evaluated_on(found.start, views)
+    after = evaluated_on(found.final, views) if found.steps else before
+    remainder = evaluator.remainder(found.final, found.start)
+    start, final = evaluator.as_measured(found.start), evaluator.as_measured(found.final)
+    return Outcome(
+        replace(found, start=start, final=final),
+        before,
+        after,
+        remainder,
+        evaluator.certainty(before.floors, after.floors),
+    )
+
+
+def without_names(outcome: Outcome) -> Outcome:
+    """Return an outcome whose effects are only what the residual resembles."""
+    found = outcome.found
+    if not found.steps:
+        return outcome
+    last = found.last or found.steps[-1].round
+    found = replace(found, steps=(), final=found.start, last=last)
+    left = found.evaluator.remainder(found.final, found.start)
+    return replace(
+        outcome, found=found, after=outcome.before, remainder=replace(left, significant=True)
+    )

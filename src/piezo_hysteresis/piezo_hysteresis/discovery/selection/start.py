@@ -22,15 +22,16 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     fitted_to,
 )
-from piezo_hysteresis.discovery.selection.final_evaluation import (
-    Outcome,
-    outcome_of,
-    with_headlines_only,
-)
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
-from piezo_hysteresis.discovery.selection.search import Found, search
+from piezo_hysteresis.discovery.selection.search import (
+    Found,
+    Outcome,
+    outcome_of,
+    search,
+    with_headlines_only,
+)
 from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP

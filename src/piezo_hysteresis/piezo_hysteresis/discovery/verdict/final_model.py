@@ -16,7 +16,7 @@ from piezo_hysteresis.identification.prediction import predictions, with_mean_ze
 from piezo_hysteresis.identification.simulate import free_runs
 from piezo_hysteresis.models import Correlation, Discrepancy, ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE, OFFSET_STD_NOTE
-from piezo_hysteresis.models.operating_range import OperatingRange
+from piezo_hysteresis.models.schedule import OperatingRange
 from piezo_hysteresis.records.fingerprint import Fingerprint, fingerprints
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from piezo_hysteresis.common.wording import counted
-from piezo_hysteresis.discovery.detection.look_alikes import LookAlike
+from piezo_hysteresis.discovery.detection.limits import LookAlike
 from piezo_hysteresis.discovery.detection.statements import in_prefixes
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
-from piezo_hysteresis.discovery.selection.delayed_discrepancy import whole_delay
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
+from piezo_hysteresis.discovery.selection.score_ascent import whole_delay
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect, Number, Verdict
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.models import PARAMETER_SHIFT, described

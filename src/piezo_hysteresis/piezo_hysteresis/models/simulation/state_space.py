@@ -10,8 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import System
 from piezo_hysteresis.jit import jit, leaf, scratch
-from piezo_hysteresis.numerics.exponential import exponential, pace
-from piezo_hysteresis.numerics.linalg import solve_square
+from piezo_hysteresis.numerics.linalg import exponential, pace, solve_square
 
 # From start, middle and end of a step to value, slope and curvature at its start, per step.
 _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])

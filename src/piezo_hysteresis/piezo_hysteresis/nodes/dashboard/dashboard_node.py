@@ -13,7 +13,7 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import CounterWatch, Health, Level, judge
+from piezo_hysteresis.common.node_sheet import CounterWatch, Health, Level, judge
 from piezo_hysteresis.dashboard.backend import (
     Answer,
     DiscoveryOrder,
@@ -24,17 +24,15 @@ from piezo_hysteresis.dashboard.controls import Value
 from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
 from piezo_hysteresis.dashboard.page_server import DashboardServer
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.dashboard.investigation_job import InvestigationJob
-from piezo_hysteresis.nodes.dashboard.jobs import Jobs
+from piezo_hysteresis.nodes.dashboard.jobs import InvestigationJob, Jobs
 from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
 from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
-from piezo_hysteresis.parameters.dashboard_table import DASHBOARD, configure
+from piezo_hysteresis.parameters.node_tables import DASHBOARD, configure
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
-from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import run_node, wall_timer
 
 LISTEN_EVERY = 0.03
 LAG = 1.0  # time without polling after which it is counted [s]

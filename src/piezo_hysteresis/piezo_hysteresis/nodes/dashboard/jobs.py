@@ -12,8 +12,8 @@ from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from piezo_hysteresis.dashboard.backend import DiscoveryOrder, SweepOrder
-from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
+from piezo_hysteresis.dashboard.backend import DiscoveryOrder, InvestigationOrder, SweepOrder
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationState, Live
 from piezo_interfaces.action import Discover, Investigate, RunSweep
 
 SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
@@ -217,4 +217,52 @@ def what_was_found(result: Discover.Result | Investigate.Result, folder: Path) -
         result.before_in_floors,
         result.after_in_floors,
         report.relative_to(base).as_posix() if base in report.parents else '',
+    )
+
+
+INVESTIGATIONS = 'investigations'
+
+
+class InvestigationJob(ActionJob):
+    """An investigation of one actuator at a time."""
+
+    def __init__(self, node: Node, live: Live, folder: Path) -> None:
+        super().__init__(
+            node, live, Investigate, 'investigate', 'discovery',
+            lambda: live.investigation, lambda job: setattr(live, 'investigation', job),
+        )  # fmt: skip
+        self._page, self._folder = live, folder
+        self.on_result = lambda result: what_was_found(result, folder)
+
+    def run(self, order: InvestigationOrder) -> None:
+        """Start an investigation: experiments on the actuator that find missing effects."""
+        self._page.states = []
+        goal = Investigate.Goal(
+            low=order.low,
+            high=order.high,
+            slew=order.slew,
+            budget=order.budget,
+            out=str(self._folder.resolve() / INVESTIGATIONS / order.name),
+            apply=True,
+        )
+        self.send(goal, self._progress)
+
+    def _progress(self, feedback: Investigate.Feedback) -> str:
+        if feedback.names:
+            self._page.states = [*self._page.states, belief_of(feedback)]
+        doing = {'judge': 'judges', 'run': 'runs', 'apply': 'uses what was found, runs'}
+        word = doing.get(feedback.stage, 'looks what can be asked')
+        return f'{word} {feedback.experiment}'.strip()
+
+
+def belief_of(feedback: Investigate.Feedback) -> InvestigationState:
+    """Return the content of a feedback message, for the page."""
+    return InvestigationState(
+        feedback.stage,
+        feedback.number,
+        feedback.experiment,
+        feedback.why,
+        feedback.answer,
+        tuple(zip(feedback.names, feedback.chances, strict=True)),
+        feedback.seconds,
     )

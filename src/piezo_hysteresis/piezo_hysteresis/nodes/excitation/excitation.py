@@ -13,15 +13,14 @@ from rclpy.task import Future
 from std_msgs.msg import Float64
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import Health
-from piezo_hysteresis.common.order import SequenceFilter
+from piezo_hysteresis.common.node_sheet import Health
 from piezo_hysteresis.common.parameter_table import Value
-from piezo_hysteresis.common.stamps import NANOSECONDS, ActuatorClock
+from piezo_hysteresis.common.stamps import NANOSECONDS, ActuatorClock, SequenceFilter
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.codecs import measured_of, point_of, reference_bytes, voltage_bytes
 from piezo_hysteresis.nodes.excitation.sweep_markers import missing_subscribers
 from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer
+from piezo_hysteresis.nodes.messages import measured_of, point_of, reference_bytes, voltage_bytes
 from piezo_hysteresis.parameters.node_tables import EXCITATION
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.flat import head_of, nanoseconds_of_head
@@ -29,11 +28,15 @@ from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
-from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
-from piezo_hysteresis.runtime.excitation_health import SILENCE, Doing, ExcitationHealth
-from piezo_hysteresis.runtime.excitation_plan import Experiment, extremes
-from piezo_hysteresis.runtime.steady_command import SteadyCommand
+from piezo_hysteresis.ros.running import run_node, wall_timer
+from piezo_hysteresis.runtime.excitation_plan import (
+    SILENCE,
+    Doing,
+    ExcitationHealth,
+    Experiment,
+    SteadyCommand,
+    extremes,
+)
 from piezo_hysteresis.runtime.sweep_plan import parse_options, waveform_of
 from piezo_hysteresis.runtime.sweep_run import NOT_RUNNING
 from piezo_hysteresis.waveforms import Waveform

@@ -13,8 +13,7 @@ from rclpy.serialization import serialize_message
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.stamps import stamp_into
-from piezo_hysteresis.nodes.recording.listeners import subscribers
-from piezo_hysteresis.nodes.recording.topic_profiles import offered_as_yaml
+from piezo_hysteresis.nodes.recording.listeners import offered_as_yaml, subscribers
 from piezo_hysteresis.records.definitions import MARKER, STATE, definition_of
 from piezo_hysteresis.records.markers import sample_text
 from piezo_hysteresis.records.recorder import Recorder, RecorderStatus

@@ -21,7 +21,7 @@ from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
 from piezo_hysteresis.records.recorder import RecorderStatus
 from piezo_hysteresis.ros.guarded import Guarded, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import wall_timer
 from piezo_hysteresis.runtime.sweep_plan import Sweep, narrowed, parse_options
 from piezo_hysteresis.runtime.sweep_run import ACTUATOR_RESTARTED, SweepRun, kept_message
 from piezo_interfaces.action import RunSweep

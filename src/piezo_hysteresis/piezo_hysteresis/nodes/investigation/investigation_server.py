@@ -156,7 +156,7 @@ class InvestigationServer:
             self._node.get_logger().warning(f'the excitation stays idle: {error}')
 
     def _setup(self, request: Investigate.Goal, stopped: Callable[[], bool]) -> Setup:
-        from piezo_hysteresis.experiments.experiment_limits import ExperimentLimits, granted_range
+        from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, granted_range
         from piezo_hysteresis.investigation.journal import Setup
         from piezo_hysteresis.investigation.session import Rules
 

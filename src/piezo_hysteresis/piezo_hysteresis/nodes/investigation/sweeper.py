@@ -16,9 +16,9 @@ from rclpy.subscription import Subscription
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
-from piezo_hysteresis.nodes.codecs import STATE
 from piezo_hysteresis.nodes.investigation.node_requests import Unanswered, in_thread_of, waited
 from piezo_hysteresis.nodes.investigation.sweep_goals import SweepGoals
+from piezo_hysteresis.nodes.messages import STATE
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.sweep_run import ACTUATOR_RESTARTED, NOT_RUNNING
 from piezo_interfaces.action import RunSweep

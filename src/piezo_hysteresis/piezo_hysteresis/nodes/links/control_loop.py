@@ -10,15 +10,14 @@ from rclpy.subscription import Subscription
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.compensation.link import ReferencePoint
-from piezo_hysteresis.nodes.codecs import measured_of, point_of
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_hysteresis.nodes.links.attenuation_node import attenuation
 from piezo_hysteresis.nodes.links.feedback_node import feedback
 from piezo_hysteresis.nodes.links.feedforward_node import Feedforward
+from piezo_hysteresis.nodes.messages import measured_of, point_of
 from piezo_hysteresis.nodes.recording import recorder_node
 from piezo_hysteresis.ros.qos import LOOP
-from piezo_hysteresis.ros.running import run_nodes
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.running import run_nodes, wall_timer
 from piezo_interfaces.msg import ActuatorState, Reference
 
 # Period of the check who publishes the reference [s].

@@ -9,24 +9,21 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.parameter_table import Value
+from piezo_hysteresis.common.stamps import SequenceFilter
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
-from piezo_hysteresis.nodes.codecs import measured_of, point_of
 from piezo_hysteresis.nodes.links.link_node import LinkNode
-from piezo_hysteresis.nodes.messages import model_from
+from piezo_hysteresis.nodes.messages import measured_of, model_from, point_of
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
 from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.parameters.links import FEEDFORWARD
 from piezo_hysteresis.ros.flat import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
-from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
-from piezo_hysteresis.runtime.inversion import Inversion
-from piezo_hysteresis.runtime.laws import forward_settings
+from piezo_hysteresis.ros.running import run_node, wall_timer
+from piezo_hysteresis.runtime.laws import Inversion, forward_settings
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
 from piezo_interfaces.srv import LoadModel
 

@@ -13,25 +13,21 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import Health, Level
-from piezo_hysteresis.common.order import SequenceFilter
+from piezo_hysteresis.common.node_sheet import Health, Level
 from piezo_hysteresis.common.parameter_table import ParameterTable, Value
-from piezo_hysteresis.common.stamps import StampValidator
-from piezo_hysteresis.compensation.energy import EnergyLimits
-from piezo_hysteresis.compensation.limiter import Limiter
-from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.common.stamps import SequenceFilter, StampValidator
+from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
+from piezo_hysteresis.compensation.link import Limits, Transition
 from piezo_hysteresis.compensation.operating_limits import above_nyquist, operating_limits
-from piezo_hysteresis.compensation.transition import Transition
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.nodes.codecs import voltage_bytes
+from piezo_hysteresis.nodes.messages import voltage_bytes
 from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedLifecycleNode, sends_floats
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
-from piezo_hysteresis.ros.timers import wall_timer
-from piezo_hysteresis.runtime.link_health import ALARMS, CORRECTS, LinkHealth
-from piezo_hysteresis.runtime.watchdog import Watchdog
+from piezo_hysteresis.ros.running import wall_timer
+from piezo_hysteresis.runtime.link_health import ALARMS, CORRECTS, LinkHealth, Watchdog
 from piezo_interfaces.msg import LoopStatus, VoltageCommand
 
 _ENERGY = ('energy_limit', 'energy_window', 'capacitance')

@@ -8,21 +8,19 @@ from collections.abc import Callable
 from std_srvs.srv import Trigger
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.order import SequenceFilter
 from piezo_hysteresis.common.parameter_table import ParameterTable, Value
-from piezo_hysteresis.compensation.link import Link, Measured, ReferencePoint
-from piezo_hysteresis.compensation.transition import CrossFade
+from piezo_hysteresis.common.stamps import SequenceFilter
+from piezo_hysteresis.compensation.link import CrossFade, Link, Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.nodes.codecs import VOLTAGE, measured_of, point_of
 from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
+from piezo_hysteresis.nodes.messages import VOLTAGE, measured_of, point_of
 from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.ros.flat import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.laws import LawMaker
 from piezo_hysteresis.runtime.link_health import CHECKING, CORRECTS, SWITCHED_OFF
-from piezo_hysteresis.runtime.sensor_sign import SensorSign
-from piezo_hysteresis.runtime.stuck_sensor import StuckSensor
+from piezo_hysteresis.runtime.sensor_sign import SensorSign, StuckSensor
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_interfaces.srv import LoadModel

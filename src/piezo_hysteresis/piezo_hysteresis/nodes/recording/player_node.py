@@ -14,11 +14,10 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.common.stamps import stamp_into
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.recording.listeners import Ended, Listeners
-from piezo_hysteresis.nodes.recording.topic_profiles import message_type
+from piezo_hysteresis.nodes.recording.listeners import Ended, Listeners, message_type
 from piezo_hysteresis.parameters.node_tables import PLAYER
 from piezo_hysteresis.records.player import Played, Player
 from piezo_hysteresis.records.storage import Topic

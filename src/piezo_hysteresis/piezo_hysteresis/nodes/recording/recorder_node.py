@@ -11,10 +11,9 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from piezo_hysteresis.common import topics
-from piezo_hysteresis.common.health import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.recording.recorder_report import REPORT_AFTER, RecorderReport
-from piezo_hysteresis.nodes.recording.topic_profiles import matching, message_type, offered_as_yaml
+from piezo_hysteresis.nodes.recording.listeners import matching, message_type, offered_as_yaml
 from piezo_hysteresis.parameters.node_tables import RECORDER
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
@@ -22,9 +21,64 @@ from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
-from piezo_hysteresis.ros.qos import LOOP
-from piezo_hysteresis.ros.running import run_node
-from piezo_hysteresis.ros.timers import wall_timer
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.running import run_node, wall_timer
+from piezo_hysteresis.runtime.consumer_progress import MARKED, TAKEN
+from piezo_interfaces.msg import LoopStatus
+
+# Samples between two reports, and the longest time to the next one [s]: a player waits for them.
+REPORT_EVERY, REPORT_AFTER = 64, 0.05
+
+
+class RecorderReport:
+    """Counts the recorded messages and publishes the counts."""
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = node.create_publisher(LoopStatus, '~/status', LATCHED)
+        self._recorder: Recorder | None = None
+        self._taken: dict[str, int] = {}
+        self._reported: dict[str, int] = {}
+        # a player waits for the first report of every consumer
+        self._publisher.publish(LoopStatus())
+
+    def begin(self, recorder: Recorder, counts: bool) -> None:
+        """Start the reports; `counts` states whether it records states and markers."""
+        self._recorder = recorder
+        self._taken = {TAKEN: 0, MARKED: 0} if counts else {}
+        self.publish_counts()
+
+    def on_state(self) -> None:
+        """Count a state."""
+        self._taken[TAKEN] += 1
+        if self._taken[TAKEN] % REPORT_EVERY == 0:
+            self.publish_counts()
+
+    def on_marker(self) -> None:
+        """Count a marker."""
+        self._taken[MARKED] += 1
+        self.publish_counts()
+
+    def publish_if_changed(self) -> None:
+        """Publish if the counts have changed since they were last published."""
+        if self._taken != self._reported:
+            self.publish_counts()
+
+    def publish_counts(self) -> None:
+        """Publish the numbers of received and of stored messages."""
+        if self._recorder is None:
+            return
+        status = self._recorder.status
+        self._reported = dict(self._taken)
+        counts = {
+            'received': status.received,
+            'written': status.written,
+            'dropped': status.dropped,
+            **self._taken,
+        }
+        message = LoopStatus(sample=status.written, missed=status.dropped)
+        message.names, message.counts = list(counts), list(counts.values())
+        self._publisher.publish(message)
+
 
 # Topics that are recorded by default.
 DEFAULT_TOPICS = (topics.STATE, topics.REFERENCE, topics.MARKER)

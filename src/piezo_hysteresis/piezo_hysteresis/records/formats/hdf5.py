@@ -13,8 +13,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import with_unit
 from piezo_hysteresis.records.formats import sizes
-from piezo_hysteresis.records.formats.column_table import ColumnTable
-from piezo_hysteresis.records.formats.structs import struct_tables
+from piezo_hysteresis.records.formats.column_table import ColumnTable, struct_tables
 
 
 def read(path: Path) -> Iterator[ColumnTable]:

@@ -8,8 +8,7 @@ from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.records.formats import hdf5, sizes
-from piezo_hysteresis.records.formats.column_table import ColumnTable
-from piezo_hysteresis.records.formats.structs import struct_tables
+from piezo_hysteresis.records.formats.column_table import ColumnTable, struct_tables
 
 
 def read(path: Path) -> Iterator[ColumnTable]:

@@ -1,4 +1,4 @@
-"""One interface for files of columns in all binary formats: a file becomes tables."""
+"""One interface for files of columns in all binary formats, read and written as tables."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from piezo_hysteresis.records.formats import (
     uff,
 )
 from piezo_hysteresis.records.formats.column_table import ColumnTable
+from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.tabular import columns_of, new_file
 
 #: Module of each ending, and what its files are called.
 FORMATS: dict[str, tuple[Any, str]] = {
@@ -66,3 +68,22 @@ def missing(path: Path, kind: str, error: ImportError) -> str:
     """Return the message with the library that a format needs."""
     extra = 'instruments' if error.name in _INSTRUMENTS else 'formats'
     return f"{path}: a {kind} needs {error.name}; pip install 'piezo_hysteresis[{extra}]'"
+
+
+#: Endings that can be written, without the dot.
+WRITTEN = ('mat', 'npz', 'h5', 'parquet', 'feather', 'tdms', 'xlsx')
+
+
+def write_table(path: str | Path, record: Record, *, unit: str = 'um') -> None:
+    """Write one record as named columns, in the format of the ending."""
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending.removeprefix('.') not in WRITTEN:
+        raise RecordError(f'{path}: end it in {", ".join(f".{each}" for each in WRITTEN)}')
+    writer, kind = FORMATS[ending]
+    columns = columns_of(record, unit)
+    try:
+        with new_file(path) as temporary:
+            writer.write(temporary, columns)
+    except ImportError as error:
+        raise RecordError(missing(path, kind, error)) from None
