@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
@@ -154,7 +152,7 @@ def colour_of(run: Run) -> str:
 def write_compensation(
     out: str | Path, study: Study, runs: Sequence[Run], reference: str, seconds: float
 ) -> None:  # seconds [s]
-    """Write ``summary.json``, ``report.html``, ``tracking.png`` and `VOLTAGE`."""
+    """Write ``summary.json``, ``report.html`` and `VOLTAGE`."""
     controllers = study.controllers
     summary: dict[str, Any] = {
         'model': study.model.model.name,
@@ -177,10 +175,9 @@ def write_compensation(
     page = compensation_page(
         runs, summary['model'], summary['plant'], reference, study.from_seconds
     )
-    files: dict[str, bytes | str] = {
+    files: dict[str, str] = {
         'summary.json': json.dumps(summary, indent=2) + '\n',
         'report.html': page,
-        'tracking.png': _figure(runs),
         VOLTAGE: _voltage(min(runs, key=lambda each: each.metrics.rms)),
     }
     write_folder(out, files, 'compensate')
@@ -206,25 +203,3 @@ def _row(run: Run) -> dict[str, Any]:
         'harmonics_m': {str(order): amplitude for order, amplitude in m.harmonics.items()},
         'counters': run.result.counters,
     }
-
-
-def _figure(runs: Sequence[Run]) -> bytes:
-    figure = Figure(figsize=(9, 7), layout='constrained')
-    whole, last = figure.subplots(2, 1)
-    for each in runs:
-        result = each.result
-        part = slice(-min(result.time.size, max(200, result.time.size // 50)), None)
-        label = f'{each.name}: rms {each.metrics.rms * 1e6:.3g} µm'
-        colour = colour_of(each)
-        whole.plot(result.time, result.error * 1e6, lw=0.7, label=label, color=colour)
-        if each is not runs[0]:  # at its scale the other errors are indistinguishable
-            error = result.error[part] * 1e6
-            last.plot(result.time[part], error, lw=1.2, color=colour)
-    whole.set(title='Tracking error', ylabel='error [µm]')
-    whole.legend(loc='upper right')
-    last.set(xlabel='time [s]', ylabel='error [µm]', title='The end of the compensated runs')
-    for axis in (whole, last):
-        axis.grid(alpha=0.3)
-    picture = io.BytesIO()
-    figure.savefig(picture, format='png', dpi=110)
-    return picture.getvalue()

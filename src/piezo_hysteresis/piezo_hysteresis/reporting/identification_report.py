@@ -20,7 +20,6 @@ from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.identification_figures import (
     correlation_section,
-    figures,
     parameter_section,
     where_section,
 )
@@ -197,9 +196,8 @@ def _loop(record: Record, simulated: FloatArray) -> Plot:
 def write_identification(
     out: str, found: Identification, records: Sequence[Record], data: Sequence[str] = ()
 ) -> None:
-    """Write model.yaml, params.yaml, summary.json, report.html and figures."""
+    """Write model.yaml, params.yaml, summary.json and report.html."""
     saved = found.model_file(data, records[0].rate)
-    drawn = figures(records, found.runs.simulated, found.records, noise_floor=found.noise_floor)
     ros = {'/**': {'ros__parameters': saved.to_ros_parameters()}}
     write_folder(
         out,
@@ -208,7 +206,6 @@ def write_identification(
             'params.yaml': yaml.safe_dump(ros, sort_keys=False),
             'summary.json': json.dumps(found.summary(), indent=2, allow_nan=False) + '\n',
             'report.html': identification_page(records, found, data=data, folder=out),
-            **drawn,
         },
         'identify',
     )

@@ -15,7 +15,6 @@ from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.detection_table import detection_section
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
-from piezo_hysteresis.reporting.identification_figures import figures
 from piezo_hysteresis.reporting.identification_report import discover_command, fit_figures
 from piezo_hysteresis.reporting.page import PageSection, render, table
 from piezo_hysteresis.reporting.plots import Curve, band_figure
@@ -108,12 +107,6 @@ def write_validation(
             'report.html': validation_page(validation, model=model, data=data, limits=limits),
             'summary.json': json.dumps(summary, indent=2, allow_nan=False) + '\n',
             'model.yaml': validation.updated.text(),
-            **figures(
-                validation.data,
-                validation.simulated,
-                validation.records,
-                noise_floor=validation.noise_floor,
-            ),
         },
         'validate',
     )
