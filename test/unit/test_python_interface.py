@@ -158,7 +158,7 @@ def test_an_array_and_a_record_are_simulated_alike(name: str) -> None:
 def test_one_record_and_several_are_taken_everywhere(
     found: ph.Identification, tmp_path: Path
 ) -> None:
-    assert found.chain.name == 'linear_mode-mode'  # the record shows no mode
+    assert found.chain.name == 'gain'  # the record shows no mode
     one, several = ph.simulate(found, record()), ph.simulate(found, [record(), record('b')])
     assert np.std(one - record().displacement) < 1e-6
     np.testing.assert_array_equal(several[0], one)
@@ -182,7 +182,7 @@ def test_parameters_are_held_at_values() -> None:
 
 def test_a_result_is_shown_in_a_few_lines(found: ph.Identification) -> None:
     lines = repr(found).splitlines()
-    assert lines[0] == 'Identification of linear_mode-mode by output_error, converged'
+    assert lines[0] == 'Identification of gain by output_error, converged'
     assert any(line.startswith('  A1 = ') and line.endswith(' m/V') for line in lines)
     assert len(lines) == 2 + len(found.chain.parameters)
     checked = ph.validate(record('b', 1.1e-4), found)
@@ -209,7 +209,7 @@ def test_results_are_drawn_on_axes_and_written_as_a_report(
     assert checked.plot(record='a').get_title() == 'a'
     assert record().plot().get_ylabel() == 'displacement [µm]'
     loop = found.model.plot()
-    assert loop.get_title() == 'linear_mode-mode, simulated'
+    assert loop.get_title() == 'gain, simulated'
     (line,) = loop.lines
     assert np.ptp(line.get_ydata()) == pytest.approx(1e6 * np.ptp(record().displacement), rel=0.02)
     with pytest.raises(ph.PiezoError, match=r'no record c.*there are a, b'):
