@@ -12,8 +12,7 @@ from bokeh.document import Document
 from bokeh.events import ButtonClick
 from dashboard_fakes import Backend, filled, live_at
 
-from piezo_hysteresis.dashboard import live_page as page_module
-from piezo_hysteresis.dashboard.live_page import Page
+from piezo_hysteresis.dashboard import pictures as page_module
 from piezo_hysteresis.dashboard.live_plots import Follower
 from piezo_hysteresis.dashboard.live_signals import State
 from piezo_hysteresis.dashboard.live_state import (
@@ -23,6 +22,7 @@ from piezo_hysteresis.dashboard.live_state import (
     NodeState,
     ShownEstimate,
 )
+from piezo_hysteresis.dashboard.pictures import Page
 from piezo_hysteresis.dashboard.texts import (
     banner,
     estimate_text,

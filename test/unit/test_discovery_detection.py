@@ -36,7 +36,7 @@ from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.models import Model, candidates, named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
-from piezo_hysteresis.reporting.detection_table import detection_section, limits_line
+from piezo_hysteresis.reporting.validation_report import detection_section, limits_line
 
 DT = 1e-3
 SLOW = {'creep_time': 30.0}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_hysteresis.investigation.undetected import (
+from piezo_hysteresis.investigation.experiment_choice import (
     LARGEST,
     SMALLEST,
     detection_probability,

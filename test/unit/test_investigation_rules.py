@@ -9,8 +9,12 @@ import pytest
 from frozen_rounds import FROZEN
 
 from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits
-from piezo_hysteresis.investigation.belief import Belief, CandidateModel
-from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice, distances
+from piezo_hysteresis.investigation.experiment_choice import (
+    Belief,
+    CandidateModel,
+    ExperimentChoice,
+    distances,
+)
 from piezo_hysteresis.investigation.predict import in_use
 from piezo_hysteresis.investigation.session import Investigation, Rules, Stop
 from piezo_hysteresis.models import ModelFile, candidates

@@ -120,9 +120,9 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _print_result(verdict: Any, out: str) -> None:
     """Print the verdict, its certainty and the recommended experiments."""
-    from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.discovery_report import effect_values, probability_text
     from piezo_hysteresis.reporting.folding import folded
+    from piezo_hysteresis.reporting.validation_report import limits_line
 
     print(verdict.summary)
     for effect in verdict.effects:

@@ -46,9 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.models import ModelFile
     from piezo_hysteresis.models.modelfile import is_modal
     from piezo_hysteresis.records.load import loaded
-    from piezo_hysteresis.reporting.detection_table import limits_line
     from piezo_hysteresis.reporting.folder import check_folder
-    from piezo_hysteresis.reporting.validation_report import write_validation
+    from piezo_hysteresis.reporting.validation_report import limits_line, write_validation
 
     if is_modal(arguments.model):
         return validate_several(arguments)

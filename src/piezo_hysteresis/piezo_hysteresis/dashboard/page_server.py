@@ -29,7 +29,7 @@ from tornado.web import HTTPError, OutputTransform, RequestHandler, StaticFileHa
 
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.dashboard.backend import Backend
-from piezo_hysteresis.dashboard.live_page import Page
+from piezo_hysteresis.dashboard.pictures import Page
 from piezo_hysteresis.errors import PiezoError
 
 # Names of this machine as a browser on it writes them.

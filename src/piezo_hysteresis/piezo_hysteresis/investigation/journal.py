@@ -18,8 +18,7 @@ from typing import Any
 from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, InvestigationError
-from piezo_hysteresis.investigation.belief import Belief
-from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice
+from piezo_hysteresis.investigation.experiment_choice import Belief, ExperimentChoice
 from piezo_hysteresis.investigation.session import ExperimentAnswer, Investigation, Rules
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load

@@ -21,10 +21,16 @@ from piezo_hysteresis.experiments.planned_experiment import (
     PlannedExperiment,
     catalogue,
 )
-from piezo_hysteresis.investigation.belief import Belief, belief_of, prior_belief
-from piezo_hysteresis.investigation.experiment_choice import ExperimentChoice, choices, unseen
+from piezo_hysteresis.investigation.experiment_choice import (
+    Belief,
+    ExperimentChoice,
+    belief_of,
+    choices,
+    hidden_effects,
+    prior_belief,
+    unseen,
+)
 from piezo_hysteresis.investigation.predict import in_use, outlook, within
-from piezo_hysteresis.investigation.undetected import hidden_effects
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record
 

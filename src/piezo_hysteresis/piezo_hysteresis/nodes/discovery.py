@@ -18,9 +18,9 @@ from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.node_tables import DISCOVERY
 from piezo_hysteresis.process_setup import number_of_workers
 from piezo_hysteresis.reporting.folder import check_folder
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
+from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.action import Discover
 

@@ -17,10 +17,10 @@ from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
 from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.parameters.node_tables import GAP_MONITOR
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.msg import ActuatorState, Gap
 from piezo_interfaces.srv import LoadModel

@@ -27,10 +27,10 @@ from piezo_hysteresis.drivers.worker import (
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.paths import new_inside
 from piezo_hysteresis.parameters.node_tables import GCS_DRIVER
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState

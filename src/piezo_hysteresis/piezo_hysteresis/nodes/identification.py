@@ -16,10 +16,10 @@ from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.nodes.messages import estimate_into
 from piezo_hysteresis.nodes.paths import inside
 from piezo_hysteresis.parameters.node_tables import IDENTIFICATION
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_hysteresis.runtime.identification_plan import (
     SETTINGS,

@@ -16,9 +16,9 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record, read_bag
 from piezo_hysteresis.ros.client import Client
-from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.processes import NodeProcess, NodeProcesses, ProcessError
 from piezo_hysteresis.ros.qos import LATCHED
+from piezo_hysteresis.ros.readiness import Neighbours
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import LoopStatus
 

@@ -17,7 +17,6 @@ from piezo_hysteresis.discovery.data.check import Check
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect, over_frequency
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.reporting.detection_table import detection_section
 from piezo_hysteresis.reporting.display_units import MICRO
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights_figures
@@ -30,6 +29,7 @@ from piezo_hysteresis.reporting.plots import (
     spectrum_figure,
     xy_figure,
 )
+from piezo_hysteresis.reporting.validation_report import detection_section
 
 PERIODS = 3
 

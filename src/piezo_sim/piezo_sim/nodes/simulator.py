@@ -15,12 +15,11 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import Health
 from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import NANOSECONDS, StampValidator, tick_nanoseconds
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.flat import FlatCodec, head_of, nanoseconds_of_head
 from piezo_hysteresis.ros.guarded import GuardedNode
-from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.readiness import Diagnostics, Neighbours
 from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_interfaces.msg import ActuatorState, LoopStatus, VoltageCommand
 from piezo_interfaces.srv import InjectFault, LoadPreset

@@ -28,10 +28,10 @@ from piezo_hysteresis.nodes.dashboard.jobs import InvestigationJob, Jobs
 from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
 from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
 from piezo_hysteresis.parameters.node_tables import DASHBOARD, configure
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
+from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node, wall_timer
 
 LISTEN_EVERY = 0.03

@@ -19,9 +19,8 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.stamps import nanoseconds_of
 from piezo_hysteresis.dashboard.live_signals import State
 from piezo_hysteresis.dashboard.live_state import Counters, Gap, Live, LogLine, ShownEstimate
-from piezo_hysteresis.ros.diagnostics import state_of
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
-from piezo_hysteresis.ros.readiness import WORKS
+from piezo_hysteresis.ros.readiness import WORKS, state_of
 from piezo_interfaces.msg import ActuatorState, LoopStatus, ModelEstimate, RecordMarker, Reference
 from piezo_interfaces.msg import Gap as GapMessage
 

@@ -22,12 +22,11 @@ from piezo_hysteresis.nodes.excitation.sweep_markers import missing_subscribers
 from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer
 from piezo_hysteresis.nodes.messages import measured_of, point_of, reference_bytes, voltage_bytes
 from piezo_hysteresis.parameters.node_tables import EXCITATION
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.flat import head_of, nanoseconds_of_head
 from piezo_hysteresis.ros.guarded import GuardedNode
-from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.readiness import Diagnostics, Neighbours
 from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_hysteresis.runtime.excitation_plan import (
     SILENCE,

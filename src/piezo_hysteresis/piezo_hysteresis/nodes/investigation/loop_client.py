@@ -2,16 +2,53 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from math import inf
 from typing import Any
 
 from rclpy.action import ActionClient
+from rclpy.node import Node
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
 from piezo_hysteresis.ros.client import Client
 from piezo_interfaces.action import Investigate
+
+# Period of the check [s].
+LOOK = 0.2
+
+
+class ActionWatch:
+    """Detects that an action server has ended, also if another one has replaced it.
+
+    A killed process remains in the graph for a while, and a quick restart is not visible there;
+    but the new endpoints have other identifiers.
+    """
+
+    def __init__(self, node: Node, client: ActionClient, name: str) -> None:
+        self._node, self._client = node, client
+        self._topic = node.resolve_topic_name(f'{name}/_action/status')
+        self._known: frozenset[bytes] = frozenset()
+        self._due, self._lost = 0.0, False
+
+    def begin(self) -> None:
+        """Store the present server."""
+        self._known, self._lost = self._there(), False
+
+    @property
+    def lost(self) -> bool:
+        """Whether the stored server has ended or was replaced, according to the last check."""
+        if not self._lost and time.monotonic() >= self._due:
+            there = self._there()
+            self._lost = bool(there - self._known) or not there & self._known
+            self._lost |= not self._client.server_is_ready()
+            self._due = time.monotonic() + LOOK
+        return self._lost
+
+    def _there(self) -> frozenset[bytes]:
+        infos = self._node.get_publishers_info_by_topic(self._topic)
+        return frozenset(bytes(info.endpoint_gid) for info in infos)
+
 
 # Timeout of the discovery node: for its discovery, and after its restart [s].
 FOUND_WITHIN, BACK_WITHIN = 15.0, 120.0

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_action_status_default
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.investigation.action_watch import ActionWatch
+from piezo_hysteresis.nodes.investigation.loop_client import ActionWatch
 from piezo_hysteresis.nodes.investigation.node_requests import (
     Cancelled,
     Unanswered,

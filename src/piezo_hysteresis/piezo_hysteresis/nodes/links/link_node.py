@@ -22,10 +22,10 @@ from piezo_hysteresis.compensation.operating_limits import above_nyquist, operat
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.messages import voltage_bytes
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedLifecycleNode, sends_floats
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import wall_timer
 from piezo_hysteresis.runtime.link_health import ALARMS, CORRECTS, LinkHealth, Watchdog
 from piezo_interfaces.msg import LoopStatus, VoltageCommand

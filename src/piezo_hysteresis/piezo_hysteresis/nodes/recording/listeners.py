@@ -15,8 +15,8 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.qos import LATCHED
+from piezo_hysteresis.ros.readiness import Neighbours
 from piezo_hysteresis.runtime.consumer_progress import Progress
 from piezo_interfaces.msg import LoopStatus
 

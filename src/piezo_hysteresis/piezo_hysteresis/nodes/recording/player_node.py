@@ -21,12 +21,11 @@ from piezo_hysteresis.nodes.recording.listeners import Ended, Listeners, message
 from piezo_hysteresis.parameters.node_tables import PLAYER
 from piezo_hysteresis.records.player import Played, Player
 from piezo_hysteresis.records.storage import Topic
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode
-from piezo_hysteresis.ros.neighbours import Neighbours
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.readiness import Diagnostics, Neighbours
 from piezo_hysteresis.ros.running import run_node
 from piezo_interfaces.msg import RecordMarker
 

@@ -17,11 +17,11 @@ from piezo_hysteresis.nodes.recording.listeners import matching, message_type, o
 from piezo_hysteresis.parameters.node_tables import RECORDER
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE, definition_of
 from piezo_hysteresis.records.recorder import Recorder
-from piezo_hysteresis.ros.diagnostics import Diagnostics
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
+from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_hysteresis.runtime.consumer_progress import MARKED, TAKEN
 from piezo_interfaces.msg import LoopStatus
