@@ -267,3 +267,52 @@ def test_a_line_of_the_drive_itself_is_not_taken_for_hum() -> None:
     ]
     found, _ = as_measured(records)
     assert np.array_equal(found[1].voltage, own)
+
+
+def held(u: np.ndarray, size: float, seed: int = 7) -> np.ndarray:
+    """Return a drive as a monitor of 100 Hz reads it, with noise of `size` of its range."""
+    noise = size * np.ptp(u) * np.random.default_rng(seed).standard_normal(u.size)
+    return np.asarray((u + noise)[np.arange(u.size) // 10 * 10])
+
+
+def test_a_drive_of_nearly_half_the_rate_of_its_monitor_is_found_again() -> None:
+    u = np.sin(2 * np.pi * 47.0 * TIME)
+    found = found_in(held(u, 1e-3), u)
+    assert found is not None
+    assert not found.skipped
+    assert np.std(found.voltage - u) < 1e-3 * np.ptp(u)
+
+
+QUICK = {
+    'step': np.where(TIME < 1.3037, 0.0, 80.0),
+    'corners': 50.0 * np.abs((2.0 * TIME**1.5 + 1.003) % 2.0 - 1.0),
+    'alias': 50.0 * (1.0 - np.cos(2 * np.pi * 120.0 * TIME)),
+}
+
+
+@pytest.mark.parametrize('drive', QUICK)
+@pytest.mark.parametrize('size', [1e-4, 1e-3])
+def test_what_a_held_monitor_does_not_show_is_left_out_of_a_set(drive: str, size: float) -> None:
+    """A held step was taken for an exact command, and its noise moved the hysteresis."""
+    u = QUICK[drive]
+    slow = Record('slow', 1.0 / RATE, held(DRIVES['sine'], size), plays(DRIVES['sine']))
+    quick = Record('quick', 1.0 / RATE, held(u, size), plays(u))
+    kept, remarks = as_measured([slow, quick])
+    assert [each.name for each in kept] == ['slow']
+    assert any('record quick is left out' in each for each in remarks)
+    alone = as_measured([quick])[0][0]
+    assert alone.input_uncertainty is not None
+    assert np.max(np.abs(alone.voltage)) < 101.0  # a spline overshoots at a step
+
+
+def test_the_values_at_which_a_noisy_drive_turns_are_not_cut_off() -> None:
+    u = 100.0 * np.abs((TIME + 0.6) ** 1.2 % 2.0 - 1.0)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(u)))) + 1
+    outward = -np.sign(np.diff(u)[turns])
+    errors = []
+    for seed in range(100, 120):
+        noise = 0.2 * np.random.default_rng(seed).standard_normal(COUNT)
+        found = found_in(u + noise, u)
+        assert found is not None
+        errors.append(outward * (found.voltage - u)[turns])
+    assert abs(np.mean(errors)) < 0.05

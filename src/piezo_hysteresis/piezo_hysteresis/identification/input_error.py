@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 from scipy.signal import oaconvolve
@@ -66,9 +66,13 @@ _LAGS = 12  # samples by which the displacement may follow the input in that tes
 # remaining error at rest moves a hysteresis all the time: there the windows must be wide.
 _WINDOWS = tuple(2**k for k in range(1, 13))
 _AGREE = 2.5
+_NEAR_TURN = 0.1  # share of the reach about a turn within which a signal is at it
 _DETAIL = 4.0  # deviations from which a local fit finds what the harmonics lack
 _BLOCK = 16_384  # samples of a partial sum
 _HARMONICS = 60  # largest number of fitted harmonics of a drive
+# Largest frequency of a drive over the rate of its readings, and share of the displacement that
+# is faster, from which the drive was, too.
+_BELOW_HALF, _FASTER = 0.49, 0.2
 # Mains frequencies [Hz], their highest multiple, and how much they stand out of their neighbours.
 _MAINS, _MULTIPLES, _STANDS_OUT = (50.0, 60.0), 5, 6.0
 # Relative deviation of the mains frequency, and of the clock that recorded it.
@@ -88,6 +92,7 @@ class InputError:
     step: float = 0.0  # step of the converter [V or N]; 0 if it is negligible
     hold: int = 1  # samples for which a reading is held; 1 without a hold
     hum: tuple[tuple[float, float], ...] = ()  # [Hz] [V or N]
+    skipped: bool = False  # the input did between two held readings what they do not show
 
     def words(self, unit: str) -> str:
         """Return size and kind of the error."""
@@ -126,16 +131,19 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     if noise > _EXACT * reach or hold > 1:
         found = _without_noise(plain, noise, step, places, u.size)
     else:
-        found = plain, InputUncertainty(0.0)
+        found = plain, InputUncertainty(0.0), False
     if found is None:  # the drive is as fast as the noise: it stays, and counts as uncertainty
         kept = u - (0.0 if hold > 1 else lines)
         return InputError(kept, noise, InputUncertainty(noise), step, hold, hum)
-    clean, left = found
+    clean, left, skipped = found
     error = u - clean
     rms = float(np.sqrt(np.mean(error**2)))
+    if hold > 1:
+        skipped = skipped or _moves_faster(y, hold)
+        return InputError(clean, rms, left, step, hold, hum, skipped)
     # an error is everywhere and as large as expected, corners of a drive are not
     everywhere = float(np.median(np.abs(error))) > _EVERYWHERE * rms
-    if not (everywhere and rms > max(_EXACT * reach, 0.5 * noise if hold == 1 else 0.0)):
+    if not (everywhere and rms > max(_EXACT * reach, 0.5 * noise)):
         return None
     return InputError(clean, rms, left, step, hold, hum)
 
@@ -314,8 +322,12 @@ def _tuned(u: FloatArray, frequency: float, dt: float) -> float:
 
 def _without_noise(
     u: FloatArray, noise: float, step: float, places: IntArray, count: int
-) -> tuple[FloatArray, InputUncertainty] | None:
-    """Return readings `u` at `places`, without `noise` [V or N], at all samples, and the rest."""
+) -> tuple[FloatArray, InputUncertainty, bool] | None:
+    """Return readings `u` at `places`, without `noise` [V or N], at all samples, and the rest.
+
+    The last value is whether they show too little of what happened between them: every second
+    reading does not tell the others.
+    """
     base, period, orders, term = _periodic_part(u, noise, step, places, count)
     detail, spread = _local_fit(u - base[places], noise)
     share = 1.0
@@ -325,18 +337,29 @@ def _without_noise(
     error = u - base[places] - detail
     missed = max(float(np.mean(error**2)) - _CHANCE * noise**2, 0.0)
     variance = (1 + 2 * len(orders) + bool(orders)) * term**2  # the period was fitted, too
-    if places.size < count:  # when a held signal jumped is not known
-        change = np.abs(np.diff(u - base[places]))
-        jump = change[1:-1] - np.maximum(change[:-2], change[2:])
-        variance += float(np.sum(jump[jump > _JUMP * noise] ** 2)) / 6.0 / places.size
+    skipped, fill = False, CubicSpline
+    if places.size < count:
+        rest = u - base[places]
+        between = rest[1:-1:2] - CubicSpline(places[::2], rest[::2])(places[1:-1:2])
+        # half as many readings have twice the error
+        variance += max(float(np.mean(between**2)) - 2.0 * noise**2, 0.0) / 2.0
+        skipped = float(np.max(np.abs(between))) > _JUMP * sqrt(2.0) * noise
+        fill = PchipInterpolator if skipped else CubicSpline  # the former never exceeds readings
     rms = sqrt(variance + share * spread**2 + missed)
     if rms > _USEFUL * noise and places.size == count:
         return None
     left = InputUncertainty(rms, SLOW, period, orders, term)
     if places.size == count:
-        return base + detail, left
+        return base + detail, left, skipped
     inside = np.clip(np.arange(count), places[0], places[-1])
-    return base + CubicSpline(places, detail)(inside), left
+    return base + fill(places, detail)(inside), left, skipped
+
+
+def _moves_faster(y: FloatArray, hold: int) -> bool:
+    """Return whether the displacement moves faster than readings so far apart can show."""
+    power = np.abs(np.fft.rfft(np.hanning(y.size) * (y - y.mean()))) ** 2
+    fast = float(np.sum(power[y.size // (2 * hold) :]))
+    return fast > _FASTER**2 * float(np.sum(power))
 
 
 def _period(u: FloatArray) -> tuple[float, float]:
@@ -380,7 +403,7 @@ def _periodic_part(
     if step:  # a drive makes lines of its rounding, which noise before the converter blurs
         limit = max(limit, _ROUNDED * step * exp(-2.0 * pi**2 * white / step**2))
     while True:
-        orders = range(1, min(int(0.45 * period / hold), _HARMONICS) + 1)
+        orders = range(1, min(int(_BELOW_HALF * period / hold), _HARMONICS) + 1)
         period, shares = _fitted(u[part], places[part], period, orders)
         sizes = np.hypot(shares[1::2], shares[2::2])
         kept = [n for n, size in zip(orders, sizes, strict=True) if size > limit]
@@ -476,13 +499,48 @@ def _lazy(x: FloatArray, reach: FloatArray) -> FloatArray:
 
     A hysteresis adds up the changes of its input: the remaining noise would move it all the time.
     Of all signals within the reach a play moves least; that of the reversed signal lags in
-    the other direction, so that their mean has no lag.
+    the other direction, so that their mean has no lag. What both cut off where the signal turns is
+    given back: a hysteresis depends on these values more than on all others.
     """
     low, high = x - reach, x + reach
     forward, backward = np.empty_like(x), np.empty_like(x)
     _follow_tube(low, high, forward)
     _follow_tube(low[::-1].copy(), high[::-1].copy(), backward)
-    return 0.5 * (forward + backward[::-1])
+    found = 0.5 * (forward + backward[::-1])
+    _restore_turns(x, found.copy(), reach, found)
+    return found
+
+
+@jit
+def _restore_turns(x: FloatArray, cut: FloatArray, reach: FloatArray, out: FloatArray) -> None:
+    """Stretch the ends of every run of `cut` in one direction to the mean of `x` where it turns.
+
+    Both plays follow a signal to within their reach of its turn, and their mean goes on half as
+    fast: what is nearer to the turn than it is cut off lay twice as far.
+    """
+    begin, start, missing_before, before = 0, 0, 0.0, 0.0
+    while start < cut.size:
+        stop = start + 1
+        while stop < cut.size and cut[stop] == cut[start]:
+            stop += 1
+        up = 1.0 if cut[start] > before else -1.0
+        if start > 0 and stop < cut.size and up * (cut[stop] - cut[start]) > 0.0:
+            start = stop
+            continue
+        low, high, near = start, stop, _NEAR_TURN * reach[start]
+        while low > begin and abs(cut[low - 1] - cut[start]) < near:
+            low -= 1
+        while high < cut.size and abs(cut[high] - cut[start]) < near:
+            high += 1
+        missing = np.mean(x[low:high] - cut[low:high])
+        half = 0.5 * abs(cut[start] - before)
+        if start > 0 and half > reach[start]:  # a smaller run may be noise
+            first, last = -up * missing_before, up * missing
+            for k in range(begin, stop):
+                out[k] += up * max(min(last, half) - abs(cut[start] - cut[k]), 0.0)
+                out[k] -= up * max(min(first, half) - abs(cut[k] - before), 0.0)
+        begin, missing_before, before = stop, missing, cut[start]
+        start = stop
 
 
 @jit

@@ -29,6 +29,10 @@ _LEFT_OUT = (
     'record {record} is left out: its voltage was measured too slowly or with too much noise, and '
     'is known to {share:.2g} % of its range only. Log the command'
 )
+_SKIPPED = (
+    'record {record} is left out: its voltage was held for {hold} samples and moved faster, so '
+    'that what it did between two readings is not known. Log the command'
+)
 _REST = (
     'record {record}: the voltage was measured, not commanded: the displacement does not follow '
     'its changes, so it is taken as constant'
@@ -73,11 +77,15 @@ def _in_a_set(
     kept, remarks = [], []
     hum = _hum_of(errors)
     for original, record in zip(records, found, strict=True):
-        record, removed = _without_hum(record, _error_of(original), hum)
+        measured = _error_of(original)
+        record, removed = _without_hum(record, measured, hum)
         remarks += removed
         rest, error = _at_rest(record, largest), record.input_uncertainty
         if rest is not None:
             remarks.append(_REST.format(record=record.name))
+        elif measured is not None and measured.skipped and not all_kept:
+            remarks.append(_SKIPPED.format(record=record.name, hold=measured.hold))
+            continue
         elif (
             error is not None
             and error.rms > _UNKNOWN * float(np.ptp(record.voltage)) > 0.0
