@@ -19,8 +19,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
-from scipy.signal import oaconvolve
-from scipy.signal.windows import blackmanharris
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.identification.noise import RUNNING_MEDIAN, differences_noise
@@ -201,6 +199,8 @@ def _segments(*signals: FloatArray) -> tuple[Any, ...] | None:
     differenced twice, against slow motion. Segments in which the first signal jumps are left out.
     None for fewer than `_FEWEST_SEGMENTS`.
     """
+    from scipy.signal.windows import blackmanharris  # half a second, and commands need none
+
     twice = [np.diff(each, 2) for each in signals]
     length = _SEGMENT
     while length > _SHORTEST and 2 * twice[0].size < _FEWEST_SEGMENTS * length:
@@ -561,6 +561,8 @@ def _follow_tube(low: FloatArray, high: FloatArray, out: FloatArray) -> None:
 
 def _window(u: FloatArray, half: int, kind: int) -> tuple[FloatArray, BoolArray, float]:
     """Return the local fit at each sample, where its window is inside, and its noise gain."""
+    from scipy.signal import oaconvolve
+
     place = np.arange(-half, half + 1) if kind == 0 else np.arange(0, 2 * half + 1) * float(kind)
     rows = np.vander(place.astype(np.float64) / half, 3 if kind == 0 else 2, increasing=True)
     weights = solve_least_squares(rows.T @ rows, np.eye(rows.shape[1])[0]).values @ rows.T

@@ -42,6 +42,8 @@ _SIDE = 8
 _AT_ONCE = 0.7
 _AFTER_DRIVE = 20
 _MOST_STEPS = 20
+# Samples and blocks from which the usual size of the differences of a long record is taken.
+_SAMPLE, _BLOCKS = 250_000, 500
 
 
 def outliers(
@@ -215,7 +217,7 @@ def counter_steps(
         return []
     gap = _gaps(y)
     coarse = float(np.mean(np.diff(y) == 0.0))
-    least = max(_FAR * _MAD * float(np.median(np.abs(gap))), 1e-4 * float(np.ptp(y)))
+    least = max(_FAR * _MAD * _usual_size(gap), 1e-4 * float(np.ptp(y)))
     if float(np.max(np.abs(gap))) > least:
         least = max(least, 3.0 * step_of(y))
     places = np.flatnonzero(np.abs(gap) > least)
@@ -245,6 +247,13 @@ def _lasts(y: FloatArray, k: int, height: float, period: int) -> bool:
         return True
     change = float(np.median(y[k : k + period] - y[k - period : k]))
     return abs(change - height) < 0.5 * abs(height)
+
+
+def _usual_size(x: FloatArray) -> float:
+    """Return the median size of values; of a long record by blocks all over it."""
+    if x.size > 4 * _SAMPLE:
+        x = x[: x.size // _BLOCKS * _BLOCKS].reshape(_BLOCKS, -1)[:, : _SAMPLE // _BLOCKS]
+    return float(np.median(np.abs(x)))
 
 
 def _gaps(x: FloatArray) -> FloatArray:
@@ -345,7 +354,7 @@ def frozen(y: FloatArray) -> BoolArray:
     if same.mean() > 0.2:  # coarse sensors and records at rest are constant anyway
         return found
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    usual = _MAD * float(np.median(np.abs(np.diff(y)))) + 1e-300
+    usual = _MAD * _usual_size(np.diff(y)) + 1e-300
     for begin, end in edges.reshape(-1, 2):
         if end - begin + 1 < _FROZEN or begin == 0 or end + 1 >= y.size:
             continue

@@ -123,7 +123,11 @@ def _pieces_of(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
 
 
 def _finite(track: Track, place: str, log: DamageLog) -> Track:
-    good = np.abs(track.time) < LARGEST_NUMBER  # false for NaN
+    every = [track.time, *track.columns.values()]
+    # a comparison with NaN is false
+    if all(x.size and x.min() > -LARGEST_NUMBER and x.max() < LARGEST_NUMBER for x in every):
+        return track
+    good = np.abs(track.time) < LARGEST_NUMBER
     for column in track.columns.values():
         good &= np.abs(column) < LARGEST_NUMBER
     bad = int(good.size - good.sum())
@@ -196,6 +200,8 @@ def _refuse_two_senders(track: Track, place: str) -> None:
     if time.size < 2 * SHORTEST:
         return
     steps = np.diff(time)
+    if _even(steps):
+        return
     every = time[2:] - time[:-2]
     uneven = np.mean(np.abs(steps - np.median(steps)) > UNEVEN * np.median(steps)) > 0.1
     if not uneven or np.mean(np.abs(every - np.median(every)) > UNEVEN * np.median(every)) > 0.1:
@@ -277,6 +283,12 @@ def _steps(track: Track) -> FloatArray:
     return steps
 
 
+def _even(steps: FloatArray) -> bool:
+    """Return whether no step can differ from the median by more than is allowed."""
+    least = float(steps.min())
+    return float(steps.max()) - least <= UNEVEN * least
+
+
 def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
     if track.sample is not None:
         counts = np.diff(track.sample)
@@ -288,6 +300,8 @@ def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
         cuts = np.flatnonzero(counts != 1) + 1
     else:
         steps = np.diff(track.time)
+        if _even(steps):
+            return [track]
         median = float(np.median(steps))
         long = steps > GAP * median
         if long.sum() > 0.1 * long.size:
@@ -315,15 +329,17 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
     if track.time.size < 3:
         return [track]
     steps = _steps(track)
+    mean = (track.time[-1] - track.time[0]) / (track.time.size - 1)
+    wander = np.abs(track.time - track.time[0] - mean * np.arange(track.time.size)).max()
+    steady = 0.5 if track.sample is None else JITTER
+    if _even(steps) and mean > 0.0 and wander < steady * mean:
+        return [track]
     median = np.median(steps)
     odd = np.abs(steps - median) > UNEVEN * median
-    mean = (track.time[-1] - track.time[0]) / (track.time.size - 1)
     if not median > 0:
         log.add(place, 'most of its stamps do not advance', count=int(np.sum(steps <= 0)),
                 remedy='let the driver stamp each state with its time')  # fmt: skip
         return []
-    wander = np.abs(track.time - track.time[0] - mean * np.arange(track.time.size)).max()
-    steady = 0.5 if track.sample is None else JITTER
     if not odd.any() and wander < steady * mean:
         return [track]
     runs = _even_runs(steps)

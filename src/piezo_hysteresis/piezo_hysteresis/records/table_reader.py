@@ -142,7 +142,11 @@ def track_of(
         log.guess(where, f'reading {guessed}')
     found = {
         what: replace(
-            columns[k], values=columns[k].values / UNITS[what][unit], known=Meaning(what)
+            columns[k],
+            values=columns[k].values
+            if UNITS[what][unit] == 1.0
+            else columns[k].values / UNITS[what][unit],
+            known=Meaning(what),
         )
         for k, (what, unit) in meanings.items()
     }
