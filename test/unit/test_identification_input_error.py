@@ -316,3 +316,26 @@ def test_the_values_at_which_a_noisy_drive_turns_are_not_cut_off() -> None:
         assert found is not None
         errors.append(outward * (found.voltage - u)[turns])
     assert abs(np.mean(errors)) < 0.05
+
+
+@pytest.mark.parametrize('kind', ['mains', 'white'])
+def test_the_smallest_noise_does_not_move_what_rests_for_long(kind: str) -> None:
+    """1e-5 of the range at rest moved a hysteresis by a tenth of it, which was named creep."""
+    felt = np.tile(np.where(TIME < 0.5, 0.0, 80.0), 3)[500 : 3 * COUNT - 3000]
+    noise = 1e-5 * 80.0 * np.random.default_rng(7).standard_normal(felt.size)
+    hum = 8e-3 * np.sin(2 * np.pi * 50.0 / RATE * np.arange(felt.size)) if kind == 'mains' else 0.0
+    record = Record('a', 1.0 / RATE, felt + noise + hum, plays(felt))
+    [found], remarks = as_measured([record])
+    path, exact = (np.sum(np.abs(np.diff(u))) for u in (found.voltage, felt))
+    assert path < 1.01 * exact
+    assert bool(remarks) == (kind == 'mains')
+
+
+def test_a_curve_with_corners_and_a_held_monitor_is_measured() -> None:
+    """Its corners are as fast as noise of the readings, and the displacement follows them."""
+    levels = np.outer(2.5 * np.arange(1, 20), [1.0, -1.0]).ravel()
+    times = np.cumsum(np.abs(np.diff(levels, prepend=0.0))) / 100.0
+    u = np.interp(np.arange(0.0, times[-1], 1.0 / RATE), times, levels)
+    found = found_in(held(u, 6e-4), u)
+    assert found is not None
+    assert found.hold == 10

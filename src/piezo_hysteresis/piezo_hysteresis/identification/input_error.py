@@ -29,7 +29,8 @@ from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.records.record import InputUncertainty
 
 # Share of the range of the input below which an error is negligible, and that of a command.
-_EXACT, _SMOOTH = 2e-5, 1e-6
+NEGLIGIBLE, _SMOOTH = 2e-5, 1e-6
+_PATH = 0.01  # ranges that noise may move a hysteresis in a whole record
 _EQUAL = 1e-9  # share of the range by which slopes of a ramp differ by rounding
 _LEVELS = 8  # levels from which their distance is the step of a converter
 # Share of the changes of a held signal that are a whole number of holds apart, and longest hold.
@@ -64,13 +65,15 @@ _LAGS = 12  # samples by which the displacement may follow the input in that tes
 # remaining error at rest moves a hysteresis all the time: there the windows must be wide.
 _WINDOWS = tuple(2**k for k in range(1, 13))
 _AGREE = 2.5
+_CHOSEN = 1.4  # error of a local fit over that of its windows: they are chosen by the noise
 _NEAR_TURN = 0.1  # share of the reach about a turn within which a signal is at it
 _DETAIL = 4.0  # deviations from which a local fit finds what the harmonics lack
 _BLOCK = 16_384  # samples of a partial sum
 _HARMONICS = 60  # largest number of fitted harmonics of a drive
-# Largest frequency of a drive over the rate of its readings, and share of the displacement that
-# is faster, from which the drive was, too.
-_BELOW_HALF, _FASTER = 0.49, 0.2
+# Largest frequency of a drive over the rate of its readings, share of the displacement that is
+# faster from which the drive was, too, and from which the readings show another drive.
+_BELOW_HALF, _FASTER, _ALIASED = 0.49, 0.2, 0.99
+_BETTER = 0.9  # ratio of what two inputs leave of a displacement, from which one is its drive
 # Mains frequencies [Hz], their highest multiple, and how much they stand out of their neighbours.
 _MAINS, _MULTIPLES, _STANDS_OUT = (50.0, 60.0), 5, 6.0
 # Relative deviation of the mains frequency, and of the clock that recorded it.
@@ -122,11 +125,13 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     hum, lines = _hum(held, moved, dt * hold, reach)
     plain = held - lines
     noise = max(_noise(plain, least), step / sqrt(12.0), least)
-    if not (noise > _EXACT * reach or hum or hold > 1) or _followed(y, u, stroke / reach):
+    # a hysteresis adds up all changes, also at rest
+    least_noise = max(2.0 * _SMOOTH, min(NEGLIGIBLE, _PATH / held.size)) * reach
+    if not (noise > least_noise or hum or hold > 1) or _followed(y, u, stroke / reach):
         return None
-    if not hum and _coherent(moved, held, noise):
+    if not hum and hold == 1 and _coherent(y, plain, noise):
         return None
-    if noise > _EXACT * reach or hold > 1:
+    if noise > least_noise or hold > 1:
         found = _without_noise(plain, noise, step, places, u.size)
     else:
         found = plain, InputUncertainty(0.0), False
@@ -137,11 +142,14 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
     error = u - clean
     rms = float(np.sqrt(np.mean(error**2)))
     if hold > 1:
-        skipped = skipped or _moves_faster(y, hold)
+        fast = _fast_share(y, hold)
+        if fast < _ALIASED and _left_by(y, u) < _BETTER * _left_by(y, clean):
+            return None  # the steps were the drive
+        skipped = skipped or (float(np.ptp(clean)) > 0.0 and fast > _FASTER)
         return InputError(clean, rms, left, step, hold, hum, skipped)
     # an error is everywhere and as large as expected, corners of a drive are not
     everywhere = float(np.median(np.abs(error))) > _EVERYWHERE * rms
-    if not (everywhere and rms > max(_EXACT * reach, 0.5 * noise)):
+    if not (everywhere and rms > max(least_noise, 0.5 * noise)):
         return None
     return InputError(clean, rms, left, step, hold, hum)
 
@@ -149,7 +157,7 @@ def input_error(u: FloatArray, y: FloatArray, dt: float) -> InputError | None:
 def _step(u: FloatArray, reach: float) -> float:
     """Return the step of the converter of a signal, 0 if it is negligible or there is none."""
     step = step_of(u, fewest=_LEVELS)
-    if not step > sqrt(12.0) * _EXACT * reach:
+    if not step > sqrt(12.0) * NEGLIGIBLE * reach:
         return 0.0
     place = (u - u.min()) / step
     return step if float(np.max(np.abs(place - np.rint(place)))) < ON_GRID else 0.0
@@ -279,7 +287,7 @@ def _hum(
                 order = round(k / base)
                 others = [round(base * (order + d)) for d in (-2, -1, 1, 2) if order + d > 1]
                 floor = max([floor, *(float(size[j]) for j in others if j < size.size)])
-            if size[k] < _STANDS_OUT * floor or size[k] < 2.0 * _EXACT * reach:
+            if size[k] < _STANDS_OUT * floor or size[k] < 2.0 * NEGLIGIBLE * reach:
                 continue
             usual = float(np.median(answer[k - 40 : k + 40]))
             if answer[k] > max(_PASSED * gain * size[k], _STANDS_OUT * usual):
@@ -345,7 +353,7 @@ def _without_noise(
         variance += max(float(np.mean(between**2)) - 2.0 * noise**2, 0.0) / 2.0
         skipped = float(np.max(np.abs(between))) > _JUMP * sqrt(2.0) * noise
         fill = PchipInterpolator if skipped else CubicSpline  # the former never exceeds readings
-    rms = sqrt(variance + share * spread**2 + missed)
+    rms = sqrt(variance + share * (_CHOSEN * spread) ** 2 + missed)
     if rms > _USEFUL * noise and places.size == count:
         return None
     left = InputUncertainty(rms, SLOW, period, orders, term)
@@ -355,11 +363,21 @@ def _without_noise(
     return base + fill(places, detail)(inside), left, skipped
 
 
-def _moves_faster(y: FloatArray, hold: int) -> bool:
-    """Return whether the displacement moves faster than readings so far apart can show."""
+def _fast_share(y: FloatArray, hold: int) -> float:
+    """Return the share of a displacement that is faster than readings so far apart can show."""
     power = np.abs(np.fft.rfft(np.hanning(y.size) * (y - y.mean()))) ** 2
-    fast = float(np.sum(power[y.size // (2 * hold) :]))
-    return fast > _FASTER**2 * float(np.sum(power))
+    return sqrt(float(np.sum(power[y.size // (2 * hold) :])) / max(float(np.sum(power)), 1e-300))
+
+
+def _left_by(y: FloatArray, u: FloatArray) -> float:
+    """Return the median size of what a linear recursion with an input leaves of a displacement.
+
+    When a single step came is not known of a held input, so that it must not decide.
+    """
+    past = [y[1:-1], y[:-2], u[2:], u[1:-1], u[:-2], np.ones(y.size - 2)]
+    rows = np.array([each / max(float(np.max(np.abs(each))), 1e-300) for each in past])
+    shares = solve_least_squares(rows @ rows.T, rows @ y[2:], 1e-13).values
+    return float(np.median(np.abs(y[2:] - shares @ rows)))
 
 
 def _period(u: FloatArray) -> tuple[float, float]:
@@ -588,7 +606,7 @@ def _followed(y: FloatArray, u: FloatArray, gain: float) -> bool:
     answer = moved[_LAGS:]
     calm = ~np.any([jumps[_LAGS - k : jumps.size - k] for k in range(_LAGS)], axis=0)
     # a jump of the drive is no noise
-    if np.median(size) > _EXACT * float(np.ptp(u)) and float(np.mean(calm)) > 0.25:
+    if np.median(size) > NEGLIGIBLE * float(np.ptp(u)) and float(np.mean(calm)) > 0.25:
         rows, answer = rows[:, calm], answer[calm]
     grams = rows @ rows.T
     shares = solve_least_squares(grams, rows @ answer, 1e-8).values

@@ -10,7 +10,13 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.common.wording import counted
-from piezo_hysteresis.identification.input_error import ON_GRID, SLOW, InputError, input_error
+from piezo_hysteresis.identification.input_error import (
+    NEGLIGIBLE,
+    ON_GRID,
+    SLOW,
+    InputError,
+    input_error,
+)
 from piezo_hysteresis.identification.noise import differences_noise, steps_of, stroke_of
 from piezo_hysteresis.identification.outliers import interpolated, out_of_range, without_steps
 from piezo_hysteresis.identification.periods import cached_per_record
@@ -201,7 +207,7 @@ def _error_of(record: Record) -> InputError | None:
 
 def _input(record: Record) -> list[str]:
     error = _error_of(record)
-    if error is None:
+    if error is None or not error.rms > NEGLIGIBLE * float(np.ptp(record.voltage)):
         return []
     kind, unit = record.info.input_name, record.info.input_unit
     reach = float(np.ptp(error.voltage))
