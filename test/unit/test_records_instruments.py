@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import struct
 import sys
 import warnings
@@ -11,9 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from piezo_hysteresis.errors import DataNote, PiezoError, RecordError
 from piezo_hysteresis.records import Record, load
+
+# asammdf closes what it could not open
+pytestmark = pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')
 
 STEP = 1e-3
 TIME = np.arange(300) * STEP
@@ -22,14 +28,14 @@ MOVED = 0.12 * VOLTAGE + 3.0 * np.cos(2 * np.pi * 5.0 * TIME)  # um
 CHANNELS = (('Voltage', 'V', VOLTAGE), ('Displacement', 'um', MOVED))
 
 
-def mdf(path: Path) -> Path:
+def mdf(path: Path, time: Any = TIME + 5.0) -> Path:
     asammdf = pytest.importorskip('asammdf')
 
     def signal(name: str, unit: str, samples: Any, time: Any) -> Any:
         return asammdf.Signal(samples=samples, timestamps=time, name=name, unit=unit)
 
     with asammdf.MDF(version='4.10') as file:
-        file.append([signal(name, unit, values, TIME + 5.0) for name, unit, values in CHANNELS])
+        file.append([signal(name, unit, values, time) for name, unit, values in CHANNELS])
         file.append([signal('Temperature', 'K', TIME[::4], TIME[::4])])
         file.save(path, overwrite=True)
     return path
@@ -65,6 +71,7 @@ def igor(path: Path, unit: str = 's', columns: int = 2) -> Path:
     sizes = (len(body), *(0,) * 8, len(labels) if columns > 1 else 0, *(0,) * 5)
     head = struct.pack('<2h15i', 5, 0, *sizes)
     check = -sum(struct.unpack('<192h', head + body[:320])) & 0xFFFF
+    labels = labels if columns > 1 else b''
     path.write_bytes(struct.pack('<hH15i', 5, check, *sizes) + body + labels)
     return path
 
@@ -104,6 +111,85 @@ def test_a_file_that_was_cut_off_gives_no_wrong_number(
         count = len(record)
         np.testing.assert_allclose(record.voltage, VOLTAGE[:count], rtol=1e-6)
         np.testing.assert_allclose(record.displacement, 1e-6 * MOVED[:count], rtol=1e-6)
+
+
+DAMAGES = st.tuples(
+    st.sampled_from(['drop', 'double', 'blank']), st.floats(0, 1), st.integers(1, 600)
+)
+
+
+@pytest.mark.parametrize('ending', WRITERS)
+@given(damage=DAMAGES)
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_a_damaged_file_gives_no_other_number_without_a_word(
+    tmp_path: Path, ending: str, damage: tuple[str, float, int]
+) -> None:
+    fuzzed(tmp_path, ending, damage)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('ending', WRITERS)
+@given(damage=DAMAGES)
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_many_damaged_files(tmp_path: Path, ending: str, damage: tuple[str, float, int]) -> None:
+    fuzzed(tmp_path, ending, damage)
+
+
+def fuzzed(tmp_path: Path, ending: str, damage: tuple[str, float, int]) -> None:
+    """Drop or double bytes anywhere, or blank some of the first: refused, or the true samples."""
+    kind, place, count = damage
+    path = tmp_path / f'run.{ending}'
+    path.unlink(missing_ok=True)
+    raw = WRITERS[ending](path).read_bytes()
+    first = int(place * (len(raw) if kind != 'blank' else 200))
+    piece = raw[first : first + count]
+    if kind == 'blank':
+        piece = piece[: 1 + count // 20]
+    middle = {'drop': b'', 'double': 2 * piece, 'blank': bytes(len(piece))}[kind]
+    path.write_bytes(raw[:first] + middle + raw[first + len(piece) :])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')
+            records = load(path)
+    except PiezoError:
+        return
+    finally:
+        gc.collect()  # here, and not while hypothesis parses a source
+    for record in records:
+        count = len(record)
+        assert record.dt == pytest.approx(STEP, rel=1e-3)
+        np.testing.assert_allclose(record.voltage, VOLTAGE[:count], rtol=1e-6)
+        np.testing.assert_allclose(
+            record.displacement, 1e-6 * MOVED[:count], rtol=1e-6, atol=1e-12
+        )
+
+
+def test_a_wave_whose_header_or_length_is_wrong_is_refused(tmp_path: Path) -> None:
+    raw = igor(tmp_path / 'run.ibw').read_bytes()
+    for changed, match in ((raw[:120] + b'\1' + raw[121:], 'checksum'), (raw + b'\0', 'longer')):
+        (tmp_path / 'run.ibw').write_bytes(changed)
+        with pytest.raises(RecordError, match=match):
+            load(tmp_path / 'run.ibw')
+
+
+@pytest.mark.parametrize('place', [5249, 11729])
+@pytest.mark.parametrize('there', [b'', b'12'])
+def test_a_universal_file_with_lines_of_other_widths_is_refused(
+    tmp_path: Path, there: bytes, place: int
+) -> None:
+    raw = uff(tmp_path / 'run.uff').read_bytes()
+    (tmp_path / 'run.uff').write_bytes(raw[:place] + there + raw[place + 1 :])
+    with pytest.raises(RecordError, match='of another width'):
+        load(tmp_path / 'run.uff')
+
+
+def test_channels_whose_times_stand_still_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match='do not advance'):
+        load(mdf(tmp_path / 'run.mf4', 0.0 * TIME))
 
 
 def test_a_wave_that_is_scaled_in_metres_has_no_time(tmp_path: Path) -> None:

@@ -301,7 +301,10 @@ def _on_one_clock(
 def _step(times: FloatArray) -> float:
     if times.size < 2:
         raise RecordError('a column has one sample; record at least a few periods')
-    return float(np.median(np.diff(times)))
+    step = float(np.median(np.diff(times)))
+    if not step > 0.0:
+        raise RecordError('most times of a column do not advance; save it again')
+    return step
 
 
 def _in_order(found: dict[str, Column], where: str, log: DamageLog) -> dict[str, Column]:
