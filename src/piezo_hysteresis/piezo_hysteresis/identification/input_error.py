@@ -334,7 +334,7 @@ def _without_noise(
     """Return readings `u` at `places`, without `noise` [V or N], at all samples, and the rest.
 
     The last value is whether they show too little of what happened between them: every second
-    reading does not tell the others.
+    reading does not determine the others.
     """
     base, period, orders, term = _periodic_part(u, noise, step, places, count)
     detail, spread = _local_fit(u - base[places], noise)
@@ -533,7 +533,7 @@ def _lazy(x: FloatArray, reach: FloatArray) -> FloatArray:
 def _restore_turns(x: FloatArray, cut: FloatArray, reach: FloatArray, out: FloatArray) -> None:
     """Stretch the ends of every run of `cut` in one direction to the mean of `x` where it turns.
 
-    Both plays follow a signal to within their reach of its turn, and their mean goes on half as
+    Both plays follow a signal to within their reach of its turn, and their mean moves half as
     fast: what is nearer to the turn than it is cut off lay twice as far.
     """
     begin, start, missing_before, before = 0, 0, 0.0, 0.0
