@@ -550,7 +550,7 @@ def _restore_turns(x: FloatArray, cut: FloatArray, reach: FloatArray, out: Float
             low -= 1
         while high < cut.size and abs(cut[high] - cut[start]) < near:
             high += 1
-        missing = np.mean(x[low:high] - cut[low:high])
+        missing = float(np.mean(x[low:high] - cut[low:high]))
         half = 0.5 * abs(cut[start] - before)
         if start > 0 and half > reach[start]:  # a smaller run may be noise
             first, last = -up * missing_before, up * missing
