@@ -42,9 +42,10 @@ Hypothesis = tuple[float, RecordStart]
 # noise: five standard deviations.
 _SHARE = 0.1
 _SHOWN = 0.3
-# Share from which a start is tried in a fit of its own.
-_HINTED = 0.05
 _SURE = 25.0
+# Share from which a start is tried in a fit of its own, and share of what is missed that this fit
+# must explain: parameters and states together explain much of an effect that the model lacks.
+_HINTED, _NEARLY_ALL = 0.05, 0.9
 # Part of a record, and share of the rms residual by which starts may still differ after it, where
 # the effect of the initial condition has decayed.
 _EARLY, _ALIKE = 8, 0.01
@@ -342,7 +343,7 @@ class StartSearch:
                 changed[k] = other
         if all(map(Target.begins_like, changed, targets)):
             return None
-        return changed, 1.0 - _SHOWN * (before - noise) / before
+        return changed, 1.0 - _NEARLY_ALL * (before - noise) / before
 
     @cached_property
     def _levels(self) -> bool:
