@@ -328,10 +328,11 @@ def with_held_levels(
 
     A fit removes the linearised response to these levels. A play bounds that response, its
     derivative does not. Where the run from the best levels leaves much more than that promises,
-    they are held in a further fit, which counts if its runs have the smaller error.
+    they are held in a further fit, which counts if its runs have the smaller error. A fit that
+    leaves only noise has promised nothing wrong: few levels then stand for a state that they miss.
     """
     clock = True if SAMPLING_OFFSET in found.std else found.sampling_offset
-    for _ in range(_HELD_TURNS):
+    for _ in range(0 if leaves_noise(found) else _HELD_TURNS):
         held = _search(found, records, choices).held(found.targets, choices.zero)
         if not any(each.begins.held for each in held):
             break
