@@ -44,6 +44,22 @@ def test_the_first_cycle_is_told_apart() -> None:
             assert all(found) if first else not any(found)
 
 
+def test_the_share_is_that_of_the_cycles_behind_the_first() -> None:
+    settled = drawn('hysteresis', 4, 21).scans[1]
+    cycle = settled.section(0, round(1 / (float(settled.name[5:-2]) * settled.dt)))
+    y = np.tile(cycle.displacement, 4)
+    y[: len(cycle) // 2] *= 1.3  # a longer way from rest
+    lags = [
+        two_way_lag(Record('scan', settled.dt, np.tile(cycle.voltage, 4), each))
+        for each in (y, np.tile(cycle.displacement, 4))
+    ]
+    assert lags[0] is not None
+    assert lags[1] is not None
+    assert lags[0].share == pytest.approx(lags[1].share, rel=0.02)
+    assert lags[0].delay_s == pytest.approx(lags[1].delay_s, rel=0.02)
+    assert lags[0].first_cycle_m is not None
+
+
 def test_a_record_without_two_ways_has_none() -> None:
     t = np.arange(1000) / RATE
     rest = np.zeros(1000)

@@ -64,7 +64,10 @@ def two_way_lag(record: Record) -> TwoWayLag | None:
     ways = list(_ways(place))
     if len(ways) < 2:
         return None
-    slope = _common_slope([place[k] for k, _ in ways], [y[k] for k, _ in ways])
+    # the first way may be that from rest, whose slope and stroke are others
+    later_ways = [k for k, _ in ways[1:]] if len(ways) > 2 else [k for k, _ in ways]
+    stroke = float(np.ptp(y[later_ways[0].start :]))
+    slope = _common_slope([place[k] for k in later_ways], [y[k] for k in later_ways])
     heights = [float(np.mean(y[k] - slope * place[k])) for k, _ in ways]
     sign = np.sign(slope)
     cycles = np.array(
@@ -72,7 +75,7 @@ def two_way_lag(record: Record) -> TwoWayLag | None:
     )
     later = cycles[1:] if cycles.size > 1 else cycles
     difference = float(np.mean(later))
-    speed = float(np.mean([abs(np.ptp(place[k])) / (place[k].size - 1) for k, _ in ways]))
+    speed = float(np.mean([abs(np.ptp(place[k])) / (place[k].size - 1) for k in later_ways]))
     delay = difference * record.dt / (2 * abs(slope) * speed)
     first = None
     if later.size > 1:
