@@ -132,7 +132,8 @@ def _print_result(verdict: Any, out: str) -> None:
             print(f'    {name} {value} {unit}'.rstrip())
         for other in effect.alternatives:
             print(f'    or {other.name} (probability {other.probability:.3g})')
-        for near in effect.look_alikes:
+        listed = {other.name for other in effect.alternatives}
+        for near in (each for each in effect.look_alikes if each.name not in listed):
             print(f'    or {near.name} (within {near.distance:.2g} standard deviations)')
     for lag in verdict.two_way:
         print(f'  up and down differ in {lag}')
