@@ -62,7 +62,7 @@ def test_the_loop_runs_by_its_own_time(
     served(lambda: states and 'simulator' in health and 'recorder' in health)
     for node in ('simulator', *nodes):
         status = health[node]
-        # after the sweep nobody commands, which the simulator reports on a slow machine
+        # after the sweep no node commands, which the simulator reports on a slow machine
         at_rest = node == 'simulator' and status.message.startswith('no commands')
         assert at_rest or status.level < DiagnosticStatus.ERROR, status.message
     assert loop.stop(60.0) == 0

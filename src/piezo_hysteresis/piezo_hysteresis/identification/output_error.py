@@ -301,7 +301,7 @@ def refined(
         result = attempt(targets, _with_offset(result), sampling_offset)
     if stopped():
         return result
-    search = StartSearch(model, result.values, result.sampling_offset, records, choices.start)
+    search = _search(result, records, choices)
     other = search.with_steps(targets)
     if other is not None:
         enough = (1.0 + other[1]) * result.cost

@@ -277,16 +277,17 @@ class StartSearch:
         The parameters see the run from levels that are held, so that they fit nothing that no
         level reaches.
         """
-        changed = []
-        for target in targets:
+        return [self._held(target, zero) for target in targets]
+
+    def _held(self, target: Target, zero: str) -> Target:
+        if target.begins.held:
+            free = replace(target, begins=replace(target.begins, held=False))
+            other = self._as_runs().settled(free)
+        else:
             other = self.as_run(target, target, zero)
-            if target.begins.held:
-                free = replace(target, begins=replace(target.begins, held=False))
-                other = self._as_runs().settled(free)
-            if (other is not target or target.begins.held) and other.begins.levels:
-                other = replace(other, begins=replace(other.begins, held=True))
-            changed.append(other)
-        return changed
+            if other is target:
+                return target
+        return replace(other, begins=replace(other.begins, held=bool(other.begins.levels)))
 
     def square_of_runs(self, targets: Sequence[Target]) -> float:
         """Return the sum of squares of the errors of runs, weighted as in a fit [m^2]."""

@@ -29,6 +29,12 @@ def missing_subscribers(publisher: Publisher, topic: str, count: int) -> str:
     return '' if there >= count else f'{count} subscribers of {topic}, {there} are there'
 
 
+def undiscovered(node: Node, publisher: Publisher, topic: str, least: int) -> str:
+    """Return the missing ones of at least `least` subscribers and of all in the graph."""
+    count = max(least, subscribers(node, publisher.topic_name))
+    return missing_subscribers(publisher, topic, count)
+
+
 class SweepMarkers:
     """The markers of a sweep, and the bag of its states and markers."""
 
@@ -43,9 +49,8 @@ class SweepMarkers:
 
     def missing(self) -> str:
         """Return the missing subscribers before the first tick; empty if all are connected."""
-        there = subscribers(self._node, topics.MARKER)
-        count = max(self._parameters.integer('marker_listeners'), there)
-        return missing_subscribers(self._publisher, topics.MARKER, count)
+        least = self._parameters.integer('marker_listeners')
+        return undiscovered(self._node, self._publisher, topics.MARKER, least)
 
     def begin(self, bag: Path) -> None:
         """Start the recording."""

@@ -14,9 +14,8 @@ from rclpy.task import Future
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.excitation.sweep_markers import SweepMarkers, missing_subscribers
+from piezo_hysteresis.nodes.excitation.sweep_markers import SweepMarkers, undiscovered
 from piezo_hysteresis.nodes.paths import new_inside
-from piezo_hysteresis.nodes.recording.listeners import subscribers
 from piezo_hysteresis.records.markers import CANCELLED, FAILED, REFUSED
 from piezo_hysteresis.records.recorder import RecorderStatus
 from piezo_hysteresis.ros.guarded import Guarded, serve_action
@@ -52,7 +51,7 @@ class SweepServer:
         self.last = ''
         self._counts = dict.fromkeys(('sweeps', 'sweeps_refused', 'sweeps_failed'), 0)
         self._parameters = parameters
-        self._commands, self._topic = commands, commands.topic_name
+        self._commands = commands
         self._rate = parameters.number('rate')
         self._ticks_to_report = max(1, round(FEEDBACK_EVERY * self._rate))
         self._begin, self._resume = begin, resume
@@ -100,8 +99,8 @@ class SweepServer:
             return 'loop/status: what was refused of the sweep before is not known yet'
         if not self._bag and time.monotonic() - self._accepted < DISCOVERY:
             return 'recorders that have just started'
-        return self._markers.missing() or missing_subscribers(
-            self._commands, topics.VOLTAGE_COMMAND, max(1, subscribers(self._node, self._topic))
+        return self._markers.missing() or undiscovered(
+            self._node, self._commands, topics.VOLTAGE_COMMAND, 1
         )
 
     @property
