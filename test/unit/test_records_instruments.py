@@ -118,6 +118,7 @@ DAMAGES = st.tuples(
 )
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('ending', WRITERS)
 @given(damage=DAMAGES)
 @settings(
