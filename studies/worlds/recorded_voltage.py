@@ -6,15 +6,21 @@ with noise whose readings are held. In a null the baseline describes the actuato
 is false; the size is drawn between 0.01 and 1 % of the range. In a single one effect is hidden,
 the size is 0.1 %, and the same records with the exact voltage are examined for comparison.
 
+With `--draws` parameters are identified from voltages with such errors of 0.5 %, and are compared
+with those that the exact voltage gives: how far their mean is off, in stated deviations, and how
+far it would be if the voltage were taken as exact.
+
     python studies/study.py recorded_voltage --seed 1 --nulls 8 --singles 4
+    python studies/study.py recorded_voltage --seed 1 --nulls 0 --singles 0 --draws 6
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -23,12 +29,19 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification import identify
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.records.record import InputUncertainty
 from studies.worlds.scores import interval
-from studies.worlds.simulated_world import draw, records_of
+from studies.worlds.simulated_world import Hidden, draw, records_of
 
 KINDS = ('white', 'mains', 'quantised', 'held')
 SMALLEST, LARGEST, OF_SINGLES = 1e-4, 1e-2, 1e-3  # share of the range
+OF_BIAS, AS_EXACT = (
+    5e-3,
+    2,
+)  # share of the range, and draws for which the voltage is taken as exact
+WORLDS = ('static', 'off_centre', 'mode', 'linear', 'play')
 FASTEST = 60.0  # drive [Hz]
 MONITOR = 100.0  # rate of the held readings [Hz]
 POOR = 2  # of three nulls have three sines only, the other has the records of a careful lab
@@ -87,9 +100,7 @@ def names_in(
 def examined(what: str, index: int, seed: int, limit: float) -> Row:
     """Draw a set, record its voltage and have it examined."""
     poor = what == 'null' and index // len(KINDS) % (POOR + 1) < POOR
-    hidden = draw(what, index, seed, 'poor' if poor else 'careful')
-    slow = tuple(each for each in hidden.specs if each.get('frequency', 0.0) <= FASTEST)
-    hidden = replace(hidden, specs=slow)
+    hidden = _slow(draw(what, index, seed, 'poor' if poor else 'careful'))
     rng = np.random.default_rng([seed, index, 77])
     share = OF_SINGLES
     if what == 'null':
@@ -111,6 +122,68 @@ def examined(what: str, index: int, seed: int, limit: float) -> Row:
         hidden.key, world, hidden.effects, names, kind, share, named, without, measured,
         len(records), seconds,
     )  # fmt: skip
+
+
+def _slow(hidden: Hidden) -> Hidden:
+    """Return a set without drives that a monitor cannot follow."""
+    return replace(
+        hidden, specs=tuple(s for s in hidden.specs if s.get('frequency', 0.0) <= FASTEST)
+    )
+
+
+@dataclass(frozen=True)
+class Bias:
+    """Mean error of each parameter by the error of a voltage, in stated deviations."""
+
+    world: str
+    kind: str
+    names: tuple[str, ...]
+    bias: tuple[float, ...]
+    as_exact: tuple[float, ...]  # if the voltage is taken as exact
+    seconds: float
+
+
+def biases(name: str, seed: int, draws: int) -> Iterator[Bias]:
+    """Yield the bias of the parameters of the first careful null of a world, by kind of error."""
+    nulls = (draw('null', index, seed) for index in itertools.count())
+    hidden = _slow(next(null for null in nulls if null.world.name == name))
+    exact = records_of(hidden)
+    truth = identify(exact, hidden.world.baseline)
+
+    def off(records: Sequence[Record]) -> list[float]:
+        found = identify(records, hidden.world.baseline)
+        return [(found.values[n] - truth.values[n]) / found.std[n] for n in truth.names]
+
+    for kind in KINDS:
+        began, errors, naive = time.perf_counter(), [], []
+        for k in range(draws):
+            rng = np.random.default_rng([seed, k, KINDS.index(kind), 78])
+            mains = float(rng.choice([50.0, 60.0]))
+            voltages = [recorded(r.voltage, r.dt, kind, OF_BIAS, mains, rng) for r in exact]
+            made = [replace(r, voltage=u) for r, u in zip(exact, voltages, strict=True)]
+            errors.append(off(made))
+            if k < AS_EXACT:
+                naive.append(
+                    off([replace(r, input_uncertainty=InputUncertainty(0)) for r in made])
+                )
+        mean, without = (tuple(map(float, np.mean(each, axis=0))) for each in (errors, naive))
+        yield Bias(name, kind, truth.names, mean, without, time.perf_counter() - began)
+
+
+def table_of_bias(found: Sequence[Bias]) -> str:
+    """Return the table of the page on bias."""
+    lines = [
+        '| actuator | voltage | parameters within one deviation | largest bias | taken as exact |',
+        '|---|---|---|---|---|',
+    ]
+    for each in found:
+        sizes, naive = np.abs(each.bias), np.abs(each.as_exact)
+        worst = int(np.nanargmax(sizes))
+        lines.append(
+            f'| {each.world} | {each.kind} | {int(np.sum(sizes <= 1.0))} of {sizes.size} '
+            f'| {each.names[worst]} {each.bias[worst]:+.2f} | {float(np.nanmax(naive)):.2g} |'
+        )
+    return '\n'.join(lines)
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -139,10 +212,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(seed=1, time_limit=60.0)
     parser.add_argument('--nulls', type=int, default=8)
     parser.add_argument('--singles', type=int, default=4)
+    parser.add_argument('--draws', type=int, default=0, help='voltages for each bias')
+    parser.add_argument('--worlds', nargs='+', default=WORLDS, choices=WORLDS)
     parser.add_argument('--out', type=Path, default=Path('out/recorded_voltage'))
 
 
-QUICK = {'nulls': 1, 'singles': 0, 'time_limit': 3.0}
+QUICK = {'nulls': 1, 'singles': 0, 'time_limit': 3.0, 'draws': 1, 'worlds': ('linear',)}
 
 
 def run(asked: argparse.Namespace) -> str:
@@ -162,4 +237,10 @@ def run(asked: argparse.Namespace) -> str:
                 f'{row.of}, {row.seconds:.0f} s',
                 flush=True,
             )
-    return table(rows)
+    found = []
+    for name in asked.worlds if asked.draws else ():
+        for each in biases(name, asked.seed, asked.draws):
+            found.append(each)
+            print(json.dumps(asdict(each)), flush=True)
+    parts = ([table(rows)] if rows else []) + ([table_of_bias(found)] if found else [])
+    return '\n\n'.join(parts)

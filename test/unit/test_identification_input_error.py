@@ -339,3 +339,15 @@ def test_a_curve_with_corners_and_a_held_monitor_is_measured() -> None:
     found = found_in(held(u, 6e-4), u)
     assert found is not None
     assert found.hold == 10
+
+
+def test_the_error_of_levels_that_were_fitted_moves_with_the_voltage_only() -> None:
+    """A hysteresis adds up all changes: an error that moves at rest made deviations 80 times."""
+    error = ph.records.record.InputUncertainty(1e-3, colour=0.95)
+    drawn = error.draw(EXACT['stairs'], 1, np.random.default_rng(1))
+    levels = drawn.reshape(40, 100)
+    assert np.ptp(levels, axis=1).max() == 0.0
+    assert float(np.std(levels[:, 0])) == pytest.approx(1e-3, rel=0.4)
+    noise = replace(error, colour=0.0)  # what is still in the voltage moves at rest, too
+    drawn = noise.draw(EXACT['stairs'], 1, np.random.default_rng(1))
+    assert float(np.std(np.diff(drawn))) == pytest.approx(sqrt2 * 1e-3, rel=0.1)

@@ -188,9 +188,8 @@ def _with_error(target: Target, generator: np.random.Generator) -> Target:
     error = target.input_uncertainty
     if error is None:
         return target
-    return replace(
-        target, voltage=target.voltage + error.draw(target.voltage.size, target.repeats, generator)
-    )
+    drawn = error.draw(target.voltage, target.repeats, generator)
+    return replace(target, voltage=target.voltage + drawn)
 
 
 def _step(objective: Objective, x: FloatArray, known: np.ndarray) -> FloatArray:

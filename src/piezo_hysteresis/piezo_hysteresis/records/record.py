@@ -31,12 +31,21 @@ class InputUncertainty:
         terms = 1 + 2 * len(self.orders)
         return sqrt(max(self.rms**2 - terms * self.term**2, 0.0))
 
-    def draw(self, samples: int, repeats: int, generator: np.random.Generator) -> FloatArray:
-        """Return such an error in the mean of so many periods, shape (samples,) [V or N]."""
+    def draw(
+        self, voltage: FloatArray, repeats: int, generator: np.random.Generator
+    ) -> FloatArray:
+        """Return such an error of an input in the mean of so many periods, shape (n,) [V or N].
+
+        Where noise was removed, an input that rests does so exactly: its error stays the same.
+        """
         from scipy.signal import lfilter  # imports more than all the rest together
 
+        samples = voltage.size
         white = generator.standard_normal(samples) * sqrt((1.0 - self.colour**2) / repeats)
         error = self.rest * lfilter([1.0], [1.0, -self.colour], white)
+        if self.colour:
+            moved = np.diff(voltage, prepend=voltage[:1]) != 0.0
+            error = error[np.maximum.accumulate(np.where(moved, np.arange(samples), 0))]
         error += self.term * generator.standard_normal()
         for order in self.orders:
             turn = 2.0 * np.pi / self.period * np.arange(samples)
