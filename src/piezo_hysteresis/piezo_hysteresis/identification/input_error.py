@@ -16,9 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.ndimage import median_filter
-from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.identification.local_fit import local_fit
@@ -301,6 +298,8 @@ def _hum(
 
 def _without_jumps(u: FloatArray, reach: float) -> FloatArray:
     """Return a signal without its single large changes."""
+    from scipy.ndimage import median_filter  # commands need none of these
+
     change = np.diff(u)
     jumps = np.abs(change) > _LARGE * reach
     if not np.any(jumps):
@@ -311,6 +310,8 @@ def _without_jumps(u: FloatArray, reach: float) -> FloatArray:
 
 def _tuned(u: FloatArray, frequency: float, dt: float) -> float:
     """Return the frequency near a line of the spectrum at which a signal is largest [Hz]."""
+    from scipy.optimize import minimize_scalar
+
     windowed = (u - u.mean()) * np.hanning(u.size)
     turn = -2j * np.pi * dt * np.arange(u.size)
     width = 1.0 / (u.size * dt)
@@ -331,6 +332,8 @@ def _without_noise(
     The last value is whether they show too little of what happened between them: every second
     reading does not determine the others.
     """
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
     base, period, orders, term = _periodic_part(u, noise, step, places, count)
     detail, spread = local_fit(u - base[places], noise)
     share = 1.0

@@ -8,7 +8,6 @@ from math import isfinite, nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
 from piezo_hysteresis.identification.noise import density, reach_of
@@ -74,6 +73,8 @@ def drive_phase(voltage: FloatArray, dt: float, drive: float) -> FloatArray:
         return even
     mean = float(np.mean(voltage))
 
+    from scipy.ndimage import uniform_filter1d  # `info` imports this module and filters nothing
+
     def slow(turn: FloatArray) -> FloatArray:
         blocks = ((voltage[:whole] - mean) * turn).reshape(-1, step).mean(axis=1)
         width = round(period / step)
@@ -116,6 +117,8 @@ def octaves_of(count: int, dt: float, drive: float) -> tuple[IntArray, float]:
 
 def amplitudes(voltage: FloatArray, dt: float, drive: float) -> FloatArray:
     """Return half the range of a drive over each period, smoothed, shape (n,) [V]."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
     period = max(round(1.0 / (drive * dt)), 2)
     reach = maximum_filter1d(voltage, period)
     reach -= minimum_filter1d(voltage, period)

@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 from math import comb, hypot, isfinite, nan, sqrt
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.optimize import brentq, minimize_scalar
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.identification.outliers import (
@@ -114,6 +112,8 @@ def _refined(u: FloatArray, lag: int) -> float:
     def change(period: float) -> float:
         return float(np.median(np.abs(less_the_period_before(u, period))))
 
+    from scipy.optimize import minimize_scalar  # imports more than all the rest together
+
     def best(width: float) -> float:
         bounds = (lag - width, lag + width)
         return float(minimize_scalar(change, bounds=bounds, method='bounded', options=_EXACT).x)
@@ -123,6 +123,8 @@ def _refined(u: FloatArray, lag: int) -> float:
 
 
 def _longest(u: FloatArray, period: float, spread: float) -> Repeat | None:
+    from scipy.ndimage import median_filter
+
     change = np.abs(less_the_period_before(u, period))
     width = max(3, min(_CORNER, int(_CORNER_SHARE * period)) | 1)
     broken = median_filter(change, width, mode='nearest') > 6.0 * PERIODIC * spread
@@ -249,6 +251,8 @@ def _with_repeated_rounding(seen: float, step: float) -> float:
     rounding error repeats too, ``sum_k step/(pi k) exp(-2 (pi k std/step)^2) sin(2 pi k x/step)``,
     and `seen` contains only the remaining part.
     """
+    from scipy.optimize import brentq
+
     if seen <= 0.0 or step <= 0.0:
         return seen**2 + step**2 / 12.0
     k = np.arange(1, _TERMS)
@@ -477,6 +481,8 @@ def robust_noise(signal: FloatArray, period: float = 0.0) -> Noise:  # signal [m
         return Noise(float(np.sqrt(mean_square)), signal.size // 4)
     # without a window, a tone between two lines would leak into all of them
     window = np.hanning(signal.size)
+    from scipy.ndimage import median_filter
+
     power = np.abs(np.fft.rfft(window * (signal - signal.mean()))) ** 2 / np.sum(window**2)
     gain = gain_of_difference(window, period) if period else np.ones(power.size)
     # no estimate at frequencies that the difference cancels

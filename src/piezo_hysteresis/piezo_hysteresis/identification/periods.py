@@ -7,7 +7,6 @@ from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.numerics.harmonics import autocorrelation
@@ -136,6 +135,8 @@ def _between_lines(u: FloatArray, dt: float, peak: int) -> float:
 
     With a frequency that is half a line off, the phase of its harmonics drifts over the record.
     """
+    from scipy.optimize import minimize_scalar
+
     windowed = u * np.hanning(u.size)
     turn = -2j * np.pi * np.arange(u.size) / u.size
 
