@@ -166,8 +166,12 @@ def biases(name: str, seed: int, draws: int) -> Iterator[Bias]:
                 naive.append(
                     off([replace(r, input_uncertainty=InputUncertainty(0)) for r in made])
                 )
-        mean, without = (tuple(map(float, np.mean(each, axis=0))) for each in (errors, naive))
+        mean, without = (_mean(each, len(truth.names)) for each in (errors, naive))
         yield Bias(name, kind, truth.names, mean, without, time.perf_counter() - began)
+
+
+def _mean(errors: Sequence[Sequence[float]], count: int) -> tuple[float, ...]:
+    return tuple(map(float, np.mean(errors, axis=0))) if errors else (np.nan,) * count
 
 
 def table_of_bias(found: Sequence[Bias]) -> str:
@@ -179,9 +183,10 @@ def table_of_bias(found: Sequence[Bias]) -> str:
     for each in found:
         sizes, naive = np.abs(each.bias), np.abs(each.as_exact)
         worst = int(np.nanargmax(sizes))
+        without = f'{np.nanmax(naive):.2g}' if np.any(np.isfinite(naive)) else 'refused'
         lines.append(
             f'| {each.world} | {each.kind} | {int(np.sum(sizes <= 1.0))} of {sizes.size} '
-            f'| {each.names[worst]} {each.bias[worst]:+.2f} | {float(np.nanmax(naive)):.2g} |'
+            f'| {each.names[worst]} {each.bias[worst]:+.2f} | {without} |'
         )
     return '\n'.join(lines)
 

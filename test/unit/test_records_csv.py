@@ -241,6 +241,7 @@ FOREIGN = {
     'c.csv': 'Time (s),CH1 (V),CH2 (um)\n' + lines(','),
     'e.dat': 'Time (s)   CH1 (V)   Laser (um)\n' + lines('   '),
     'f.csv': 't_sec,U/V,x [micron]\n' + lines(','),
+    'g.csv': 'Zeit in Sekunden;Spannung in Volt;Auslenkung in Mikrometer\n' + lines(';', ','),
 }
 FOREIGN['d.csv'] = 'Time (S),Voltage (V),Monitor (V),Position/um\n' + ''.join(
     f'{k * 1e-3},{k % 7},9,{k % 5}\n' for k in range(40)
@@ -264,6 +265,18 @@ def test_columns_with_quantity_and_unit_are_used_and_reported(
     assert said == (encoding == 'cp1252' and 'µ' in FOREIGN[name])
     with pytest.warns(DataNote, match='reading time from column'):
         load([path])
+
+
+def test_codes_of_a_sensor_are_no_wrong_unit(tmp_path: Path) -> None:
+    """A reading of 65535 um, 13 times of 3000, was refused as a stroke of 66 mm."""
+    rows = [f'{k * 1e-3:.3f},{k % 90},{k % 12 if k % 200 else 65535}' for k in range(2000)]
+    (tmp_path / 'a.csv').write_text('time_s,voltage_V,displacement_um\n' + '\n'.join(rows))
+    (found,) = survey([tmp_path / 'a.csv']).records
+    assert np.median(found.displacement) < 1e-5
+    rows = [f'{k * 1e-3:.3f},{k % 90},{k % 12 * 1e4}' for k in range(2000)]
+    (tmp_path / 'b.csv').write_text('time_s,voltage_V,displacement_um\n' + '\n'.join(rows))
+    with pytest.raises(RecordError, match='no piezo actuator'):
+        survey([tmp_path / 'b.csv'])
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,8 @@ SPELLED = {
     'millivolts': 'mV', 'newton': 'N', 'meter': 'm', 'metre': 'm', 'micron': 'um', 'microns': 'um',
     'micrometer': 'um', 'micrometers': 'um', 'micrometre': 'um', 'nanometer': 'nm',
     'nanometers': 'nm', 'nanometre': 'nm', 'millimeter': 'mm', 'millimetre': 'mm',
-    'angstrom': 'Å', 'å': 'Å', 'picometer': 'pm',
+    'angstrom': 'Å', 'å': 'Å', 'picometer': 'pm', 'mikrometer': 'um', 'millisekunden': 'ms',
+    'mikrosekunden': 'us',
 }  # fmt: skip
 MEANT = {
     'time': ('t', 'zeit', 'uhrzeit', 'timestamp', 'stamp', 'seconds', 'temps', 'tempo'),

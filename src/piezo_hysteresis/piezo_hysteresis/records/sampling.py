@@ -10,6 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.common.stamps import REORDERED
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record, RecordInfo
@@ -27,6 +28,7 @@ LARGEST_NUMBER = 1e15  # upper bound of plausible values in any unit; exact in f
 LARGEST_STROKE = 0.05  # no actuator of this kind moves further [m]
 SMALLEST_STROKE = 1e-11  # an excited actuator moves more [m]
 LARGEST_VOLTAGE = 5000.0  # no amplifier of this kind gives more [V]
+_USUAL = (5.0, 95.0)  # percentiles within which readings are no codes of a sensor
 
 
 @dataclass(frozen=True)
@@ -177,9 +179,9 @@ def _runs(track: Track, place: str, log: DamageLog) -> list[Track]:
     even = np.all(np.abs(together - median) <= UNEVEN * median)
     if even or any(run.time.size < SHORTEST or _has_gap(run.time) for run in runs):
         return [track]
-    first = int(falls[0])
+    first, often = int(falls[0]), counted(falls.size, 'time')
     log.guess(
-        place, f'its time starts again {falls.size} times, first at sample {first + 1} '
+        place, f'its time starts again {often}, first at sample {first + 1} '
         f'({track.time[first]:.6g} s after {track.time[first - 1]:.6g} s): read as {len(runs)} '
         'records',
     )  # fmt: skip
@@ -460,7 +462,7 @@ def check_units(track: Track, place: str, log: DamageLog) -> None:
     swing = max(float(np.ptp(each)) for each in voltages)
     largest = max(float(np.abs(each).max()) for each in voltages)
     remedy = 'name the displacement column by its unit ({})'
-    for stroke in (float(np.ptp(each)) for each in track.of('displacement')):
+    for stroke in map(_stroke, track.of('displacement')):
         if stroke > LARGEST_STROKE:
             log.add(place, f'the stroke is {stroke:.4g} m, which no piezo actuator has',
                     remedy=remedy.format('displacement_um'))  # fmt: skip
@@ -470,6 +472,15 @@ def check_units(track: Track, place: str, log: DamageLog) -> None:
     if electric and largest > LARGEST_VOLTAGE:
         log.add(place, f'the voltage reaches {largest:.4g} V, which no amplifier gives',
                 remedy='give it in volts')  # fmt: skip
+
+
+def _stroke(displacement: FloatArray) -> float:
+    """Return the range of a displacement without codes of a sensor that sees no target [m]."""
+    whole = float(np.ptp(displacement))
+    if whole <= LARGEST_STROKE:
+        return whole
+    usual = float(np.ptp(np.percentile(displacement, _USUAL)))
+    return usual if 0.0 < usual <= LARGEST_STROKE else whole
 
 
 # Numerator and denominator of the ratio of two rates are no larger.
