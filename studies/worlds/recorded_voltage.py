@@ -17,6 +17,7 @@ far it would be if the voltage were taken as exact.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import json
 import time
@@ -28,7 +29,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.errors import IdentificationError, PiezoError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.records.record import InputUncertainty
@@ -163,9 +164,9 @@ def biases(name: str, seed: int, draws: int) -> Iterator[Bias]:
             made = [replace(r, voltage=u) for r, u in zip(exact, voltages, strict=True)]
             errors.append(off(made))
             if k < AS_EXACT:
-                naive.append(
-                    off([replace(r, input_uncertainty=InputUncertainty(0)) for r in made])
-                )
+                given = [replace(r, input_uncertainty=InputUncertainty(0)) for r in made]
+                with contextlib.suppress(IdentificationError):  # refused is nan
+                    naive.append(off(given))
         mean, without = (_mean(each, len(truth.names)) for each in (errors, naive))
         yield Bias(name, kind, truth.names, mean, without, time.perf_counter() - began)
 
