@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.data.check import Check, beyond_the_fit, check, outside_of
+from piezo_hysteresis.discovery import discover
+from piezo_hysteresis.discovery.data.check import (
+    Check,
+    beyond_the_fit,
+    check,
+    outside_of,
+    unsynchronised,
+)
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
@@ -49,6 +56,36 @@ def test_an_inverted_sensor_is_distinguished_from_another_clock() -> None:
     assert 'runs against the voltage' in finding
     with pytest.raises(IdentificationError, match='have nothing in common'):
         findings(wave(7.0), 1e-5 * wave(31.0), frequency=7.0)
+
+
+def scans(delay: float) -> list[Record]:
+    """Return triangles of 2 and 20 Hz whose displacement is `delay` [s] late."""
+    made = []
+    for frequency in (2.0, 20.0):
+        at = [np.abs((frequency * t + 0.5) % 1.0 - 0.5) for t in (TIME, TIME - delay)]
+        noise = 2e-9 * np.random.default_rng(int(frequency)).standard_normal(TIME.size)
+        made.append(Record(f'scan_{frequency:g}', 1e-3, 200.0 * at[0], 4e-5 * at[1] + noise))
+    return made
+
+
+@pytest.mark.component
+def test_no_effect_is_named_where_the_displacement_runs_ahead() -> None:
+    """It was a creep with a negative share and a probability of .92."""
+    found = discover(scans(-0.003), 'gain', seed=1, time_limit=20.0, recommend=False).verdict
+    assert (found.verdict, found.effects) == ('unknown', ())
+    assert 'scan_20 runs ahead of its drive, which no actuator does' in found.summary
+    assert not unsynchronised(scans(0.003)).entirely
+
+
+def test_a_delay_of_most_of_a_period_is_not_ahead() -> None:
+    """A sine of 100 Hz that is 8 ms late looks 2 ms early; a slower drive shows that it is late."""
+    late = [Record(f'sine_{f}', 1e-4, u(f, 0.0), 1e-7 * u(f, 0.008)) for f in (5.0, 100.0)]
+    assert unsynchronised(late[1:]).entirely
+    assert not unsynchronised(late).entirely
+
+
+def u(frequency: float, delay: float) -> np.ndarray:
+    return np.asarray(50.0 * np.sin(2 * np.pi * frequency * (1e-4 * np.arange(20000) - delay)))
 
 
 def test_a_report_gives_no_advice_twice() -> None:

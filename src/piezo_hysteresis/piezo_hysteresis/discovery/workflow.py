@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from piezo_hysteresis.common.results import Reportable
-from piezo_hysteresis.discovery.data.check import Check, Outside, beyond_the_fit, check, outside_of
+from piezo_hysteresis.discovery.data.check import (
+    Check,
+    beyond_the_fit,
+    check,
+    outside_of,
+    unsynchronised,
+)
 from piezo_hysteresis.discovery.data.dataset import Dataset, split
 from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.detection.better_experiments import with_better_experiments
@@ -210,7 +216,9 @@ def discover(
     own = _own_records(given, baseline)
     known = [record for record in given if record.name not in own] or given
     coverage = check(known)
-    unlike = outside_of(known, baseline) if isinstance(baseline, ModelFile) else Outside()
+    unlike = unsynchronised(known)
+    if isinstance(baseline, ModelFile) and not unlike.entirely:
+        unlike = outside_of(known, baseline)
     data = split(known, how.choices.start)
     if not isinstance(baseline, ModelFile):
         unit = known[0].info.input_unit

@@ -10,7 +10,7 @@ import numpy as np
 from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.checks import require_usable, time_ahead
 from piezo_hysteresis.identification.model_discrepancy import waveform_of
 from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.targets import Target
@@ -68,7 +68,24 @@ class Outside:
     """Operating conditions of records at which a model was not identified."""
 
     sentence: str = ''  # what differs; empty if nothing does
-    entirely: bool = False  # whether each driven record is outside in frequency
+    entirely: bool = False  # whether nothing can be named from the records
+
+
+def unsynchronised(records: Sequence[Record]) -> Outside:
+    """Return which displacements run ahead of their drive: a model would take that for physics.
+
+    If others lag, these lag by most of a period.
+    """
+    driven = [each for each in records if np.ptp(each.voltage) > 0.0]
+    times = {each.name: time_ahead(each) for each in driven}
+    early = [name for name, time in times.items() if time > 0.0]
+    if not early or min(times.values()) < 0.0:
+        return Outside()
+    return Outside(
+        f'The displacement of {", ".join(early)} runs ahead of its drive, which no actuator does: '
+        'the channels are not synchronised, and no effect is named. Record both with one clock.',
+        True,
+    )
 
 
 def outside_of(records: Sequence[Record], given: ModelFile) -> Outside:
