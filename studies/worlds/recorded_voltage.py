@@ -66,10 +66,9 @@ class Row:
 
 
 def recorded(
-    u: FloatArray, dt: float, kind: str, share: float, mains: float, rng: np.random.Generator
+    u: FloatArray, dt: float, kind: str, size: float, mains: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return a voltage with an error of a kind; `share` is its rms over the range."""
-    size = share * float(np.ptp(u)) or share
+    """Return a voltage with an error of a kind and `size` [V rms]."""
     noise = size * rng.standard_normal(u.size)
     if kind == 'mains':
         turn = 2.0 * np.pi * mains * dt * np.arange(u.size)
@@ -82,6 +81,19 @@ def recorded(
         hold = round(1.0 / (MONITOR * dt))
         return np.asarray((u + noise)[np.arange(u.size) // hold * hold])
     return u + noise
+
+
+def all_recorded(
+    records: Sequence[Record], kind: str, share: float, mains: float, rng: np.random.Generator
+) -> list[Record]:
+    """Return records with an error of `share` of their range; a converter has one step for all."""
+    ranges = [float(np.ptp(each.voltage)) for each in records]
+    if kind == 'quantised':
+        ranges = [max(ranges)] * len(records)
+    return [
+        replace(r, voltage=recorded(r.voltage, r.dt, kind, share * (reach or 1.0), mains, rng))
+        for r, reach in zip(records, ranges, strict=True)
+    ]
 
 
 def names_in(
@@ -109,10 +121,7 @@ def examined(what: str, index: int, seed: int, limit: float) -> Row:
     kind = KINDS[index % len(KINDS)]
     exact = records_of(hidden)
     mains = float(rng.choice([50.0, 60.0]))  # one instrument is at one mains
-    records = [
-        replace(each, voltage=recorded(each.voltage, each.dt, kind, share, mains, rng))
-        for each in exact
-    ]
+    records = all_recorded(exact, kind, share, mains, rng)
     began = time.perf_counter()
     named, measured = names_in(records, hidden.world.baseline, limit)
     seconds = time.perf_counter() - began
@@ -153,15 +162,15 @@ def biases(name: str, seed: int, draws: int) -> Iterator[Bias]:
 
     def off(records: Sequence[Record]) -> list[float]:
         found = identify(records, hidden.world.baseline)
-        return [(found.values[n] - truth.values[n]) / found.std[n] for n in truth.names]
+        own = [n if n in found.std else None for n in truth.names]  # None: not determined
+        return [(found.values[n] - truth.values[n]) / found.std[n] if n else np.nan for n in own]
 
     for kind in KINDS:
         began, errors, naive = time.perf_counter(), [], []
-        for k in range(draws):
+        for k in range(1 if kind == 'quantised' else draws):  # rounding draws nothing
             rng = np.random.default_rng([seed, k, KINDS.index(kind), 78])
             mains = float(rng.choice([50.0, 60.0]))
-            voltages = [recorded(r.voltage, r.dt, kind, OF_BIAS, mains, rng) for r in exact]
-            made = [replace(r, voltage=u) for r, u in zip(exact, voltages, strict=True)]
+            made = all_recorded(exact, kind, OF_BIAS, mains, rng)
             errors.append(off(made))
             if k < AS_EXACT:
                 given = [replace(r, input_uncertainty=InputUncertainty(0)) for r in made]

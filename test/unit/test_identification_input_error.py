@@ -351,3 +351,17 @@ def test_the_error_of_levels_that_were_fitted_moves_with_the_voltage_only() -> N
     noise = replace(error, colour=0.0)  # what is still in the voltage moves at rest, too
     drawn = noise.draw(EXACT['stairs'], 1, np.random.default_rng(1))
     assert float(np.std(np.diff(drawn))) == pytest.approx(sqrt2 * 1e-3, rel=0.1)
+
+
+def test_a_converter_reads_all_records_of_one_reach_wrong_by_the_same_share() -> None:
+    """The rounding of six sines was averaged: the gain was off by four stated deviations."""
+    records = []
+    for k, f in enumerate((1.0, 2.0, 5.0, 7.0, 11.0, 13.0)):
+        u = 50.0 * np.sin(2 * np.pi * f * TIME)
+        noise = 1e-9 * np.random.default_rng(k).standard_normal(u.size)
+        read = np.round(u / 4.0) * 4.0
+        records.append(Record(f'sine_{f:g}', 1 / RATE, read, 1e-7 * u + noise))
+    found = ph.identify(records, 'gain')
+    off = abs(found.values['A1'] - 1e-7)
+    assert off == pytest.approx(9.3e-10, rel=0.1)
+    assert off < 2.0 * found.std['A1'] < 2e-9

@@ -334,7 +334,7 @@ def _without_noise(
     """
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
-    base, period, orders, term = _periodic_part(u, noise, step, places, count)
+    base, period, orders, term, rounding = _periodic_part(u, noise, step, places, count)
     detail, spread = local_fit(u - base[places], noise)
     share = 1.0
     if orders:  # what the harmonics lack, such as the corners of a triangle
@@ -342,7 +342,8 @@ def _without_noise(
         detail, share = np.where(more, detail, 0.0), float(np.mean(more))
     error = u - base[places] - detail
     missed = max(float(np.mean(error**2)) - _CHANCE * noise**2, 0.0)
-    variance = (1 + 2 * len(orders) + bool(orders)) * term**2  # the period was fitted, too
+    terms = 1 + 2 * len(orders) + bool(orders)  # the period was fitted, too
+    variance = terms * (term**2 + rounding**2)
     skipped, fill = False, CubicSpline
     if places.size < count:
         rest = u - base[places]
@@ -354,7 +355,7 @@ def _without_noise(
     rms = sqrt(variance + share * (_CHOSEN * spread) ** 2 + missed)
     if rms > _USEFUL * noise and places.size == count:
         return None
-    left = InputUncertainty(rms, SLOW, period, orders, term)
+    left = InputUncertainty(rms, SLOW, period, orders, term, sqrt(terms) * rounding)
     if places.size == count:
         return base + detail, left, skipped
     inside = np.clip(np.arange(count), places[0], places[-1])
@@ -402,9 +403,12 @@ def _period(u: FloatArray) -> tuple[float, float]:
 
 def _periodic_part(
     u: FloatArray, noise: float, step: float, places: IntArray, count: int
-) -> tuple[FloatArray, float, tuple[int, ...], float]:
-    """Return the harmonics of a drive that exceed its noise, period, orders and error of each."""
-    nothing, hold = (np.zeros(count), 0.0, (), 0.0), count / places.size
+) -> tuple[FloatArray, float, tuple[int, ...], float, float]:
+    """Return the harmonics of a drive that exceed its noise, period, orders and errors of each.
+
+    The errors are that by noise and that by rounding.
+    """
+    nothing, hold = (np.zeros(count), 0.0, (), 0.0, 0.0), count / places.size
     period, by_periods = _period(u)
     period *= hold
     noise = min(noise, hypot(by_periods, step / sqrt(12.0)))
@@ -434,7 +438,7 @@ def _periodic_part(
     if float(np.median(np.abs(np.convolve(error, np.ones(16) / 16.0, mode='valid')))) > noise:
         return nothing
     whole = _sum_of_waves(np.arange(count), period, kept, shares)
-    return whole, period, tuple(kept), sqrt(white / u.size + rounding)
+    return whole, period, tuple(kept), sqrt(white / u.size), sqrt(rounding)
 
 
 def _fitted(

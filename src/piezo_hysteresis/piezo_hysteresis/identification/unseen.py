@@ -180,15 +180,16 @@ def with_input_error(fit: FitResult) -> FitResult:
 
 def _drawn(objective: Objective, generator: np.random.Generator) -> Objective:
     other = copy(objective)
-    other.targets = tuple(_with_error(target, generator) for target in objective.targets)
+    converter = float(generator.standard_normal())  # one, so that its errors do not average out
+    other.targets = tuple(_with_error(each, generator, converter) for each in objective.targets)
     return other
 
 
-def _with_error(target: Target, generator: np.random.Generator) -> Target:
+def _with_error(target: Target, generator: np.random.Generator, converter: float) -> Target:
     error = target.input_uncertainty
     if error is None:
         return target
-    drawn = error.draw(target.voltage, target.repeats, generator)
+    drawn = error.draw(target.voltage, target.repeats, generator, converter)
     return replace(target, voltage=target.voltage + drawn)
 
 

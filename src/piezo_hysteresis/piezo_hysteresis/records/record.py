@@ -24,19 +24,26 @@ class InputUncertainty:
     period: float = 0.0  # samples per period of the drive; 0 if it has none
     orders: tuple[int, ...] = ()  # orders of the harmonics that were estimated
     term: float = 0.0  # rms error of the constant [V or N]
+    rounding: float = 0.0  # rms of a wrong size of the drive by a converter [V or N]
 
     @property
     def rest(self) -> float:
         """Rms error of one sample without the harmonics [V or N]."""
         terms = 1 + 2 * len(self.orders)
-        return sqrt(max(self.rms**2 - terms * self.term**2, 0.0))
+        return sqrt(max(self.rms**2 - terms * self.term**2 - self.rounding**2, 0.0))
 
     def draw(
-        self, voltage: FloatArray, repeats: int, generator: np.random.Generator
+        self,
+        voltage: FloatArray,
+        repeats: int,
+        generator: np.random.Generator,
+        of_converter: float = 0.0,
     ) -> FloatArray:
         """Return such an error of an input in the mean of so many periods, shape (n,) [V or N].
 
         Where noise was removed, an input that rests does so exactly: its error stays the same.
+        A converter reads a drive too large or too small by the same share in each record that
+        reaches as far: `of_converter` is that in deviations.
         """
         from scipy.signal import lfilter  # imports more than all the rest together
 
@@ -47,6 +54,10 @@ class InputUncertainty:
             moved = np.diff(voltage, prepend=voltage[:1]) != 0.0
             error = error[np.maximum.accumulate(np.where(moved, np.arange(samples), 0))]
         error += self.term * generator.standard_normal()
+        if self.rounding:
+            error += (
+                of_converter * self.rounding / float(np.std(voltage)) * (voltage - voltage.mean())
+            )
         for order in self.orders:
             turn = 2.0 * np.pi / self.period * np.arange(samples)
             cosine, sine = sqrt(2.0) * self.term * generator.standard_normal(2)
