@@ -18,9 +18,12 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
         (f'share/{package}', ['package.xml']),
-        (
-            f'share/{package}/config/presets',
-            [str(f) for f in sorted(Path('config/presets').glob('*.yaml'))],
+        *(
+            (
+                f'share/{package}/config/{kind}',
+                [str(f) for f in sorted(Path('config', kind).glob('*.yaml'))],
+            )
+            for kind in ('presets', 'axes')
         ),
     ],
     install_requires=['numpy>=1.26,<3', 'piezo_hysteresis>=0.1,<1', 'PyYAML>=6,<7'],

@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from piezo_sim.axes_plant import AxesPlant
     from piezo_sim.plant import FAULTS, Plant
     from piezo_sim.plant_parameters import PlantEffect, PlantParameter
     from piezo_sim.presets import Preset, load_preset, preset_names
@@ -15,6 +16,7 @@ __version__ = '0.2.0'
 
 __all__ = [
     'FAULTS',
+    'AxesPlant',
     'Plant',
     'PlantEffect',
     'PlantError',
@@ -32,6 +34,7 @@ _MODULES = {
     **dict.fromkeys(
         ('PlantError', 'PresetError', 'SimulationError', 'SweepError'), 'simulation_errors'
     ),
+    'AxesPlant': 'axes_plant',
     **dict.fromkeys(('FAULTS', 'Plant'), 'plant'),
     **dict.fromkeys(('Preset', 'load_preset', 'preset_names'), 'presets'),
     **dict.fromkeys(('PlantEffect', 'PlantParameter'), 'plant_parameters'),

@@ -15,6 +15,8 @@ from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.wording import OneLineParser, counted, reason_of
 from piezo_hysteresis.waveforms import KINDS, PiezoError, has_setting
 from piezo_sim import __version__, serve
+from piezo_sim.axes_plant import FOLDER, AxesPlant, load_axes_preset
+from piezo_sim.axes_records import configure_axes
 from piezo_sim.gcs import server
 from piezo_sim.gcs.server import FAULTS
 from piezo_sim.plant import Plant
@@ -43,6 +45,10 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument('--version', action='version', version=__version__)
     verbs = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
     _configure_sweep(verbs.add_parser('sweep', help='simulate records and write a bag or file'))
+    configure_axes(
+        verbs.add_parser('axes', help='simulate periodic records of several coupled axes'),
+        _numbers, _assignment,
+    )  # fmt: skip
     verbs.add_parser('presets', help='list the simulated actuators').set_defaults(run=_presets)
     configure_stage(verbs.add_parser('stage', help='design a flexure stage from its dimensions'))
     _configure_plant(
@@ -220,6 +226,13 @@ def _presets(_: argparse.Namespace) -> int:
         preset = load_preset(name)
         print(f'{name:20} {preset.description}')
         print(f'{"":20}   {preset.source}; {preset.rate:g} Hz; {", ".join(preset.effects)}')
+    for name in preset_names(FOLDER):
+        several = load_axes_preset(name)
+        print(f'{name:20} {several.description}')
+        print(
+            f'{"":20}   {several.source}; {several.rate:g} Hz; {len(several.axes)} axes; '
+            f'{", ".join(several.effects)}'
+        )
     return 0
 
 
@@ -227,7 +240,10 @@ def _describe(options: argparse.Namespace) -> int:
     if options.name == 'waveforms':
         _describe_waveforms()
         return 0
-    plant = Plant.from_preset(options.name) if options.name else Plant()
+    several = options.name in preset_names(FOLDER)
+    plant: Plant | AxesPlant = Plant()
+    if options.name:
+        plant = (AxesPlant if several else Plant).from_preset(options.name)
     print(f'{plant.preset.name}: {plant.preset.description}\n')
     for effect in plant.effect_table:
         mark = 'on ' if plant.effects[effect.name] else 'off'

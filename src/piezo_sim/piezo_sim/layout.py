@@ -112,7 +112,17 @@ _SCALARS = (
         'drive_mean',
         'bristle',
     ),
-    *('yielding', 'slow', 'drift', 'warmth', 'jump', 'filtered', 'seen_before', 'reading'),
+    *(
+        'yielding',
+        'slow',
+        'drift',
+        'warmth',
+        'jump',
+        'filtered',
+        'seen_before',
+        'reading',
+        'coupled',
+    ),
 )
 
 STATE_TYPE = np.dtype(

@@ -136,6 +136,21 @@ class Plant:
     def _run(self, commands: FloatArray, readings: FloatArray) -> None:
         chain.run(commands, readings, self._parameters, self._derived, self._state, self._history)
 
+    def bind(self, state: npt.NDArray[Any], history: FloatArray) -> None:
+        """Keep the state in these arrays from now on: one kernel runs the plants of all axes."""
+        state[:], history[:] = self._state, self._history
+        self._state, self._history = state, history
+
+    @property
+    def history_size(self) -> int:
+        """Number of past commands that are kept."""
+        return self._history.size
+
+    @property
+    def packed(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Parameters and derived numbers of the kernel, shape (1,) each."""
+        return self._parameters, self._derived
+
     def reset(self, seed: int | None = None) -> None:
         """Reset to rest at 0 V and tick 0, with the same noise unless `seed` is given."""
         if seed is not None:
@@ -286,7 +301,7 @@ class Plant:
                     raise PlantError(f'{name} is a switch: true or false, got {value!r}')
                 switches[_SWITCHES[name].name] = bool(value)
             elif name in _ROWS:
-                values[name] = _checked(_ROWS[name], value)
+                values[name] = checked(_ROWS[name], value)
             else:
                 guess = near(name, [*_ROWS, *_SWITCHES])
                 raise PlantError(f'the plant has no parameter {name!r}{guess}')
@@ -328,7 +343,8 @@ class Plant:
             s['bristle'], s['yielding'] = 0.0, s['x'][0]
 
 
-def _checked(row: PlantParameter, value: object) -> float:
+def checked(row: PlantParameter, value: object) -> float:
+    """Return a value within the bounds of its row."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
         raise PlantError(f'{row.name} is a number in {row.unit}, got {value!r}')
     number = float(value)

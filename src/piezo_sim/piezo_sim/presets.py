@@ -80,22 +80,25 @@ class Preset:
         return {effect.name: effect.name in self.effects for effect in EFFECTS}
 
 
-def preset_folders() -> tuple[Path, ...]:
+# What the presets of each folder of config are of.
+KINDS = {'presets': 'one axis', 'axes': 'several axes'}
+
+
+def preset_folders(kind: str = 'presets') -> tuple[Path, ...]:
     """Return the search path of presets, in order of priority."""
-    folders = [parent / 'config' / 'presets' for parent in Path(__file__).resolve().parents]
+    folders = [parent / 'config' / kind for parent in Path(__file__).resolve().parents]
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     folders += [
-        Path(prefix) / 'share' / 'piezo_sim' / 'config' / 'presets'
+        Path(prefix) / 'share' / 'piezo_sim' / 'config' / kind
         for prefix in (*filter(None, prefixes), sys.prefix)
     ]
     return tuple(folder for folder in folders if folder.is_dir())
 
 
-def preset_names() -> tuple[str, ...]:
+def preset_names(kind: str = 'presets') -> tuple[str, ...]:
     """Return the names of all presets, in alphabetical order."""
-    return tuple(
-        sorted({file.stem for folder in preset_folders() for file in folder.glob('*.yaml')})
-    )
+    files = [file for folder in preset_folders(kind) for file in folder.glob('*.yaml')]
+    return tuple(sorted({file.stem for file in files}))
 
 
 def load_preset(name: str) -> Preset:
@@ -106,27 +109,41 @@ def load_preset(name: str) -> Preset:
     PresetError
         If the preset is unknown or its file is invalid.
     """
-    for folder in preset_folders():
+    return read_preset(preset_file(name))
+
+
+def preset_file(name: str, kind: str = 'presets') -> Path:
+    """Return the file of a preset."""
+    for folder in preset_folders(kind):
         file = folder / f'{name}.yaml'
         if file.is_file() and file.parent == folder:
-            return read_preset(file)
-    known = ', '.join(preset_names()) or 'none: the folder config/presets was not found'
-    guess = near(name, preset_names())
+            return file
+    other = next(each for each in KINDS if each != kind)
+    if name in preset_names(other):
+        raise PresetError(f'{name} is a preset of {KINDS[other]}, not of {KINDS[kind]}')
+    known = ', '.join(preset_names(kind)) or f'none: the folder config/{kind} was not found'
+    guess = near(name, preset_names(kind))
     raise PresetError(f'there is no preset {name!r}{guess}; there are {known}')
 
 
 def read_preset(file: Path) -> Preset:
     """Return the preset described by a YAML file."""
+    return preset_of(file, content_of(file))
+
+
+def content_of(file: Path) -> dict[str, Any]:
+    """Return the content of a YAML file, a mapping."""
     try:
         content = plain_yaml.load_file(file)
     except (OSError, yaml.YAMLError) as error:
         raise PresetError(f'preset {file.name} cannot be read: {reason_of(error)}') from error
     if not isinstance(content, dict):
         raise PresetError(f'preset {file.name} must be a mapping of names to values')
-    return _from_content(file, content)
+    return content
 
 
-def _from_content(file: Path, content: dict[str, Any]) -> Preset:
+def preset_of(file: Path, content: dict[str, Any]) -> Preset:
+    """Return the preset of the content of a file."""
     known = set(Preset.__dataclass_fields__) - {'name'}
     stray = sorted(set(content) - known)
     if stray:

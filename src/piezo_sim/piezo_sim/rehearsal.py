@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from piezo_sim.axes_plant import AxesPlant
 from piezo_sim.plant import Plant
 
 
@@ -15,4 +16,9 @@ def plant() -> None:
     simulated.switch('creep')
 
 
-REHEARSALS = (plant,)
+def axes() -> None:
+    """Run the plants of several axes."""
+    AxesPlant.from_preset('xy_scanner').run(np.zeros((4, 2)))
+
+
+REHEARSALS = (plant, axes)

@@ -48,7 +48,7 @@ def write_records(path: Path, records: Sequence[Record]) -> None:
             columns[f'{record.name}/time_s'] = record.time
             columns[f'{record.name}/voltage_V'] = record.voltage
             columns[f'{record.name}/displacement_m'] = record.displacement
-        _replace(path, lambda temporary: _save(temporary, columns))
+        write_arrays(path, columns)
     else:
         write_bag(path, records)
 
@@ -82,6 +82,11 @@ def write_labels(path: Path, content: Mapping[str, Any]) -> None:
     else:
         raise SweepError(f'{path}: the labels are written as .json or .yaml')
     _replace(path, lambda temporary: temporary.write_text(text, encoding='utf-8'))
+
+
+def write_arrays(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write arrays as .npz, complete or not at all."""
+    _replace(path, lambda temporary: _save(temporary, columns))
 
 
 def _save(path: Path, columns: Mapping[str, Any]) -> None:

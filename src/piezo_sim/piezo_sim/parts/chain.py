@@ -36,7 +36,7 @@ def _fault(s: Any) -> int:
 @jit
 def displacement(d: Any, s: Any) -> float:
     """Return the present true displacement [m]."""
-    total = s.slow + s.jump + d.static_share * s.drive
+    total = s.slow + s.jump + s.coupled + d.static_share * s.drive
     if d.dynamic:
         for i in range(structure.MODES):
             total += s.x[i]
