@@ -38,8 +38,8 @@ ARROWS = {
     'investigation models parameters records reporting ros runtime waveforms',
     'drivers': 'common compensation models numerics records runtime waveforms',
     'export': 'blocks common compensation models parameters waveforms',
-    'interface': 'common compensation discovery experiments export identification investigation '
-    'models records reporting waveforms',
+    'interface': 'axes common compensation discovery experiments export identification '
+    'investigation models records reporting waveforms',
     'batch': 'common interface records reporting',
     'cli': 'axes batch common compensation discovery drivers experiments identification '
     'interface investigation models nodes parameters records reporting ros waveforms',

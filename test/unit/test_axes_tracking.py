@@ -124,3 +124,62 @@ def test_what_several_axes_cannot_do_is_one_sentence(
 ) -> None:
     assert main([*files, *more]) == 2
     assert sentence in capsys.readouterr().err
+
+
+def linear_model() -> ModalModel:
+    """Return a linear model of the simulated XY scanner, as its preset describes it, at 4 kHz."""
+    layout = ModalLayout(2, 2, 2)
+    vector = layout.zeros()
+    found = layout.named(vector)
+    found['log_omega'][:] = np.log(2.0 * np.pi * np.array([620.0, 240.0]))
+    found['log_damping'][:] = np.log([0.02, 0.03])
+    found['shape'][...] = np.eye(2)
+    output = np.zeros((len(layout.signal_names), 2))
+    output[:2] = 0.2 * MICRO * np.array([[1.0, 0.02], [-0.02, 1.0]])
+    return ModalModel(layout, vector, output, 20.0, 1.0 / 4000.0)
+
+
+@pytest.mark.component
+@pytest.mark.parametrize('lines', [20, 50])
+def test_a_raster_scan_of_the_simulated_scanner_is_decoupled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], lines: int
+) -> None:
+    modal_file.save(linear_model(), tmp_path / 'model.yaml')
+    out = tmp_path / 'out'
+    command = ['compensate', '--model', str(tmp_path / 'model.yaml'), '--out', str(out)]
+    command += ['--plant', 'preset:xy_scanner', '--plant-set', 'effects.body_1=false']
+    command += ['--reference', f'1=triangle:frequency={lines},amplitude=3e-6,duration=0.5']
+    command += ['--reference', '2=triangle:frequency=2,amplitude=3e-6,duration=0.5']
+    assert main(command) == 0
+    alone, forward, learnt = json.loads((out / 'summary.json').read_text())['runs']
+    parts = [[pair['part'] for pair in each['cross_talk']] for each in (alone, forward, learnt)]
+    assert parts[0] == pytest.approx([0.02, 0.02], abs=0.004)
+    assert max(parts[1]) < 0.005  # what hysteresis, which this model lacks, leaves
+    assert max(parts[2]) < 0.003  # its noise
+    assert max(learnt['rms_m']) < 0.1 * max(alone['rms_m'])
+    assert '1 to 2 [%]' in capsys.readouterr().out
+
+
+@pytest.mark.component
+@pytest.mark.parametrize(
+    ('plant', 'more', 'sentence'),
+    [
+        ('preset:xy_scanner', ['--noise', '1e-9'], 'its own noise'),
+        ('preset:xy_scanner', ['--plant-set', 'axis_3.actuator.gain=1'], 'axis_3.actuator.gain'),
+        ('preset:mirror_three_piezos', [], 'it has 3 voltages'),
+        ('preset:generic_bouc_wen', [], 'it has 1 voltages'),
+        ('preset:xy_scanner', ['--plant-set', 'axis_1.actuator.gain=1e-9'], 'takes -50 to 50 V'),
+        ('', ['--plant-set', 'effects.body_1=false'], 'is for a simulated plant'),
+    ],
+)
+def test_a_simulated_plant_that_does_not_fit_is_refused(
+    files: list[str],
+    capsys: pytest.CaptureFixture[str],
+    plant: str,
+    more: list[str],
+    sentence: str,
+) -> None:
+    if plant:
+        files[files.index('--plant') + 1] = plant
+    assert main([*files, '--reference', FAST, *more]) == 2
+    assert sentence in capsys.readouterr().err

@@ -4,6 +4,10 @@ It writes one line of JSON with its properties, then answers every voltage with 
 measured before that voltage acts: eight bytes in, eight bytes out, little-endian doubles. A
 voltage that is not a number resets the actuator to rest and is answered by 0. The program ends
 with its input.
+
+Several axes take blocks of ticks: the number of ticks (eight bytes, an integer), then as many
+voltages as there are axes for each tick; the answer are the displacements in the same order. No
+ticks reset the actuators to rest, without an answer.
 """
 
 from __future__ import annotations
@@ -23,7 +27,9 @@ import yaml
 from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.records import Record, write_bag, write_csv
+from piezo_sim.axes_plant import FOLDER, AxesPlant
 from piezo_sim.plant import Plant
+from piezo_sim.presets import preset_names
 from piezo_sim.simulation_errors import SweepError
 
 
@@ -104,6 +110,7 @@ def _replace(path: Path, write: Any) -> None:
 
 
 _NUMBER = struct.Struct('<d')
+_COUNT = struct.Struct('<q')
 
 
 def about(plant: Plant) -> dict[str, str | float]:  # -> [rad]
@@ -148,8 +155,34 @@ def serve(plant: Plant, source: BinaryIO, sink: BinaryIO) -> None:
         sink.flush()
 
 
+def serve_axes(plant: AxesPlant, source: BinaryIO, sink: BinaryIO) -> None:
+    """Answer blocks of voltages of all axes until `source` ends."""
+    low, high = plant.command_range
+    about = {
+        'preset': plant.preset.name, 'rate_hz': plant.rate, 'axes': plant.axes, 'low_v': low,
+        'high_v': high,
+    }  # fmt: skip
+    sink.write(json.dumps(about).encode() + b'\n')
+    sink.flush()
+    while len(number := source.read(_COUNT.size)) == _COUNT.size:
+        (ticks,) = _COUNT.unpack(number)
+        if ticks == 0:
+            plant.reset()
+            continue
+        block = source.read(ticks * plant.axes * _NUMBER.size)
+        voltages = np.frombuffer(block, '<f8').reshape(ticks, plant.axes)
+        sink.write(plant.run(voltages).astype('<f8').tobytes())
+        sink.flush()
+
+
 def run(options: argparse.Namespace, overrides: dict[str, float | bool]) -> int:
     """Serve the actuator of the command line on its standard streams."""
+    if options.preset in preset_names(FOLDER):
+        several = AxesPlant.from_preset(options.preset, options.rate, options.seed, overrides)
+        several.run(np.zeros((1, several.axes)))  # compiled before the first tick
+        several.reset()
+        serve_axes(several, sys.stdin.buffer, sys.stdout.buffer)
+        return 0
     plant = Plant.from_preset(options.preset, options.rate, options.seed, overrides)
     plant.exchange(0.0)  # compiled before the first tick
     plant.reset()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, ComplexArray, FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.modal_fit import ModalDerivatives
-from piezo_hysteresis.axes.modal_model import AxesDrive, ModalModel, drive_of
+from piezo_hysteresis.axes.modal_model import AxesDrive, ModalLayout, ModalModel, drive_of
 from piezo_hysteresis.errors import CompensationError, ModelError
 from piezo_hysteresis.numerics.linalg import failing_as
 
@@ -95,6 +96,22 @@ def change_for(response: ComplexArray, error: FloatArray, lines: BoolArray) -> F
 # Share of the measured error that a period corrects, and the share of the error that it must leave
 # for another one.
 _AXES_TRACKING_STEP, _AXES_TRACKING_ENOUGH = 0.7, 0.98
+_LINE = 1e-3  # part of the largest line of a reference that another line of it has at least
+
+
+class PeriodicPlant(Protocol):
+    """What answers a period of voltages with one of displacements, in steady state."""
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval [s]."""
+
+    @property
+    def layout(self) -> ModalLayout:
+        """Numbers of voltages and displacements."""
+
+    def simulate(self, record: AxesRecord) -> FloatArray:
+        """Return the displacements of a record of one period, shape (n, outputs) [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +128,29 @@ class AxesRun:
         """Error of each output, shape (outputs,) [m rms]."""
         return np.asarray(np.sqrt(np.mean(self.error**2, axis=0)))
 
+    @property
+    def cross_talk(self) -> FloatArray:
+        """Motion of axis j in the lines of the reference of axis i alone, over that reference.
+
+        Shape (outputs, outputs); not a number on the diagonal, and where no line is of i alone.
+        """
+        moved = np.abs(np.fft.rfft(self.displacement, axis=0))
+        asked = np.abs(np.fft.rfft(self.displacement + self.error, axis=0))
+        count = asked.shape[1]
+        found = np.full((count, count), np.nan)
+        largest = asked.max(0)
+        held = (asked > _LINE * largest) & (largest > _LINE * largest.max())
+        for j in range(count):
+            for i in range(count):
+                lines = held[:, i] & ~held[:, j]
+                if i != j and lines.any():
+                    found[j, i] = np.linalg.norm(moved[lines, j]) / np.linalg.norm(asked[lines, i])
+        return found
+
 
 def tracked(
     model: ModalModel,
-    plant: ModalModel,
+    plant: PeriodicPlant,
     reference: FloatArray,  # [m] (n, outputs)
     *,
     highest: float | None = None,  # [Hz]

@@ -13,6 +13,7 @@ from piezo_hysteresis.axes.axes_tracking import tracked
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.compensation.study import require_sampled, waveform_of
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.interface.axes_runs import axes_plant
 from piezo_hysteresis.reporting.folder import check_folder
 
 # Ratio of a level to that of the identification from which its model extrapolates.
@@ -23,20 +24,22 @@ _SMALL = 1e-3
 
 def compensate_several(arguments: argparse.Namespace) -> int:
     """Follow references of several axes on a plant, and write the voltages."""
-    from piezo_hysteresis.reporting.axes_report import write_axes_tracking
+    from piezo_hysteresis.reporting.axes_report import tracking_rows, write_axes_tracking
 
     check_folder(arguments.out, 'compensate')
     model = modal_file.load(arguments.model)
-    plant = modal_file.load(arguments.plant)
     _require_numbers(arguments)
     texts, reference = references_of(arguments.reference, model.layout.outputs, model.dt)
-    runs = tracked(model, plant, reference, noise=arguments.noise, seed=arguments.seed)
+    noise, seed = arguments.noise, arguments.seed
+    with axes_plant(
+        arguments.plant, model.dt, noise=noise, seed=seed, settings=arguments.plant_set
+    ) as plant:
+        runs = tracked(model, plant, reference, noise=noise, seed=seed)
     _require_within(arguments, runs[-1].voltage, model.dt)
     write_axes_tracking(arguments.out, runs, model.dt, texts)
-    axes = ''.join(f'{f"axis {j + 1}":>12}' for j in range(model.layout.outputs))
-    print(f'{"run, rms [µm]":<20}{axes}')
-    for each in runs:
-        print(f'{each.name:<20}' + ''.join(f'{1e6 * rms:>12.4f}' for rms in each.rms))
+    headers, rows = tracking_rows(runs)
+    for row in (headers, *rows):
+        print(f'{row[0]:<20}' + ''.join(f'{each:>16}' for each in row[1:]))
     for remark in _remarks(reference):
         print(remark)
     level = float(np.sqrt(np.mean(runs[-1].voltage ** 2)))

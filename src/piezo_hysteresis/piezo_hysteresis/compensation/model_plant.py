@@ -96,22 +96,23 @@ class ProcessPlant:
 
     def exchange(self, voltage: float) -> float:
         """Apply `voltage` [V] for one tick; return the displacement before it acts [m]."""
-        return self._ask(_NUMBER.pack(voltage))
+        return float(_NUMBER.unpack(self.ask(_NUMBER.pack(voltage), _NUMBER.size))[0])
 
     def reset(self) -> None:
         """Return the plant to rest and restart its noise."""
-        self._ask(_REST)
+        self.ask(_REST, _NUMBER.size)
 
-    def _ask(self, number: bytes) -> float:
+    def ask(self, given: bytes, size: int) -> bytes:
+        """Return an answer of `size` bytes."""
         try:
-            self._in.write(number)
+            self._in.write(given)
             self._in.flush()
         except OSError:
             raise CompensationError(f'the plant has ended: {self._last()}') from None
-        answer = self._out.read(_NUMBER.size)
-        if len(answer) < _NUMBER.size:
+        answer = self._out.read(size)
+        if len(answer) < size:
             raise CompensationError(f'the plant has ended: {self._last()}')
-        return float(_NUMBER.unpack(answer)[0])
+        return answer
 
     def _last(self) -> str:
         """Return the last line that the program printed, without the prefix of errors."""
@@ -138,7 +139,12 @@ def simulated(
     preset: str, rate: float, seed: int = 0, settings: Sequence[str] = ()
 ) -> ProcessPlant:  # rate [Hz]
     """Return the simulated actuator of a preset, in a separate process."""
+    return ProcessPlant(command_of(preset, rate, seed, settings))
+
+
+def command_of(preset: str, rate: float, seed: int, settings: Sequence[str]) -> list[str]:
+    """Return the command of a separate program that simulates a preset."""
     command = ['plant', '--preset', preset, '--rate', repr(rate), '--seed', str(seed)]
     for setting in settings:
         command += ['--set', setting]
-    return ProcessPlant([sys.executable, '-m', 'piezo_sim', *command])
+    return [sys.executable, '-m', 'piezo_sim', *command]

@@ -39,7 +39,17 @@ def write_axes_tracking(
     out: str, runs: Sequence[AxesRun], dt: float, references: Sequence[str]
 ) -> None:  # dt [s]
     """Write report.html, summary.json and voltage.csv: the voltages of the last run."""
-    rows = [{'run': each.name, 'rms_m': each.rms.tolist()} for each in runs]
+    rows = [
+        {
+            'run': each.name,
+            'rms_m': each.rms.tolist(),
+            'cross_talk': [
+                {'reference': i + 1, 'displacement': j + 1, 'part': float(each.cross_talk[j, i])}
+                for j, i in np.argwhere(np.isfinite(each.cross_talk)).tolist()
+            ],
+        }
+        for each in runs
+    ]
     best, inputs = runs[-1], range(runs[-1].voltage.shape[1])
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
@@ -52,6 +62,22 @@ def write_axes_tracking(
         'voltage.csv': text.getvalue(),
     }
     write_folder(out, files, 'compensate')
+
+
+def tracking_rows(runs: Sequence[AxesRun]) -> tuple[list[str], list[list[str]]]:
+    """Return headers and a row for each run: errors, and the cross-talk of each pair of axes."""
+    pairs = np.argwhere(np.isfinite(runs[0].cross_talk)).tolist()
+    headers = ['run', *(f'axis {j + 1} [µm rms]' for j in range(runs[0].error.shape[1]))]
+    headers += [f'{i + 1} to {j + 1} [%]' for j, i in pairs]
+    rows = [
+        [
+            each.name,
+            *(f'{MICRO * rms:.4f}' for rms in each.rms),
+            *(f'{100.0 * each.cross_talk[j, i]:.2g}' for j, i in pairs),
+        ]
+        for each in runs
+    ]
+    return headers, rows
 
 
 def _tracking_page(runs: Sequence[AxesRun], dt: float, references: Sequence[str]) -> str:
@@ -69,14 +95,19 @@ def _tracking_page(runs: Sequence[AxesRun], dt: float, references: Sequence[str]
             trace_figure(curves, f'Error of axis {j + 1}', 'Error in one period.', 'error',
                          ground=False),
         ]  # fmt: skip
-    rows = [(each.name, *(micrometres(v) for v in each.rms)) for each in runs]
-    headers = ('run', *(f'axis {j + 1} [µm rms]' for j in axes))
+    headers, rows = tracking_rows(runs)
     verdict = (
         f'{runs[0].name}: {micrometres(runs[0].rms.max())} µm rms on the worst axis; '
         f'{last.name}: {micrometres(last.rms.max())} µm.'
     )
     sections = [
-        PageSection('Runs', 'One period of the steady state.', (), (table(headers, rows),)),
+        PageSection(
+            'Runs',
+            'One period of the steady state. Cross-talk from one axis to another: motion of the '
+            'other in the lines of the reference of the one alone.',
+            (),
+            (table(headers, rows),),
+        ),
         PageSection('Axes', '', tuple(figures)),
     ]
     return render('Compensation of several axes', verdict, sections)
