@@ -34,6 +34,7 @@ WORLDS = {
     'recorded_voltage': 'voltages that were measured and not commanded',
     'scans': 'triangles at two speeds: why does a scan lag?',
     'mirror': 'a measured mirror of three piezos, its model found step by step',
+    'cross_talk': 'simulated stages of three axes, of which some have a hidden cross-talk',
     'story': 'the mode at 68 Hz that the models of Fujii 2018 lack',
 }
 

@@ -11,8 +11,9 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_record import AxesRecord
-from piezo_hysteresis.axes.cross_talk import cross_talk, response, vector_fit
-from piezo_hysteresis.axes.modal_fit import ModalDerivatives
+from piezo_hysteresis.axes.cross_talk import cross_talk
+from piezo_hysteresis.axes.frequency_response import response, vector_fit
+from piezo_hysteresis.axes.modal_fit import FitData, ModalDerivatives, ModalFit
 from piezo_hysteresis.axes.modal_model import (
     AxesDrive,
     ModalLayout,
@@ -203,6 +204,17 @@ def test_records_that_drive_one_axis_only_are_refused() -> None:
     ]
     with pytest.raises(RecordError, match='independently'):
         response(records)
+
+
+def test_a_play_wider_than_every_voltage_is_left_alone() -> None:
+    records = linear_records(noise=0.003)[:2]
+    kind = ModalLayout(2, 2, 3, (0.05, 100.0))
+    made = model(kind)
+    fit = ModalFit(made, FitData.of(records, kind, np.ones(2)))
+    found = fit.run(['voltage_weights'], 1)
+    assert np.isfinite(found.output).all()
+    assert not found.output[-2:].any()
+    assert np.isfinite(rms_error(found, records[0]))
 
 
 def test_levels_are_stated_or_found() -> None:

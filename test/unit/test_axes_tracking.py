@@ -168,7 +168,6 @@ def test_a_raster_scan_of_the_simulated_scanner_is_decoupled(
         ('preset:xy_scanner', ['--plant-set', 'axis_3.actuator.gain=1'], 'axis_3.actuator.gain'),
         ('preset:mirror_three_piezos', [], 'it has 3 voltages'),
         ('preset:generic_bouc_wen', [], 'it has 1 voltages'),
-        ('preset:xy_scanner', ['--plant-set', 'axis_1.actuator.gain=1e-9'], 'takes -50 to 50 V'),
         ('', ['--plant-set', 'effects.body_1=false'], 'is for a simulated plant'),
     ],
 )
@@ -183,3 +182,12 @@ def test_a_simulated_plant_that_does_not_fit_is_refused(
         files[files.index('--plant') + 1] = plant
     assert main([*files, '--reference', FAST, *more]) == 2
     assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.component
+def test_a_reference_beyond_the_simulated_plant_is_refused(
+    files: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    files[files.index('--plant') + 1] = 'preset:xy_scanner'
+    assert main([*files, '--reference', FAST.replace('2e-6', '90e-6')]) == 2
+    assert 'xy_scanner takes -50 to 50 V' in capsys.readouterr().err

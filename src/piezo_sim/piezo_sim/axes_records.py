@@ -16,6 +16,10 @@ from piezo_sim.simulation_errors import SweepError
 
 FloatArray = npt.NDArray[np.float64]
 
+# Signs of up to three axes in four records: every pair of axes has every pair of signs, so that
+# records in which one axis repeats its voltage show what the others do to it.
+SIGNS = np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, -1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]])
+_WAVEFORMS = 2  # of each axis, in eight realisations
 SETTLING = 2  # periods before the recorded ones
 RECORDED = 2  # periods of a record: their difference shows the noise
 
@@ -27,7 +31,11 @@ def configure_axes(parser: argparse.ArgumentParser, numbers: Any, assignment: An
     add('--out', type=Path, required=True, help='.npz file of u_LEVEL, y_LEVEL and dt')
     add('--levels', type=numbers, help='rms of the voltages [V] (default: a tenth and a fifth of '
         'the usual drive)')  # fmt: skip
-    add('--realisations', type=int, help='records of each level (default: axes + 2)')
+    add(
+        '--realisations',
+        type=int,
+        help='records of each level (default: 5, four of the same waveforms with other signs)',
+    )
     add('--seconds', type=float, default=0.5, help='one period [s]; two are recorded')
     add('--band', type=numbers, default=[2.0, 1500.0], help='lowest, highest frequency [Hz]')
     add('--rate', type=float, help='sampling rate [Hz] (default: of the preset)')
@@ -70,15 +78,21 @@ def simulate_axes(
     band: tuple[float, float],
     seed: int = 0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return voltages [V] and displacements [m], (samples, axes, realisations, periods)."""
+    """Return voltages [V] and displacements [m], (samples, axes, realisations, periods).
+
+    Of eight realisations every other one has the same waveforms with other `SIGNS`, so that
+    neighbours are independent.
+    """
     samples = round(seconds * plant.rate)
     shape = (samples, plant.axes, realisations, RECORDED)
     voltage, displacement = np.empty(shape), np.empty(shape)
     low, high = plant.command_range
     for k in range(realisations):
         key = [seed, k, round(1e6 * level)]
-        rng = np.random.default_rng(key)
+        block, place = divmod(k, _WAVEFORMS * len(SIGNS))
+        rng = np.random.default_rng([seed, _WAVEFORMS * block + place % _WAVEFORMS, key[2]])
         u = level * multisine(plant.axes, samples, plant.rate, band, rng)
+        u *= SIGNS[place // _WAVEFORMS, : plant.axes]
         if u.min() < low or u.max() > high:
             raise SweepError(
                 f'{level:g} V rms reach {u.min():.3g} to {u.max():.3g} V, but the amplifiers take '
@@ -101,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
     check_target(options.out, 1)
     usual = plant.preset.voltage
     levels = options.levels or [0.1 * usual, 0.2 * usual]
-    many = options.realisations or plant.axes + 2
+    many = options.realisations or _WAVEFORMS * len(SIGNS) + 1
     arrays: dict[str, Any] = {'dt': 1.0 / plant.rate}
     for level in levels:
         name = f'{level:g}V'

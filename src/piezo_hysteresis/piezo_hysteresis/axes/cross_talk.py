@@ -8,169 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from piezo_hysteresis.arrays import BoolArray, ComplexArray, FloatArray
+from piezo_hysteresis.arrays import ComplexArray, FloatArray, IntArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.frequency_response import excited, response, spectra
+from piezo_hysteresis.axes.modal_model import play_bank
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.numerics.linalg import failing_as
 
-# Weakest line of the excitation, as a part of the median one.
-_EXCITED = 0.05
-_TURNS = 15
-
-
-@dataclass(frozen=True, eq=False)
-class FrequencyResponse:
-    """Response of all outputs to all inputs."""
-
-    frequency: FloatArray  # excited lines [Hz], shape (lines,)
-    matrix: ComplexArray  # response [m/V], shape (lines, outputs, inputs)
-
-
-def spectra(records: Sequence[AxesRecord]) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-    """Return frequencies [Hz], spectra of voltages and displacements, (records, lines, axes)."""
-    means = [each.mean_period() for each in records if each.periods]
-    if len(means) != len(records) or len({each.voltage.shape[0] for each in means}) > 1:
-        raise RecordError(
-            'a response of several axes needs records of one and the same period in steady state: '
-            'state it with --periodic'
-        )
-    u = np.fft.rfft([each.voltage for each in means], axis=1)
-    y = np.fft.rfft([each.displacement for each in means], axis=1)
-    frequency = np.fft.rfftfreq(means[0].voltage.shape[0], means[0].dt)
-    return frequency.astype(np.float64), u, y
-
-
-def excited(u: ComplexArray) -> BoolArray:
-    """Return which lines all records excite, of spectra (records, lines, inputs); never 0 Hz."""
-    power = np.sqrt(np.mean(np.abs(u) ** 2, (0, 2)))
-    lines = power > _EXCITED * np.median(power[power > 1e-3 * power.max()])
-    lines[0] = False
-    return np.asarray(lines)
-
-
-def response(records: Sequence[AxesRecord], neighbours: int = 0) -> FrequencyResponse:
-    """Return the response by least squares over records and over `neighbours` lines each side."""
-    frequency, u, y = spectra(records)
-    lines = np.flatnonzero(excited(u))
-    inputs, outputs = u.shape[2], y.shape[2]
-    if len(records) * (2 * neighbours + 1) < inputs:
-        raise RecordError(
-            f'{len(records)} records cannot tell {inputs} inputs apart: drive each alone, or all '
-            'with different signs, in as many records as there are inputs'
-        )
-    u, y = u[:, lines], y[:, lines]
-    a = np.concatenate([_shifted(u, by) for by in range(-neighbours, neighbours + 1)])
-    b = np.concatenate([_shifted(y, by) for by in range(-neighbours, neighbours + 1)])
-    a, b = a.transpose(1, 0, 2), b.transpose(1, 0, 2)
-    normal = a.conj().transpose(0, 2, 1) @ a
-    right = a.conj().transpose(0, 2, 1) @ b
-    weak = np.linalg.cond(normal) > 1e10
-    if weak.mean() > 0.5:
-        raise RecordError(
-            'the voltages of the axes are the same in all records but for a factor: drive them '
-            'independently, or one after the other'
-        )
-    normal[weak] += (
-        1e-9 * np.trace(normal[weak], axis1=1, axis2=2).real[:, None, None] * np.eye(inputs)
-    )
-    matrix = np.linalg.solve(normal, right).transpose(0, 2, 1)
-    assert matrix.shape == (lines.size, outputs, inputs)
-    return FrequencyResponse(frequency[lines], matrix)
-
-
-def _shifted(x: ComplexArray, by: int) -> ComplexArray:
-    """Return the lines `by` places on, the edges held."""
-    places = np.clip(np.arange(x.shape[1]) + by, 0, x.shape[1] - 1)
-    return x[:, places]
-
-
-@dataclass(frozen=True, eq=False)
-class Poles:
-    """Modes of a rational fit."""
-
-    poles: ComplexArray  # upper half [rad/s], shape (modes,)
-    residues: ComplexArray  # residues [m/V rad/s], shape (modes, outputs, inputs)
-    constant: FloatArray  # (outputs, inputs)
-    slope: FloatArray  # (outputs, inputs)
-
-    def at(self, frequency: FloatArray) -> ComplexArray:
-        """Return the response at frequencies [Hz], shape (lines, outputs, inputs)."""
-        s = 2j * np.pi * frequency[:, None]
-        upper = np.tensordot(1.0 / (s - self.poles), self.residues, 1)
-        lower = np.tensordot(1.0 / (s - self.poles.conj()), self.residues.conj(), 1)
-        return upper + lower + self.constant + 2j * np.pi * frequency[:, None, None] * self.slope
-
-
-def vector_fit(measured: FrequencyResponse, order: int, delay: float, seed: int = 0) -> Poles:
-    """Fit common poles to a response matrix by vector fitting, from which `delay` [s] is taken.
-
-    Source: Gustavsen and Semlyen, IEEE Trans. Power Delivery 14 (1999) 1052; relaxed poles are
-    those of the scaling function, unstable ones are mirrored.
-    """
-    unit = 2.0 * np.pi * measured.frequency[-1]  # of frequencies, so that columns are alike
-    s = 2j * np.pi * measured.frequency / unit
-    early = np.exp(2j * np.pi * measured.frequency * delay)[:, None, None]
-    h = (measured.matrix * early).reshape(s.size, -1)
-    weight = 1.0 / np.sqrt(np.sqrt(np.mean(np.abs(h) ** 2, 1)))[:, None]
-    low, high = abs(s[0]), abs(s[-1])
-    ends = (max(low, 0.1 * high), 0.97 * high)
-    poles = np.asarray(np.geomspace(*ends, order) * (-0.01 + 1j), complex)
-    rng = np.random.default_rng(seed)
-    for _ in range(_TURNS):
-        basis = _basis(s, poles)
-        full = _real(np.concatenate([basis, np.ones((s.size, 1)), s[:, None]], 1) * weight)
-        q = np.linalg.qr(full)[0]
-        normal, right = np.zeros((2 * order, 2 * order)), np.zeros(2 * order)
-        for column in h.T:
-            part = _real(-column[:, None] * basis * weight)
-            part -= q @ (q.T @ part)
-            normal += part.T @ part
-            right += part.T @ _real(column * weight[:, 0])
-        scale = np.sqrt(np.diag(normal)) + 1e-300
-        x = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-13)[0] / scale
-        poles = _moved(poles, x, rng, ends)
-    basis = _basis(s, poles)
-    full = np.concatenate([basis, np.ones((s.size, 1)), s[:, None]], 1) * weight
-    c = np.linalg.lstsq(_real(full), _real(h * weight), rcond=None)[0]
-    shape = measured.matrix.shape[1:]
-    residues = (c[:order] + 1j * c[order : 2 * order]).reshape(order, *shape)
-    constant, slope = c[2 * order].reshape(shape), c[2 * order + 1].reshape(shape)
-    return Poles(poles * unit, residues * unit, constant, slope / unit)
-
-
-def _basis(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    upper, lower = 1.0 / (s[:, None] - poles), 1.0 / (s[:, None] - poles.conj())
-    return np.concatenate([upper + lower, 1j * (upper - lower)], 1)
-
-
-def _real(x: ComplexArray) -> FloatArray:
-    return np.concatenate([x.real, x.imag])
-
-
-def _moved(
-    poles: ComplexArray, x: FloatArray, rng: np.random.Generator, ends: tuple[float, float]
-) -> FloatArray:
-    """Return the zeros of the scaling function as new poles; lost ones are drawn anew."""
-    order = poles.size
-    a = np.zeros((2 * order, 2 * order))
-    for i, pole in enumerate(poles):
-        a[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [
-            [pole.real, pole.imag], [-pole.imag, pole.real],
-        ]  # fmt: skip
-    b, c = np.tile([2.0, 0.0], order), np.empty(2 * order)
-    c[::2], c[1::2] = x[:order], x[order:]
-    new = np.linalg.eigvals(a - np.outer(b, c))
-    new = new[new.imag > 1e-6 * ends[1]][:order]
-    fresh = rng.uniform(*ends, order - new.size) * (-0.01 + 1j)
-    new = np.concatenate([-np.abs(new.real) + 1j * new.imag, fresh])
-    return np.asarray(new[np.argsort(new.imag)], complex)
-
-
 # Lines below this part of the first resonance are static.
-_STATIC = 0.1
+_STATIC = 0.2
 _FEWEST_LINES = 4
 # Chance of any false pair in records without cross-talk.
-FALSE_PAIRS = 0.005
+FALSE_PAIRS = 1e-3
+# Least part of the stroke that counts as cross-talk.
+LEAST = 1e-3
+# Half widths of the plays of the own voltage, in its largest value.
+_WIDTHS = np.array([0.03, 0.08, 0.2, 0.4, 0.7])
+_TURNS = 3  # of the weights
+_NEAR = 5  # lines that share a weight
+_SAME = 1e-3  # voltages are the same that differ by a smaller part
 
 
 @dataclass(frozen=True)
@@ -182,20 +38,30 @@ class CrossTalk:
     voltage, displacement : int
         Axis whose voltage acts, and axis that moves; from 1 on.
     size : float
-        Motion of the axis, as a part of that which its own voltage makes.
+        Motion of the axis, as a part of that of the axis of the voltage; where that one is not
+        measured, of its own motion by the same voltage.
     std : float
         Standard deviation of the size.
+    p_value : float
+        Chance of such a size in any pair of records without cross-talk.
+    measured : bool
+        Whether the displacement of the axis of the voltage is measured.
     """
 
     voltage: int
     displacement: int
     size: float
     std: float
+    p_value: float
+    measured: bool = True
 
     def __str__(self) -> str:
+        of = f'the motion of axis {self.voltage}'
+        if not self.measured:
+            of = f'its own motion with the same voltage of axis {self.voltage}'
         return (
             f'cross_talk: axis {self.displacement} moves {100.0 * self.size:.2g} ± '
-            f'{100.0 * self.std:.1g} % with the voltage of axis {self.voltage}'
+            f'{100.0 * self.std:.1g} % of {of}'
         )
 
 
@@ -206,41 +72,148 @@ def cross_talk(records: Sequence[AxesRecord], below: float | None = None) -> lis
     ----------
     records : sequence of AxesRecord
         Periodic records that drive the axes independently, as many as there are inputs or more.
+        Displacement j is that of the actuator with voltage j; other voltages may follow.
     below : float, optional
-        Highest frequency that counts as static [Hz]; by default a tenth of the first resonance.
+        Highest frequency that counts as static [Hz]; by default a fifth of the first resonance.
 
     Raises
     ------
     RecordError
-        If inputs and outputs are no pairs, or too few lines are static.
+        If there are more displacements than voltages, or too few lines are static.
     """
-    inputs, outputs = records[0].voltage.shape[1], records[0].displacement.shape[1]
-    if inputs != outputs:
+    inputs, outputs = records[0].axes, records[0].outputs
+    if inputs < max(outputs, 2):
         raise RecordError(
             f'cross-talk is a matter of pairs, and the records have {inputs} voltages and '
             f'{outputs} displacements: choose columns with --voltage and --displacement'
         )
-    unusable = RecordError('the records do not determine the response of all axes')
-    with failing_as(unusable):
-        found = response(records)
-    size = np.linalg.norm(found.matrix, axis=(1, 2))
-    if below is None:
-        low = np.median(size[: max(1, size.size // 50)])
-        resonant = np.flatnonzero(size > 2.0 * low)
-        below = _STATIC * float(found.frequency[resonant[0] if resonant.size else -1])
-    lines = found.frequency <= below
-    if lines.sum() < _FEWEST_LINES:
+    with failing_as(RecordError('the records do not determine the response of all axes')):
+        if below is None:
+            below = _STATIC * _resonance(records)
+        measured = measured_pairs(records, below)
+    tests = outputs * (inputs - 1)
+    pairs = [
+        CrossTalk(
+            i + 1,
+            j + 1,
+            size,
+            std,
+            min(1.0, 2.0 * tests * float(norm.sf(abs(size) / std))),
+            i < outputs,
+        )
+        for (j, i), (size, std) in measured.items()
+    ]
+    found = [each for each in pairs if each.p_value < FALSE_PAIRS and abs(each.size) > LEAST]
+    return sorted(found, key=lambda pair: -abs(pair.size))
+
+
+def _resonance(records: Sequence[AxesRecord]) -> float:
+    """Return the first frequency [Hz] at which a displacement is twice that of slow voltages."""
+    found = response(records)
+    first = float(found.frequency[-1])
+    for j in range(found.matrix.shape[1]):
+        size = np.abs(found.matrix[:, j, j])
+        resonant = np.flatnonzero(size > 2.0 * np.median(size[: max(1, size.size // 50)]))
+        if resonant.size:
+            first = min(first, float(found.frequency[resonant[0]]))
+    return first
+
+
+def measured_pairs(
+    records: Sequence[AxesRecord], below: float
+) -> dict[tuple[int, int], tuple[float, float]]:
+    """Return size and deviation of the cross-talk of each pair (moved j, voltage i), from 0 on.
+
+    Records in which an axis repeats its voltage differ by the other voltages alone: whatever the
+    own voltage makes, hysteresis included, is the same in them. Without such records it is fitted
+    by what an actuator makes of it: plays, square, creep, lag, inertia.
+    """
+    frequency, u, y = spectra(records)
+    lines = np.flatnonzero(excited(u) & (frequency <= below))
+    if lines.size < _FEWEST_LINES:
         raise RecordError(
-            f'{lines.sum()} lines below {below:.3g} Hz cannot show static cross-talk; record '
+            f'{lines.size} lines below {below:.3g} Hz cannot show static cross-talk; record '
             'longer periods'
         )
-    gain = found.matrix[lines].real
-    mean, spread = gain.mean(0), gain.std(0, ddof=1) / np.sqrt(lines.sum())
-    bound = norm.isf(0.5 * FALSE_PAIRS / max(inputs * (inputs - 1), 1))
-    pairs = []
-    for j, i in zip(*np.nonzero(np.abs(mean) > bound * spread), strict=True):
-        if i != j:
-            own = float(mean[j, j])
-            part, std = float(mean[j, i]) / own, float(spread[j, i]) / abs(own)
-            pairs.append(CrossTalk(int(i) + 1, int(j) + 1, part, std))
-    return sorted(pairs, key=lambda pair: -abs(pair.size))
+    x = frequency[lines] / below
+    u, y = u[:, lines], y[:, lines]
+    found = {}
+    for j in range(y.shape[2]):
+        others = [i for i in range(u.shape[2]) if i != j]
+        a = np.concatenate([u[:, :, others], 1j * x[:, None] * u[:, :, others]], 2)
+        groups = _repeated(u[:, :, j])
+        if sum(len(those) - 1 for those in groups) >= len(others):
+            kept = [(_apart(a[those]), _apart(y[those, :, j])) for those in groups]
+            a, b = (np.concatenate([pair[k] for pair in kept]) for k in (0, 1))
+            lost = 2 * len(groups) * lines.size
+        else:
+            bare = np.stack([u[:, :, j], *_makes(u[:, :, j], x)], 2)
+            own = np.stack([_plays(each, lines) for each in _same_scale(records, j)])
+            a, b, lost = np.concatenate([a, bare, own], 2), y[:, :, j], 0
+        c, std = _weighted(a, b, lost)
+        for place, i in enumerate(others):
+            of = i if i < y.shape[2] else j
+            gain = float(np.vdot(u[:, :, of], y[:, :, of]).real / np.sum(np.abs(u[:, :, of]) ** 2))
+            found[j, i] = (float(c[place] / gain), float(std[place] / abs(gain)))
+    return found
+
+
+def _repeated(u: ComplexArray) -> list[list[int]]:
+    """Return groups of records of the same voltage, of spectra (records, lines)."""
+    groups: list[list[int]] = []
+    for k, each in enumerate(u):
+        near = [g for g in groups if np.linalg.norm(u[g[0]] - each) < _SAME * np.linalg.norm(each)]
+        if near:
+            near[0].append(k)
+        else:
+            groups.append([k])
+    return [those for those in groups if len(those) > 1]
+
+
+def _apart(x: ComplexArray) -> ComplexArray:
+    """Return what records of a group have beyond their mean."""
+    return np.asarray(x - x.mean(0))
+
+
+def _makes(u: ComplexArray, x: FloatArray) -> list[ComplexArray]:
+    """Return what lag, inertia and creep make of a voltage, each (records, lines)."""
+    return [1j * u, 1j * x * u, x**2 * u, np.log(x) * u]
+
+
+def _same_scale(records: Sequence[AxesRecord], j: int) -> list[FloatArray]:
+    """Return the voltages of axis j about their mean, over the largest one of all records."""
+    given = [each.mean_period().voltage[:, j] for each in records]
+    given = [each - each.mean() for each in given]
+    largest = max(float(np.abs(each).max()) for each in given) or 1.0
+    return [each / largest for each in given]
+
+
+def _plays(u: FloatArray, lines: IntArray) -> ComplexArray:
+    """Return spectra of the plays and of the square of a voltage, (lines, features)."""
+    bank = np.empty((u.size, _WIDTHS.size))
+    play_bank(np.ascontiguousarray(u), _WIDTHS, bank, 2)
+    return np.asarray(np.fft.rfft(np.column_stack([bank, u**2]), axis=0)[lines])
+
+
+def _weighted(a: ComplexArray, y: ComplexArray, lost: int) -> tuple[FloatArray, FloatArray]:
+    """Return real coefficients and their deviations; each line weighs by what it leaves."""
+    # a (records, lines, features); y (records, lines); lost: equations that were used before
+    scale = np.sqrt(np.mean(np.abs(a) ** 2, (0, 1))) + 1e-300
+    a = a / scale
+    weight = np.ones(y.shape[1])
+    for _ in range(_TURNS):
+        left, right = _real(a * weight[:, None]), _real(y * weight)
+        c, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-9)
+        power = np.mean(np.abs(y - a @ c) ** 2, 0)
+        ones = np.ones(_NEAR)
+        near = np.convolve(power, ones, 'same') / np.convolve(np.ones(power.size), ones, 'same')
+        variance = float(np.sum((right - left @ c) ** 2)) / max(right.size - lost - rank, 1)
+        covariance = variance * np.linalg.pinv(left.T @ left, 1e-12)
+        weight = 1.0 / np.sqrt(near + 1e-6 * near.max() + 1e-300)
+    return c / scale, np.sqrt(np.diag(covariance)) / scale
+
+
+def _real(x: ComplexArray) -> FloatArray:
+    """Return equations of complex numbers, (records, lines[, features]), as real ones."""
+    rows = x.reshape(x.shape[0] * x.shape[1], *x.shape[2:])
+    return np.concatenate([rows.real, rows.imag])

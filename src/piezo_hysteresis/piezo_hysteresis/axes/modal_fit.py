@@ -357,7 +357,8 @@ class ModalFit:
         rows, target = (list(each) for each in zip(*found, strict=True))
         gram = sum(each.T @ each for each in rows)
         right = sum(x.T @ y for x, y in zip(rows, target, strict=True))
-        scale = np.sqrt(np.diag(gram)) + 1e-300
+        scale = np.sqrt(np.diag(gram))
+        scale = np.where(scale > 0.0, scale, 1.0)  # a play wider than the voltage never moves
         gram = gram / np.outer(scale, scale) + _RIDGE * np.eye(scale.size)
         output = np.linalg.solve(gram, right / scale[:, None]) / scale[:, None]
         residual = [y - x @ output for x, y in zip(rows, target, strict=True)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord, leveled
-from piezo_hysteresis.axes.cross_talk import FrequencyResponse, Poles, response, vector_fit
+from piezo_hysteresis.axes.frequency_response import FrequencyResponse, Poles, response, vector_fit
 from piezo_hysteresis.axes.modal_fit import FitData, ModalFit
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
 from piezo_hysteresis.common.wording import counted

@@ -132,3 +132,29 @@ def validate_several(arguments: argparse.Namespace) -> int:
     )
     print(f'written to {arguments.out}/summary.json')
     return 0
+
+
+def discover_several(arguments: argparse.Namespace) -> int:
+    """Find cross-talk and what modes lack, and write the verdict."""
+    from piezo_hysteresis.axes.axes_discovery import discover_axes
+    from piezo_hysteresis.errors import IdentificationError
+    from piezo_hysteresis.process_setup import number_of_workers
+    from piezo_hysteresis.reporting.axes_report import write_axes_discovery
+    from piezo_hysteresis.reporting.folder import check_folder
+
+    unused = [each for each in ('reference', 'repeats', 'policy') if getattr(arguments, each)]
+    if unused:
+        raise IdentificationError(f'--{unused[0]} is of one axis; leave it out')
+    records = axes_records_of(arguments)
+    check_folder(arguments.out, 'discover')
+    with progress_bar(f'discover, baseline {arguments.baseline}') as progress:
+        found = discover_axes(
+            records,
+            arguments.baseline,
+            workers=number_of_workers(arguments.workers),
+            progress=lambda fraction: progress(fraction, 'adds effects'),
+        )
+        write_axes_discovery(arguments.out, found, records)
+    print(found)
+    print(f'written to {arguments.out} ({found.seconds:.1f} s); open {arguments.out}/report.html')
+    return 0

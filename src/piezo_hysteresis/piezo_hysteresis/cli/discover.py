@@ -10,6 +10,7 @@ import argparse
 from typing import Any
 
 from piezo_hysteresis.cli import verbosity
+from piezo_hysteresis.cli.axes import MODES, add_axes_options, discover_several, states_axes
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
     add_out,
@@ -31,7 +32,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         '--baseline',
         required=True,
         metavar='NAME[+BLOCK...]|YAML',
-        help='named model, fitted to these data; or model.yaml of other data, kept fixed',
+        help='named model, fitted to these data; or model.yaml of other data, kept fixed; of '
+        'several axes: gain or modes',
     )
     add(
         '--reference',
@@ -75,10 +77,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add('--actuator', help='actuator, if a bag holds several')
     add_statements(parser)
+    add_axes_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Discover and write the results."""
+    if states_axes(arguments) or arguments.baseline == MODES:
+        return discover_several(arguments)
     from piezo_hysteresis.interface.verbs import discover
     from piezo_hysteresis.reporting.discovery_report import write_discovery
     from piezo_hysteresis.reporting.folder import check_folder

@@ -11,6 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes import modal_file
+from piezo_hysteresis.axes.axes_discovery import AxesDiscovery
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.axes_tracking import AxesRun
 from piezo_hysteresis.axes.modal_model import ModalModel
@@ -33,6 +34,47 @@ def write_axes_identification(
         'model.yaml': yaml_text(modal_file.content_of(found.model, summary)),
     }
     write_folder(out, files, 'identify')
+
+
+def write_axes_discovery(out: str, found: AxesDiscovery, records: Sequence[AxesRecord]) -> None:
+    """Write report.html and verdict.json, with modes model.yaml as well."""
+    model = found.identification
+    effects: list[dict[str, object]] = [
+        {'name': 'cross_talk', 'sentence': str(pair), **vars(pair)} for pair in found.cross_talk
+    ]
+    effects += [
+        {'name': step.effect, 'sentence': step.sentence, 'held_out_m': step.held_out}
+        for step in found.steps
+    ]
+    verdict = {
+        'baseline': found.baseline,
+        'summary': found.summary,
+        'effects': effects,
+        'records': [each.name for each in records],
+        'identification': summary_of(model) if model else None,
+        'seconds': found.seconds,
+    }
+    rows = [
+        (pair.voltage, pair.displacement, f'{100.0 * pair.size:.3g} ± {100.0 * pair.std:.2g}',
+         f'{pair.p_value:.2g}')
+        for pair in found.cross_talk
+    ]  # fmt: skip
+    text = (
+        'Motion of an axis with the voltage of another one, below the first resonance, as a part '
+        'of the motion of that other one.'
+    )
+    head = ('voltage of axis', 'moves axis', 'size [%]', 'p')
+    sections = [
+        PageSection(
+            'Cross-talk', text if rows else 'None.', (), (table(head, rows),) if rows else ()
+        )
+    ]
+    files = {'verdict.json': json.dumps(verdict, indent=1)}
+    if model:
+        sections += _sections(model, records)
+        files['model.yaml'] = yaml_text(modal_file.content_of(model.model, summary_of(model)))
+    files['report.html'] = render('Discovery on several axes', found.summary, sections)
+    write_folder(out, files, 'discover')
 
 
 def write_axes_tracking(
@@ -163,8 +205,12 @@ def _page(found: ModalIdentification, records: Sequence[AxesRecord]) -> str:
         f'A model of {layout.inputs} axes with {layout.modes} modes leaves {errors} on records '
         'that were not fitted.'
     )
+    return render(f'{layout.inputs} axes', verdict, _sections(found, records))
+
+
+def _sections(found: ModalIdentification, records: Sequence[AxesRecord]) -> list[PageSection]:
     held = [each for each in records if each.name in found.held_out]
-    sections = [
+    return [
         _story(found),
         PageSection('What is left', '', tuple(_left(found.model, each) for each in held)),
         PageSection(
@@ -184,7 +230,6 @@ def _page(found: ModalIdentification, records: Sequence[AxesRecord]) -> str:
                    [(each.name, micrometres(rms_error(found.model, each))) for each in records]),),
         ),
     ]  # fmt: skip
-    return render(f'{layout.inputs} axes', verdict, sections)
 
 
 def _story(found: ModalIdentification) -> PageSection:

@@ -1,0 +1,90 @@
+"""Discovery on several axes: cross-talk of each pair, and what linear modes lack."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.cross_talk import CrossTalk, cross_talk
+from piezo_hysteresis.axes.modal_search import ModalIdentification, ModalStep, identify_axes
+from piezo_hysteresis.common.wording import Guided
+from piezo_hysteresis.errors import IdentificationError
+
+#: Baselines: a gain of each axis, or linear modes of all axes.
+BASELINES = ('gain', 'modes')
+
+
+@dataclass(frozen=True, repr=False)
+class AxesDiscovery(Guided):
+    """What records of several axes show beyond a baseline.
+
+    Attributes
+    ----------
+    baseline : str
+        ``gain`` or ``modes``.
+    cross_talk : tuple of CrossTalk
+        Pairs of axes, the largest first.
+    identification : ModalIdentification or None
+        Modal model with its steps, for the baseline ``modes``.
+    seconds : float
+        Computing time [s].
+    """
+
+    baseline: str
+    cross_talk: tuple[CrossTalk, ...]
+    identification: ModalIdentification | None
+    seconds: float
+
+    @property
+    def steps(self) -> tuple[ModalStep, ...]:
+        """Effects that the modes needed, in the order in which they were added."""
+        return self.identification.steps[1:-1] if self.identification else ()
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of what was found."""
+        names = ['cross_talk'] if self.cross_talk else []
+        return tuple(dict.fromkeys([*names, *(step.effect for step in self.steps)]))
+
+    @property
+    def summary(self) -> str:
+        """The verdict in one sentence."""
+        if not self.effects:
+            return f'Nothing was found beyond the baseline {self.baseline}.'
+        return f'Found beyond the baseline {self.baseline}: {", ".join(self.effects)}.'
+
+    def __repr__(self) -> str:
+        lines = [self.summary, *(f'  {pair}' for pair in self.cross_talk)]
+        steps = self.identification.steps[:-1] if self.identification else ()
+        for before, step in pairwise(steps):
+            lines.append(f'  {step.effect}: {step.sentence}')
+            gaps = [
+                f'{1e6 * before.held_out[level]:.3g} to {1e6 * left:.3g} µm at {level}'
+                for level, left in step.held_out.items()
+            ]
+            lines.append(f'    held-out error {", ".join(gaps)}')
+        return '\n'.join(lines)
+
+
+def discover_axes(
+    records: Sequence[AxesRecord],
+    baseline: str = 'modes',
+    *,
+    workers: int = 1,
+    report: Callable[[str], None] = lambda _: None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> AxesDiscovery:
+    """Return the cross-talk of records, and the effects that linear modes lack in them."""
+    began = time.perf_counter()
+    if baseline not in BASELINES:
+        raise IdentificationError(
+            f'the baseline of several axes is {" or ".join(BASELINES)}, not {baseline!r}'
+        )
+    pairs = cross_talk(records)
+    found = None
+    if baseline == 'modes':
+        found = identify_axes(records, workers=workers, report=report, progress=progress)
+    return AxesDiscovery(baseline, tuple(pairs), found, time.perf_counter() - began)

@@ -1,0 +1,141 @@
+"""Discovery on several axes: cross-talk beside hysteresis, the verb, what it refuses."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes.axes_discovery import discover_axes
+from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.cross_talk import cross_talk
+from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.errors import IdentificationError, RecordError
+from piezo_sim.axes_records import SIGNS
+from piezo_sim.cli import main as simulate
+
+RATE, SAMPLES, MICRO = 1000.0, 1000, 1e-6
+
+
+def waveform(seed: int) -> FloatArray:
+    """Return a period of a multisine of 1 V rms, 2 to 100 Hz."""
+    rng = np.random.default_rng(seed)
+    spectrum = np.zeros(SAMPLES // 2 + 1, complex)
+    spectrum[2:101] = np.exp(2j * np.pi * rng.random(99))
+    x = np.fft.irfft(spectrum, SAMPLES)
+    return np.asarray(x / x.std())
+
+
+def actuator(u: FloatArray) -> FloatArray:
+    """Return what an actuator with a wide loop and a square makes of a period [m]."""
+    state, out = 0.0, np.empty(u.size)
+    for _ in range(2):
+        for n, v in enumerate(u):
+            state = min(max(state, v - 0.6), v + 0.6)
+            out[n] = v + 0.5 * state + 0.05 * v * v
+    return MICRO * out
+
+
+def records(share: float, repeated: bool = True, noise: float = 1e-3) -> list[AxesRecord]:
+    """Return records of three axes; axis 3 moves by a share of what axis 1 moves."""
+    rng, found = np.random.default_rng(4), []
+    for k, signs in enumerate(SIGNS):
+        u = np.column_stack([waveform(3 * (0 if repeated else k) + i) for i in range(3)])
+        u *= signs if repeated else 1.0
+        y = np.column_stack([actuator(column) for column in u.T])
+        y[:, 2] += share * y[:, 0]
+        y += noise * MICRO * rng.standard_normal(y.shape)
+        found.append(AxesRecord(str(k), 1.0 / RATE, u, y, 1))
+    return found
+
+
+def named(found: list[AxesRecord]) -> list[tuple[int, int]]:
+    return [(pair.voltage, pair.displacement) for pair in cross_talk(found, below=40.0)]
+
+
+def test_a_repeated_voltage_shows_cross_talk_far_below_the_hysteresis() -> None:
+    (pair,) = cross_talk(records(0.002), below=40.0)
+    assert (pair.voltage, pair.displacement) == (1, 3)
+    assert pair.size == pytest.approx(0.002, rel=0.1)
+    assert pair.std < 1e-4
+    assert named(records(0.0)) == []
+
+
+def test_other_voltages_show_what_is_larger_than_what_hysteresis_leaves() -> None:
+    assert named(records(0.1, repeated=False)) == [(1, 3)]
+    assert named(records(0.0, repeated=False)) == []
+
+
+def test_one_displacement_with_the_voltage_of_another_axis() -> None:
+    chosen = [2, 0]  # the displacement is that of the first voltage
+    one = [
+        replace(each, voltage=each.voltage[:, chosen], displacement=each.displacement[:, 2:])
+        for each in records(0.02)
+    ]
+    (pair,) = cross_talk(one, below=40.0)
+    assert (pair.voltage, pair.displacement, pair.measured) == (2, 1, False)
+    assert pair.size == pytest.approx(0.02, rel=0.1)
+    assert 'its own motion' in str(pair)
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'displacement': np.zeros((SAMPLES, 4))}, '3 voltages and 4 displacements'),
+        ({'periods': 0}, 'state it with --periodic'),
+    ],
+)
+def test_records_that_cannot_show_it_are_refused(change: dict[str, object], sentence: str) -> None:
+    with pytest.raises(RecordError, match=sentence):
+        cross_talk([replace(each, **change) for each in records(0.0)], below=40.0)  # type: ignore[arg-type]
+
+
+def test_the_baseline_is_a_gain_or_modes() -> None:
+    with pytest.raises(IdentificationError, match='gain or modes'):
+        discover_axes(records(0.0), 'classical')
+    assert 'Nothing was found' in repr(discover_axes(records(0.0), 'gain'))
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Path:
+    """Return simulated records with a hidden cross-talk from axis 2 to axis 3."""
+    out = tmp_path / 'stage.npz'
+    line = ['axes', '--preset', 'xyz_stage', '--out', str(out), '--seconds', '0.4']
+    assert simulate([*line, '--set', 'effects.cross_talk_2_to_3=true']) == 0
+    return out
+
+
+@pytest.mark.component
+def test_the_verb_names_the_pair(
+    stage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'found'
+    assert (
+        main(['discover', str(stage), '--baseline', 'gain', '--axes', '3', '--out', str(out)]) == 0
+    )
+    verdict = json.loads((out / 'verdict.json').read_text())
+    (effect,) = verdict['effects']
+    assert (effect['name'], effect['voltage'], effect['displacement']) == ('cross_talk', 2, 3)
+    assert effect['size'] == pytest.approx(0.01, rel=0.05)
+    assert 'cross_talk: axis 3 moves 0.99' in capsys.readouterr().out
+    assert 'Cross-talk' in (out / 'report.html').read_text()
+
+
+@pytest.mark.component
+@pytest.mark.parametrize(
+    ('more', 'sentence'),
+    [
+        (['--baseline', 'bouc_wen_mode'], 'gain or modes'),
+        (['--baseline', 'gain', '--reference', 'old.npz'], '--reference is of one axis'),
+        (['--baseline', 'gain', '--axes', '2'], 'not 2 axes'),
+    ],
+)
+def test_what_the_verb_cannot_do_is_one_sentence(
+    stage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], sentence: str
+) -> None:
+    assert main(['discover', str(stage), '--axes', '3', '--out', str(tmp_path / 'x'), *more]) == 2
+    assert sentence in capsys.readouterr().err
