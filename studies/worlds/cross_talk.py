@@ -74,10 +74,12 @@ def records_of(plant: AxesPlant, seed: int) -> list[AxesRecord]:
 def run(asked: argparse.Namespace) -> str:
     """Examine all stages, and return a table."""
     lines = ['| stage | hidden | named | right |', '|---|---|---|---|']
-    right, errors = {'hidden': 0, 'untouched': 0}, []
+    right = {'hidden': 0, 'untouched': 0}
+    errors: list[float] = []
     for k in range(asked.hidden + asked.untouched):
         rng = np.random.default_rng([asked.seed, k])
-        changes, true = drawn(rng), ()
+        changes = drawn(rng)
+        true: tuple[tuple[int, int], ...] = ()
         if k < asked.hidden:
             i, j = (int(each) + 1 for each in rng.permutation(AXES)[:2])
             size = SIZE * rng.choice([-1.0, 1.0])

@@ -70,6 +70,19 @@ def test_other_voltages_show_what_is_larger_than_what_hysteresis_leaves() -> Non
     assert named(records(0.0, repeated=False)) == []
 
 
+def test_displacements_in_another_order_than_the_voltages_are_doubted() -> None:
+    turned = [
+        replace(each, displacement=each.displacement[:, [1, 0, 2]] + 0.1 * each.displacement)
+        for each in records(0.0)
+    ]
+    found = discover_axes(turned, 'gain')
+    assert 'Displacement 1 moves more with voltage 2' in found.remark or found.remark.startswith(
+        'Displacement 2 moves more with voltage 1'
+    )
+    assert found.remark in repr(found)
+    assert discover_axes(records(0.02), 'gain').remark == ''
+
+
 def test_one_displacement_with_the_voltage_of_another_axis() -> None:
     chosen = [2, 0]  # the displacement is that of the first voltage
     one = [

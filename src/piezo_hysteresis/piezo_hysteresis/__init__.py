@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from piezo_hysteresis.axes.axes_load import load_axes
     from piezo_hysteresis.axes.axes_record import AxesRecord
     from piezo_hysteresis.axes.modal_model import ModalModel as AxesModel
-    from piezo_hysteresis.axes.modal_search import identify_axes
     from piezo_hysteresis.batch import Batch
     from piezo_hysteresis.batch import run_batch as batch
     from piezo_hysteresis.discovery import Discovery
@@ -79,7 +78,6 @@ __all__ = [
     'discover',
     'export',
     'identify',
-    'identify_axes',
     'investigate',
     'load',
     'load_axes',
@@ -111,7 +109,6 @@ _HOMES = {
     'investigate': 'interface.investigate.investigate',
     'identify': 'interface.verbs.identify',
     'load': 'records.load',
-    'identify_axes': 'axes.modal_search.identify_axes',
     'load_axes': 'axes.axes_load.load_axes',
     'simulate': 'identification.simulate',
     'validate': 'identification.validate',

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -288,6 +287,8 @@ class AxesPlant:
                 f'commands must have the shape (n, {self.axes}), got {commands.shape}'
             )
         readings = np.empty_like(commands)
-        arrays: tuple[Any, ...] = (self._parameters, self._derived, self._state, self._histories)
-        body.run(commands, readings, *arrays, self._coupling, self._body, self._one)
+        body.run(
+            commands, readings, self._parameters, self._derived, self._state, self._histories,
+            self._coupling, self._body, self._one,
+        )  # fmt: skip
         return readings

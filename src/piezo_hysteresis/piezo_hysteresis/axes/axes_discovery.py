@@ -56,8 +56,22 @@ class AxesDiscovery(Guided):
             return f'Nothing was found beyond the baseline {self.baseline}.'
         return f'Found beyond the baseline {self.baseline}: {", ".join(self.effects)}.'
 
+    @property
+    def remark(self) -> str:
+        """Doubt about the order of the axes, in one sentence; empty if there is none."""
+        large = [each for each in self.cross_talk if abs(each.size) > 1.0]
+        if not large:
+            return ''
+        first = large[0]
+        return (
+            f'Displacement {first.displacement} moves more with voltage {first.voltage} than '
+            'that axis itself: the displacements may be in another order than the voltages, or '
+            'measured elsewhere than at the actuators.'
+        )
+
     def __repr__(self) -> str:
         lines = [self.summary, *(f'  {pair}' for pair in self.cross_talk)]
+        lines += [f'  {self.remark}'] if self.remark else []
         steps = self.identification.steps[:-1] if self.identification else ()
         for before, step in pairwise(steps):
             lines.append(f'  {step.effect}: {step.sentence}')

@@ -59,9 +59,9 @@ class CrossTalk:
         of = f'the motion of axis {self.voltage}'
         if not self.measured:
             of = f'its own motion with the same voltage of axis {self.voltage}'
+        size = f'{100.0 * self.size:{".2g" if abs(self.size) < 1.0 else ".0f"}}'
         return (
-            f'cross_talk: axis {self.displacement} moves {100.0 * self.size:.2g} ± '
-            f'{100.0 * self.std:.1g} % of {of}'
+            f'cross_talk: axis {self.displacement} moves {size} ± {100.0 * self.std:.1g} % of {of}'
         )
 
 
@@ -184,7 +184,8 @@ def _same_scale(records: Sequence[AxesRecord], j: int) -> list[FloatArray]:
     """Return the voltages of axis j about their mean, over the largest one of all records."""
     given = [each.mean_period().voltage[:, j] for each in records]
     given = [each - each.mean() for each in given]
-    largest = max(float(np.abs(each).max()) for each in given) or 1.0
+    largest = float(np.abs(given).max())
+    largest = largest if largest > 0.0 else 1.0
     return [each / largest for each in given]
 
 
@@ -207,7 +208,7 @@ def _weighted(a: ComplexArray, y: ComplexArray, lost: int) -> tuple[FloatArray, 
         power = np.mean(np.abs(y - a @ c) ** 2, 0)
         ones = np.ones(_NEAR)
         near = np.convolve(power, ones, 'same') / np.convolve(np.ones(power.size), ones, 'same')
-        variance = float(np.sum((right - left @ c) ** 2)) / max(right.size - lost - rank, 1)
+        variance = float(np.sum((right - left @ c) ** 2)) / max(right.size - lost - int(rank), 1)
         covariance = variance * np.linalg.pinv(left.T @ left, 1e-12)
         weight = 1.0 / np.sqrt(near + 1e-6 * near.max() + 1e-300)
     return c / scale, np.sqrt(np.diag(covariance)) / scale

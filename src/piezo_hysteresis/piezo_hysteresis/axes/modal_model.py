@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.signal import resample, resample_poly
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.blocks._plays import play
+from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.jit import jit, jit_sums
 
 if TYPE_CHECKING:
@@ -440,14 +442,40 @@ class ModalModel:
             columns.append(memory.reshape(n, -1))
         return np.concatenate(columns, 1)
 
-    def simulate(self, record: AxesRecord) -> FloatArray:
-        """Return the displacement in free run, shape (n, outputs) [m].
+    def simulate(self, voltage: AxesRecord | ArrayLike) -> FloatArray:
+        """Return the displacement in free run.
 
-        A record of whole periods is followed in its steady state; any other starts at rest.
+        Parameters
+        ----------
+        voltage : AxesRecord, or array_like, shape (n, inputs)
+            Voltages [V] at the interval of the model. A record of whole periods is followed in its
+            steady state; any other, and an array, starts at rest.
+
+        Returns
+        -------
+        ndarray, shape (n, outputs)
+            Displacements [m].
+
+        Raises
+        ------
+        ModelError
+            If the voltages are not finite numbers of that shape.
         """
+        record = voltage if isinstance(voltage, AxesRecord) else self._at_rest(voltage)
         drive = drive_of(record, self.layout)
         y = self.displacement(drive, self.signals(drive))
         return np.tile(y, (record.periods, 1)) if record.periods else y
+
+    def _at_rest(self, voltage: ArrayLike) -> AxesRecord:
+        given = np.asarray(voltage, float)
+        inputs = self.layout.inputs
+        if given.ndim != 2 or given.shape[1] != inputs or not np.isfinite(given).all():
+            raise ModelError(
+                f'the voltages must be finite numbers of shape (samples, {inputs}), got '
+                f'{given.shape}'
+            )
+        unknown = np.zeros((len(given), self.layout.outputs))
+        return AxesRecord('voltage', self.dt, given, unknown)
 
     def displacement(self, drive: AxesDrive, signals: FloatArray) -> FloatArray:
         """Return the displacement for the signals of a drive, shape (n, outputs) [m]."""

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord, leveled
 from piezo_hysteresis.axes.frequency_response import FrequencyResponse, Poles, response, vector_fit
 from piezo_hysteresis.axes.modal_fit import FitData, ModalFit
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
-from piezo_hysteresis.common.wording import counted
+from piezo_hysteresis.common.wording import Guided, counted
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.numerics.linalg import failing_as, symmetric_eigen
 
@@ -193,9 +195,9 @@ class ModalStep:
     tried: dict[str, float]
 
 
-@dataclass(frozen=True, eq=False)
-class ModalIdentification:
-    """Result of `identify_axes`.
+@dataclass(frozen=True, eq=False, repr=False)
+class ModalIdentification(Guided):
+    """Result of ``piezo_hysteresis.identify(data, 'modes')``.
 
     Attributes
     ----------
@@ -212,6 +214,22 @@ class ModalIdentification:
     fitted: tuple[str, ...]
     held_out: tuple[str, ...]
     disturbed: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        layout = self.model.layout
+        lines = [f'Modal model of {layout.inputs} axes with {counted(layout.modes, "mode")}']
+        for step in self.steps:
+            left = [f'{1e6 * error:.4g} µm ({level})' for level, error in step.held_out.items()]
+            lines.append(f'  {step.effect}: {", ".join(left)} on held-out records')
+        return '\n'.join(lines)
+
+    def simulate(self, voltage: AxesRecord | ArrayLike) -> FloatArray:
+        """Return the displacement that voltages cause, see `ModalModel.simulate`."""
+        return self.model.simulate(voltage)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as YAML."""
+        self.model.save(path)
 
 
 def rms_error(model: ModalModel, record: AxesRecord) -> float:

@@ -1,22 +1,31 @@
-"""Actuators of several axes as plants: models, and simulated ones in a separate process."""
+"""What `identify`, `discover` and `compensate` do with several axes, and plants of them.
+
+A plant is a model, or simulated actuators in a separate process.
+"""
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes.axes_load import load_axes
 from piezo_hysteresis.axes.axes_record import AxesRecord
-from piezo_hysteresis.axes.axes_tracking import PeriodicPlant
+from piezo_hysteresis.axes.axes_tracking import AxesRun, PeriodicPlant, tracked
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
+from piezo_hysteresis.axes.modal_search import ModalIdentification
+from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.compensation.model_plant import ProcessPlant, command_of
 from piezo_hysteresis.compensation.study import PRESET
-from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.errors import CompensationError, IdentificationError
 
 _COUNT = struct.Struct('<q')
 _SETTLING = 0.5  # of periods before a measured one [s]
@@ -80,3 +89,82 @@ def axes_plant(
     if settings:
         raise CompensationError('--plant-set is for a simulated plant, preset:NAME')
     yield given if isinstance(given, ModalModel) else ModalModel.load(given)
+
+
+MODES = 'modes'
+_OURS = {'dt', 'fs', 'workers', 'progress', 'modes', 'effects'}
+
+
+def is_several(data: object, model: object) -> bool:
+    """Return whether a call is of several axes, by its model or by its records."""
+    given = data if isinstance(data, (list, tuple)) else [data]
+    return model == MODES or any(isinstance(each, AxesRecord) for each in given)
+
+
+def several_records(
+    data: Any, options: Mapping[str, Any], defaults: Mapping[str, Any]
+) -> list[AxesRecord]:
+    """Return the records of a call; refuse options that are of one axis."""
+    strange = [
+        name
+        for name, value in options.items()
+        if name not in _OURS and not _same(value, defaults.get(name))
+    ]
+    if strange:
+        raise IdentificationError(f'{strange[0]} is of one axis; leave it out')
+    return load_axes(data, dt=options.get('dt'), fs=options.get('fs'))
+
+
+def _same(value: object, default: object) -> bool:
+    return value is default or (isinstance(value, (str, int, tuple)) and value == default)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class AxesCompensation(Guided):
+    """Runs of references of several axes on a plant, from no compensation to attenuation.
+
+    Attributes
+    ----------
+    runs : tuple of AxesRun
+        Name, ``voltage`` [V], ``displacement`` and ``error`` [m] of one period, all of shape (n,
+        axes), ``rms`` [m] and ``cross_talk`` of each run.
+    """
+
+    runs: tuple[AxesRun, ...]
+
+    @property
+    def best(self) -> AxesRun:
+        """The run with the smallest error on its worst axis."""
+        return min(self.runs, key=lambda run: float(run.rms.max()))
+
+    @property
+    def voltage(self) -> FloatArray:
+        """Voltages of the best run [V], shape (n, axes)."""
+        return self.best.voltage
+
+    def __repr__(self) -> str:
+        lines = ['Compensation of several axes']
+        for run in self.runs:
+            errors = ', '.join(f'{1e6 * rms:.4g}' for rms in run.rms)
+            lines.append(f'  {run.name}: error {errors} µm rms')
+        return '\n'.join(lines)
+
+
+def compensate_axes(
+    model: ModalModel | ModalIdentification,
+    reference: ArrayLike,
+    plant: str | Path | ModalModel | ModalIdentification | None,
+    noise: float,
+    seed: int,
+) -> AxesCompensation:
+    """Track periodic references of all axes, (n, axes) [m], on a plant."""
+    inverted = model.model if isinstance(model, ModalIdentification) else model
+    given = plant.model if isinstance(plant, ModalIdentification) else plant
+    if isinstance(reference, (str, Path)):
+        raise CompensationError(
+            'references of several axes are an array of shape (samples, '
+            f'{inverted.layout.outputs}), in m'
+        )
+    with axes_plant(given or inverted, inverted.dt, noise=noise, seed=seed) as opened:
+        runs = tracked(inverted, opened, np.asarray(reference, float), noise=noise, seed=seed)
+    return AxesCompensation(tuple(runs))

@@ -6,12 +6,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes.modal_model import ModalModel
+from piezo_hysteresis.axes.modal_search import ModalIdentification
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.controllers import ATTENUATIONS, Controllers, Feedback
@@ -24,6 +26,7 @@ from piezo_hysteresis.compensation.link import INVERSES
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, track
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.interface.axes_runs import AxesCompensation, compensate_axes
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.records.columns import ReadOptions
@@ -108,6 +111,18 @@ class Compensation(Reportable):
         }
 
 
+@overload
+def compensate(
+    model: ModalModel | ModalIdentification,
+    reference: ArrayLike,
+    plant: Any = None,
+    *,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> AxesCompensation: ...
+
+
+@overload
 def compensate(
     model: ModelLike,
     reference: str | Path | Waveform | ArrayLike,
@@ -125,13 +140,34 @@ def compensate(
     seed: int = 0,
     from_seconds: float | None = None,
     reading: ReadOptions | None = None,
-) -> Compensation:
+) -> Compensation: ...
+
+
+def compensate(
+    model: ModelLike | ModalModel | ModalIdentification,
+    reference: Any,
+    plant: Any = None,
+    *,
+    dt: float | None = None,
+    rate: float | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    slew: float | None = None,
+    law: str = 'auto',
+    attenuation: str | AttenuationSettings = 'afc',
+    pid: Sequence[float] | None = None,
+    noise: float = 0.0,
+    seed: int = 0,
+    from_seconds: float | None = None,
+    reading: ReadOptions | None = None,
+) -> Compensation | AxesCompensation:
     """Track a reference on a plant with the inverse of a model, and with feedback around it.
 
     Parameters
     ----------
     model : str, Path, ModelFile, Identification or Discovery
-        A model with values; its inverse is the feedforward.
+        A model with values; its inverse is the feedforward. A model of several axes takes one
+        period of references of shape (n, axes) at its interval, a plant, `noise` and `seed`.
     reference : str, Path, Waveform or array_like, shape (n,)
         Desired displacement [m]: in words such as
         ``'sine:frequency=23,amplitude=80e-6,duration=4'``, an array at `dt`, or a file of columns
@@ -165,7 +201,7 @@ def compensate(
 
     Returns
     -------
-    Compensation
+    Compensation, or AxesCompensation of several axes
         Signals and errors of every run.
 
     Raises
@@ -176,6 +212,8 @@ def compensate(
         If the model is unknown or has no values.
     """
     started = time.perf_counter()
+    if isinstance(model, (ModalModel, ModalIdentification)):
+        return compensate_axes(model, reference, plant, noise, seed)
     inverted = with_values(model)
     sampled = 1.0 / dt if rate is None and dt is not None else rate
     reference, sampled = reference_of(reference, sampled, inverted, reading)

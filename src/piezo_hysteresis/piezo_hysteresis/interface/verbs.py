@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, overload
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes.axes_discovery import AxesDiscovery, discover_axes
+from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.modal_search import ModalIdentification, identify_axes
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery import discover as discover_in
 from piezo_hysteresis.discovery.choice.choose import choose_model
@@ -23,6 +27,7 @@ from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.method_settings import driven_at, require_settings, warmed
 from piezo_hysteresis.identification.methods import base_of
 from piezo_hysteresis.identification.per_frequency import identify_per_frequency
+from piezo_hysteresis.interface.axes_runs import MODES, is_several, several_records
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.choice import ModelLike, chosen
 from piezo_hysteresis.records import Record, listed
@@ -31,6 +36,14 @@ from piezo_hysteresis.records.load import Source, interval, loaded
 
 Progress: TypeAlias = Callable[[float, str], None]
 Data: TypeAlias = Source | Iterable[Source]
+
+
+@overload
+def identify(data: Any, model: Literal['modes'], **options: Any) -> ModalIdentification: ...
+
+
+@overload
+def identify(data: Data, model: ModelLike | None = None, **options: Any) -> Identification: ...
 
 
 def identify(
@@ -54,7 +67,7 @@ def identify(
     workers: int = 1,
     progress: Progress = lambda fraction, words: None,
     **options: Any,
-) -> Identification:
+) -> Identification | ModalIdentification:
     """Identify a model from data.
 
     Parameters
@@ -64,7 +77,9 @@ def identify(
     model : str, Path, Model or Identification, optional
         ``NAME[+BLOCK...]``, or a model with values (or its path), from which the fit starts. By
         default the model is selected: effects are added while they lower the error on the last
-        30 % of the records, which are then fitted as a whole.
+        30 % of the records, which are then fitted as a whole. ``'modes'`` is the model of several
+        coupled axes; `data` are then as for `load_axes`, and of the other parameters only `dt`,
+        `fs`, `workers` and `progress` are used.
     method : str
         One of `METHODS`.
     dt, fs : float, optional
@@ -99,7 +114,7 @@ def identify(
 
     Returns
     -------
-    Identification
+    Identification, or ModalIdentification of several axes
         Also without convergence: check `converged` and `warnings`.
 
     Raises
@@ -108,6 +123,9 @@ def identify(
         If the data are unusable, there is no such model, or a setting is invalid; the message
         states the remedy.
     """
+    given = dict(locals())
+    if is_several(data, model):
+        return _identify_modes(data, model, given)
     _require_apart(data, held_out, 'is fitted and held out')
     base_of(method)
     chosen_model = None if model is None else chosen(_model_not_data(model))
@@ -134,8 +152,20 @@ def identify(
     return evaluated_on(found, unseen) if unseen else found
 
 
+@overload
+def discover(data: Sequence[AxesRecord], baseline: str, **options: Any) -> AxesDiscovery: ...
+
+
+@overload
+def discover(data: Any, baseline: Literal['modes'], **options: Any) -> AxesDiscovery: ...
+
+
+@overload
+def discover(data: Data, baseline: ModelLike, **options: Any) -> Discovery: ...
+
+
 def discover(
-    data: Data,
+    data: Any,
     baseline: ModelLike,
     *,
     reference: Data = (),
@@ -154,7 +184,7 @@ def discover(
     workers: int = 1,
     progress: Progress = lambda fraction, words: None,
     **options: Any,
-) -> Discovery:
+) -> Discovery | AxesDiscovery:
     """Search the effects that a model lacks in data.
 
     Parameters
@@ -163,7 +193,8 @@ def discover(
         Of one actuator at one rate; `load` describes what is accepted.
     baseline : str, Path, Model or Identification
         A name is fitted to the data. The values of a model, a file or a result stay fixed; records
-        from which it was identified cannot show a new effect and are excluded.
+        from which it was identified cannot show a new effect and are excluded. Of several axes
+        (records of `load_axes`) it is ``'gain'`` or ``'modes'``, as in `identify`.
     reference : as `data`
         Data of the same actuator in its earlier state; a residual of the baseline on them is not
         reported.
@@ -202,6 +233,9 @@ def discover(
         If the records cannot be evaluated, or the model is unknown; the message states what to
         record.
     """
+    given = dict(locals())
+    if is_several(data, baseline):
+        return _discover_axes(data, str(baseline), given)
     require_settings(seed=seed, workers=workers)
     POLICY.but(**(policy or {}))
     _require_apart(data, reference, 'is judged and the reference')
@@ -218,6 +252,37 @@ def discover(
         policy=policy, time_limit=time_limit or math.inf, seed=seed, workers=workers,
         progress=progress, **options,
     )  # fmt: skip
+
+
+def _identify_modes(data: Any, model: Any, given: dict[str, Any]) -> ModalIdentification:
+    """Return the modal model of data of several axes."""
+    if model != MODES:
+        raise IdentificationError("records of several axes have the model 'modes'; name it")
+    options, progress = _of_call(given, 'data', 'model'), given['progress']
+    records = several_records(data, options, _defaults(identify))
+    return identify_axes(
+        records, modes=options.get('modes'), effects=options.get('effects'),
+        workers=given['workers'], progress=lambda share: progress(share, 'adds effects'),
+    )  # fmt: skip
+
+
+def _discover_axes(data: Any, baseline: str, given: dict[str, Any]) -> AxesDiscovery:
+    options, progress = _of_call(given, 'data', 'baseline'), given['progress']
+    records = several_records(data, options, _defaults(discover))
+    return discover_axes(
+        records, baseline, workers=given['workers'],
+        progress=lambda share: progress(share, 'adds effects'),
+    )  # fmt: skip
+
+
+def _of_call(given: dict[str, Any], *positional: str) -> dict[str, Any]:
+    """Return the named arguments of a call."""
+    named = {name: value for name, value in given.items() if name not in (*positional, 'options')}
+    return {**named, **given['options']}
+
+
+def _defaults(function: Callable[..., Any]) -> dict[str, Any]:
+    return {name: each.default for name, each in inspect.signature(function).parameters.items()}
 
 
 def _selected(

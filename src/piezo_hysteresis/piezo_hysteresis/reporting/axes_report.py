@@ -17,6 +17,7 @@ from piezo_hysteresis.axes.axes_tracking import AxesRun
 from piezo_hysteresis.axes.modal_model import ModalModel
 from piezo_hysteresis.axes.modal_search import ModalIdentification, rms_error
 from piezo_hysteresis.models.plain import yaml_text
+from piezo_hysteresis.reporting.discovery_report import probability_text
 from piezo_hysteresis.reporting.display_units import MICRO, micrometres
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
@@ -49,6 +50,7 @@ def write_axes_discovery(out: str, found: AxesDiscovery, records: Sequence[AxesR
     verdict = {
         'baseline': found.baseline,
         'summary': found.summary,
+        'remark': found.remark,
         'effects': effects,
         'records': [each.name for each in records],
         'identification': summary_of(model) if model else None,
@@ -56,12 +58,12 @@ def write_axes_discovery(out: str, found: AxesDiscovery, records: Sequence[AxesR
     }
     rows = [
         (pair.voltage, pair.displacement, f'{100.0 * pair.size:.3g} ± {100.0 * pair.std:.2g}',
-         f'{pair.p_value:.2g}')
+         probability_text(pair.p_value))
         for pair in found.cross_talk
     ]  # fmt: skip
     text = (
         'Motion of an axis with the voltage of another one, below the first resonance, as a part '
-        'of the motion of that other one.'
+        f'of the motion of that other one. {found.remark}'
     )
     head = ('voltage of axis', 'moves axis', 'size [%]', 'p')
     sections = [
