@@ -31,29 +31,16 @@ _SAME = 1e-3  # voltages are the same that differ by a smaller part
 
 @dataclass(frozen=True)
 class CrossTalk:
-    """The static cross-talk of one pair.
+    """The static cross-talk of one pair."""
 
-    Attributes
-    ----------
-    voltage, displacement : int
-        Axis whose voltage acts, and axis that moves; from 1 on.
-    size : float
-        Motion of the axis, as a part of that of the axis of the voltage; where that one is not
-        measured, of its own motion by the same voltage.
-    std : float
-        Standard deviation of the size.
-    p_value : float
-        Chance of such a size in any pair of records without cross-talk.
-    measured : bool
-        Whether the displacement of the axis of the voltage is measured.
-    """
-
-    voltage: int
-    displacement: int
+    voltage: int  # axis whose voltage acts, from 1 on
+    displacement: int  # axis that moves, from 1 on
+    # motion of the axis, as a part of that of the axis of the voltage; where that one is not
+    # measured, of its own motion by the same voltage
     size: float
-    std: float
-    p_value: float
-    measured: bool = True
+    std: float  # standard deviation of the size
+    p_value: float  # chance of such a size in any pair of records without cross-talk
+    measured: bool = True  # whether the displacement of the axis of the voltage is measured
 
     def __str__(self) -> str:
         of = f'the motion of axis {self.voltage}'
@@ -68,18 +55,9 @@ class CrossTalk:
 def cross_talk(records: Sequence[AxesRecord], below: float | None = None) -> list[CrossTalk]:
     """Return the pairs of axes with static cross-talk, the largest first.
 
-    Parameters
-    ----------
-    records : sequence of AxesRecord
-        Periodic records that drive the axes independently, as many as there are inputs or more.
-        Displacement j is that of the actuator with voltage j; other voltages may follow.
-    below : float, optional
-        Highest frequency that counts as static [Hz]; by default a fifth of the first resonance.
-
-    Raises
-    ------
-    RecordError
-        If there are more displacements than voltages, or too few lines are static.
+    Records are periodic and drive the axes independently. Displacement j is that of the actuator
+    with voltage j; other voltages may follow. Below a fifth of the first resonance, unless `below`
+    [Hz] is stated, the response counts as static.
     """
     inputs, outputs = records[0].axes, records[0].outputs
     if inputs < max(outputs, 2):
