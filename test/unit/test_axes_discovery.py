@@ -65,6 +65,11 @@ def test_a_repeated_voltage_shows_cross_talk_far_below_the_hysteresis() -> None:
     assert named(records(0.0)) == []
 
 
+def test_records_without_any_noise_have_a_deviation_of_nothing() -> None:
+    found = [replace(each, displacement=1e-6 * each.voltage) for each in records(0.0)]
+    assert cross_talk(found, below=40.0) == []
+
+
 def test_other_voltages_show_what_is_larger_than_what_hysteresis_leaves() -> None:
     assert named(records(0.1, repeated=False)) == [(1, 3)]
     assert named(records(0.0, repeated=False)) == []
@@ -100,6 +105,7 @@ def test_one_displacement_with_the_voltage_of_another_axis() -> None:
     [
         ({'displacement': np.zeros((SAMPLES, 4))}, '3 voltages and 4 displacements'),
         ({'periods': 0}, 'state it with --periodic'),
+        ({'displacement': np.zeros((SAMPLES, 3))}, 'axis 2 does not move with its own voltage'),
     ],
 )
 def test_records_that_cannot_show_it_are_refused(change: dict[str, object], sentence: str) -> None:

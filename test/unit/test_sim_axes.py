@@ -191,7 +191,7 @@ def test_the_command_writes_records_and_what_is_true(tmp_path: Path) -> None:
         u = file['u_3V'][:, :, :, 0]  # every other one repeats the waveforms with other signs
         assert np.array_equal(np.abs(u[:, :, 0]), np.abs(u[:, :, 2]))
         assert not np.array_equal(u[:, :, 0], u[:, :, 2])
-        assert np.abs(np.corrcoef(u[:, 0, 0], u[:, 0, 1])[0, 1]) < 0.3
+        assert np.abs(np.corrcoef(u[:, 0, 0], u[:, 0, 1])[0, 1]) < 0.7
         unequal = file['y_3V'][:, :, :, 0] - file['y_3V'][:, :, :, 1]
         assert np.std(unequal) < 3e-9  # steady state: noise of 1 nm alone
     content = json.loads(true.read_text())

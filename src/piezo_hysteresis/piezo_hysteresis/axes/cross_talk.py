@@ -76,7 +76,7 @@ def cross_talk(records: Sequence[AxesRecord], below: float | None = None) -> lis
             j + 1,
             size,
             std,
-            min(1.0, 2.0 * tests * float(norm.sf(abs(size) / std))),
+            min(1.0, 2.0 * tests * float(norm.sf(abs(size) / max(std, 1e-300)))),
             i < outputs,
         )
         for (j, i), (size, std) in measured.items()
@@ -130,10 +130,21 @@ def measured_pairs(
             a, b, lost = np.concatenate([a, bare, own], 2), y[:, :, j], 0
         c, std = _weighted(a, b, lost)
         for place, i in enumerate(others):
-            of = i if i < y.shape[2] else j
-            gain = float(np.vdot(u[:, :, of], y[:, :, of]).real / np.sum(np.abs(u[:, :, of]) ** 2))
+            gain = _gain(u, y, i if i < y.shape[2] else j)
             found[j, i] = (float(c[place] / gain), float(std[place] / abs(gain)))
     return found
+
+
+def _gain(u: ComplexArray, y: ComplexArray, of: int) -> float:
+    """Return what axis `of` moves with its own voltage [m/V]."""
+    power = float(np.sum(np.abs(u[:, :, of]) ** 2))
+    moved = float(np.vdot(u[:, :, of], y[:, :, of]).real)
+    if moved == 0.0 or power == 0.0:
+        raise RecordError(
+            f'axis {of + 1} does not move with its own voltage; leave it out with --voltage and '
+            '--displacement, or drive it'
+        )
+    return moved / power
 
 
 def _repeated(u: ComplexArray) -> list[list[int]]:
