@@ -78,7 +78,7 @@ def test_no_effect_is_named_where_the_displacement_runs_ahead() -> None:
 
 
 def test_a_delay_of_most_of_a_period_is_not_ahead() -> None:
-    """A sine of 100 Hz that is 8 ms late looks 2 ms early; a slower drive shows that it is late."""
+    """A sine of 100 Hz that is 8 ms late looks 2 ms early; a slower drive shows that."""
     late = [Record(f'sine_{f}', 1e-4, u(f, 0.0), 1e-7 * u(f, 0.008)) for f in (5.0, 100.0)]
     assert unsynchronised(late[1:]).entirely
     assert not unsynchronised(late).entirely
