@@ -22,8 +22,7 @@ from piezo_hysteresis.cli.main import main as verb
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import AttenuationSettings
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.compensation.model_plant import ProcessPlant, simulated
-from piezo_hysteresis.compensation.offline_loop import closed_loop
+from piezo_hysteresis.compensation.offline_loop import ProcessPlant, closed_loop, simulated
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.waveforms import Sine
 from piezo_hysteresis.waveforms.waveform import Samples

@@ -33,13 +33,12 @@ from piezo_hysteresis.identification import (
     output_error,
     targets_of,
 )
-from piezo_hysteresis.identification.clock import Unsaved
 from piezo_hysteresis.identification.global_search import METHODS, search
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.objective import Objective
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.identification.prediction import predictions
-from piezo_hysteresis.identification.simulate import free_runs
+from piezo_hysteresis.identification.simulate import Unsaved, free_runs
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, read_csv
 from piezo_sim.sweep import simulate

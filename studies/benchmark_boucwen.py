@@ -21,9 +21,8 @@ import numpy as np
 from bench.quick import parsed
 from piezo_hysteresis.blocks.bouc_wen_oscillator import from_linear
 from piezo_hysteresis.identification import FitResult, fit, output_error, targets_of
-from piezo_hysteresis.identification.clock import Unsaved
 from piezo_hysteresis.identification.output_error import suited
-from piezo_hysteresis.identification.simulate import free_runs
+from piezo_hysteresis.identification.simulate import Unsaved, free_runs
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, read_csv
 from studies.worlds.stand_ins import records_in

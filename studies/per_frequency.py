@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 import piezo_hysteresis as ph
 from bench.quick import parsed
 from piezo_hysteresis.compensation.controllers import Controllers
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
 from piezo_hysteresis.compensation.offline_loop import closed_loop, tracking_metrics
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record

@@ -23,7 +23,7 @@ import numpy as np
 import piezo_hysteresis as ph
 from bench.quick import parsed
 from piezo_hysteresis.compensation.controllers import Controllers
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
 from piezo_hysteresis.compensation.offline_loop import closed_loop, tracking_metrics
 from piezo_hysteresis.compensation.operating_limits import operating_limits
 from piezo_hysteresis.waveforms import Triangle

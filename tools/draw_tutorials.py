@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.simulate import simulate
 from piezo_hysteresis.records import Record, load
-from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
+from piezo_hysteresis.reporting.plots import GREY, ROLES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / 'docs' / 'tutorials'

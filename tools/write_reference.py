@@ -69,7 +69,7 @@ def reference_pages() -> dict[Path, str]:
 
 
 def _policy() -> str:
-    from piezo_hysteresis.discovery.choice import choice_rules as choice
+    from piezo_hysteresis.discovery import choose as choice
     from piezo_hysteresis.discovery.selection import policy
 
     example = (

@@ -13,9 +13,8 @@ from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
 )
-from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
+from piezo_hysteresis.compensation.inverses.physical import ExtendedInverse, PhysicalInverse
 from piezo_hysteresis.compensation.linear_gain import linear_gain
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.offline_loop import LoopResult

@@ -23,8 +23,8 @@ import numpy as np
 from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
-from piezo_hysteresis.compensation.inverses.extended_inverse import SlopeSelectedInverse
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.inverses.physical import SlopeSelectedInverse
 from piezo_hysteresis.compensation.link import Link
 from piezo_hysteresis.compensation.offline_loop import tracking_metrics
 from piezo_hysteresis.identification.identify import identify

@@ -8,15 +8,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
+from piezo_hysteresis.compensation.feedback.feedback_link import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf import (
     HInfinity,
     HInfinityDesign,
     design,
     transfer_function,
 )
-from piezo_hysteresis.compensation.inverses.extended_inverse import SlopeSelectedInverse
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
+from piezo_hysteresis.compensation.inverses.physical import SlopeSelectedInverse
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.offline_loop import tracking_metrics
 from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_function

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
-from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.feedback.pid import FuzzyPid, FuzzyRules, Pid, PidGains
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.offline_loop import LoopResult, tracking_metrics

@@ -17,8 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.choice.choice_rules import CHOICE
-from piezo_hysteresis.discovery.choice.choose import choose_model
+from piezo_hysteresis.discovery.choose import CHOICE, choose_model
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.error_measures import views_of

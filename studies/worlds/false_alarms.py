@@ -26,8 +26,8 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import annotated
+from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.start import Searching, unsearched
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices

@@ -28,7 +28,7 @@ from scipy.signal import lfilter
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import Verdict, discover
-from piezo_hysteresis.discovery.selection.reference import as_on
+from piezo_hysteresis.discovery.selection.start import as_on
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.records import Record, load

@@ -9,8 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
-from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse
+from piezo_hysteresis.compensation.inverses.physical import ExtendedInverse, PhysicalInverse
 from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
 from piezo_hysteresis.compensation.link import Limits, ReferencePoint
 

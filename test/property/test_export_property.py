@@ -18,10 +18,9 @@ from hypothesis import strategies as st
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.parallel import side_by_side
 from piezo_hysteresis.compensation.feedback import hinf
-from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
+from piezo_hysteresis.compensation.feedback.feedback_link import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf import HInfinity
-from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+from piezo_hysteresis.compensation.feedback.pid import FuzzyPid, FuzzyRules, Pid, PidGains
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     AttenuationSettings,
     HarmonicAttenuation,
@@ -31,11 +30,10 @@ from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.limiter import EnergyLimits
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import INVERSES, Limits
-from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.compensation.offline_loop import closed_loop
+from piezo_hysteresis.compensation.offline_loop import ModelPlant, closed_loop
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.export.compensator import compensator_doors, compensator_of, plant_doors
-from piezo_hysteresis.export.fields import of_model
+from piezo_hysteresis.export.header import of_model
 from piezo_hysteresis.export.native import object_code
 from piezo_hysteresis.export.pieces import plant_of
 from piezo_hysteresis.export.sections import (

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.compensation.offline_loop import closed_loop, tracking_metrics
+from piezo_hysteresis.compensation.offline_loop import ModelPlant, closed_loop, tracking_metrics
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.waveforms import Sine
 

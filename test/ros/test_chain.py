@@ -18,7 +18,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from piezo_hysteresis.compensation.inverses.extended_inverse import ExtendedInverse
+from piezo_hysteresis.compensation.inverses.physical import ExtendedInverse
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
 from piezo_hysteresis.ros.processes import NodeProcess

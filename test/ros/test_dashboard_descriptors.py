@@ -7,7 +7,7 @@ import pytest
 from piezo_hysteresis.common.parameter_table import ParameterSpec
 from piezo_hysteresis.dashboard.controls import ParameterState, reach
 from piezo_hysteresis.nodes.dashboard.dashboard_node import dashboard_arguments
-from piezo_hysteresis.nodes.dashboard.node_registry import from_ros
+from piezo_hysteresis.nodes.dashboard.topic_collector import from_ros
 from piezo_hysteresis.parameters import node_tables
 from piezo_hysteresis.ros.parameters import describe
 from piezo_sim.nodes.simulator_tables import plant_table, simulator_table

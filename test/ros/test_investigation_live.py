@@ -14,8 +14,7 @@ from investigating import TIMEOUT, Bench, write_model
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_hysteresis.investigation.journal import Journal
-from piezo_hysteresis.investigation.runner import repeated
+from piezo_hysteresis.investigation.runner import Journal, repeated
 from piezo_hysteresis.records import load
 from piezo_interfaces.msg import VoltageCommand
 

@@ -13,8 +13,7 @@ from investigating import LIMITS, TIMEOUT, Bench, write_model
 from listening import Listener
 from live_nodes import LiveNodes
 
-from piezo_hysteresis.investigation.journal import Journal
-from piezo_hysteresis.investigation.runner import repeated
+from piezo_hysteresis.investigation.runner import Journal, repeated
 from piezo_hysteresis.ros.processes import NodeProcess
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -8,8 +8,7 @@ import numpy as np
 
 from piezo_hysteresis.dashboard.backend import Answer
 from piezo_hysteresis.dashboard.controls import ParameterState, described
-from piezo_hysteresis.dashboard.live_signals import State
-from piezo_hysteresis.dashboard.live_state import Live, NodeState
+from piezo_hysteresis.dashboard.live_state import Live, NodeState, State
 
 
 class Backend:

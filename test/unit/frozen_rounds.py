@@ -26,11 +26,10 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     ModelSpec,
     evaluated_on,
 )
-from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.evaluator import Deadline, Evaluator
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.search import search
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import ModelFile, named

@@ -13,7 +13,7 @@ from scipy.signal import cont2discrete
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.models.simulation.block_sensitivities import At, through
+from piezo_hysteresis.models.simulation.substep_sensitivities import At, through
 
 DT = 1e-3
 

@@ -31,9 +31,9 @@ from piezo_hysteresis.compensation.harmonics.lines import (
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.linear_gain import ArGain, ModeGain, linear_gain
 from piezo_hysteresis.compensation.link import Limits, Measured
-from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
+    ModelPlant,
     closed_loop,
     reference_points,
     tracking_metrics,

@@ -12,13 +12,13 @@ import pytest
 import yaml
 
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.compensation.model_plant import ProcessPlant, simulated
+from piezo_hysteresis.compensation.offline_loop import ProcessPlant, simulated
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.reporting.folder import MARKER
-from piezo_hysteresis.reporting.plot_parts import ROLES
+from piezo_hysteresis.reporting.plots import ROLES
 from piezo_sim import Plant
 from piezo_sim.sweep import simulate
 

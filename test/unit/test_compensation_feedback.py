@@ -10,15 +10,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.feedback.feedback_link import OWN
-from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
-    INTEGRAL_RULES,
-    PROPORTIONAL_RULES,
-    FuzzyPid,
-    FuzzyRules,
-    infer,
-)
+from piezo_hysteresis.compensation.feedback.feedback_link import OWN, HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf import (
     XIAO_DENOMINATOR,
     XIAO_NUMERATOR,
@@ -30,11 +22,19 @@ from piezo_hysteresis.compensation.feedback.hinf import (
     mixed_sensitivity,
     transfer_function,
 )
-from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains, plain
+from piezo_hysteresis.compensation.feedback.pid import (
+    INTEGRAL_RULES,
+    PROPORTIONAL_RULES,
+    FuzzyPid,
+    FuzzyRules,
+    Pid,
+    PidGains,
+    infer,
+    plain,
+)
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
-from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.compensation.offline_loop import closed_loop, tracking_metrics
+from piezo_hysteresis.compensation.offline_loop import ModelPlant, closed_loop, tracking_metrics
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.named import named
 from piezo_hysteresis.waveforms import Sine

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import yaml
 
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import (
+from piezo_hysteresis.compensation.feedback.pid import (
     INTEGRAL_RULES,
     LEVELS,
     PROPORTIONAL_RULES,
     FuzzyPid,
     FuzzyRules,
+    PidGains,
     infer,
     read_tables,
 )
-from piezo_hysteresis.compensation.feedback.pid import PidGains
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import CompensationError
 

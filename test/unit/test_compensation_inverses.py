@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.compensation.inverses.block_inverse import OscillatorInverse
 from piezo_hysteresis.compensation.inverses.chain_inverse import ChainInverse
-from piezo_hysteresis.compensation.inverses.extended_inverse import (
-    ExtendedInverse,
-    SlopeSelectedInverse,
-)
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
-from piezo_hysteresis.compensation.inverses.physical import PhysicalInverse, least_slope
-from piezo_hysteresis.compensation.inverses.structure_inverse import OscillatorInverse
+from piezo_hysteresis.compensation.inverses.physical import (
+    ExtendedInverse,
+    PhysicalInverse,
+    SlopeSelectedInverse,
+    least_slope,
+)
 from piezo_hysteresis.compensation.link import Limits, ReferencePoint
 from piezo_hysteresis.compensation.offline_loop import reference_points
 from piezo_hysteresis.errors import CompensationError, IdentificationError

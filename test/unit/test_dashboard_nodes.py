@@ -10,8 +10,8 @@ pytest.importorskip('rclpy', reason='the workspace is not built: run "make setup
 
 from piezo_hysteresis.dashboard.backend import Answer
 from piezo_hysteresis.dashboard.live_state import Live, NodeState
-from piezo_hysteresis.nodes.dashboard import node_registry as dashboard_nodes
-from piezo_hysteresis.nodes.dashboard.node_registry import TIMEOUT, NodeRegistry
+from piezo_hysteresis.nodes.dashboard import topic_collector as dashboard_nodes
+from piezo_hysteresis.nodes.dashboard.topic_collector import TIMEOUT, NodeRegistry
 
 
 class Silent:

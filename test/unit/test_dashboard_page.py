@@ -14,13 +14,13 @@ from dashboard_fakes import Backend, filled, live_at
 
 from piezo_hysteresis.dashboard import pictures as page_module
 from piezo_hysteresis.dashboard.live_plots import Follower
-from piezo_hysteresis.dashboard.live_signals import State
 from piezo_hysteresis.dashboard.live_state import (
     BackgroundJob,
     Gap,
     LogLine,
     NodeState,
     ShownEstimate,
+    State,
 )
 from piezo_hysteresis.dashboard.pictures import Page
 from piezo_hysteresis.dashboard.texts import (

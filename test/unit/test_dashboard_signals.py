@@ -14,7 +14,7 @@ from piezo_hysteresis.dashboard.live_plots import (
     unbroken_end,
     whole_periods,
 )
-from piezo_hysteresis.dashboard.live_signals import Signals, State
+from piezo_hysteresis.dashboard.live_state import Signals, State
 
 
 @pytest.mark.parametrize('n', [1, 2, 599, 600, 601, 1201, 5000, 40000])

@@ -10,10 +10,10 @@ import pytest
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.selection.baseline import first_values
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
+from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.rounds import better_of_both
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record

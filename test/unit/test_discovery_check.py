@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery import discover
-from piezo_hysteresis.discovery.data.check import (
+from piezo_hysteresis.discovery.data.dataset import (
     Check,
     beyond_the_fit,
     check,
     outside_of,
+    split,
     unsynchronised,
 )
-from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named

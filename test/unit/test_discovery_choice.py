@@ -10,10 +10,17 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.choice import choice_rules as rules
-from piezo_hysteresis.discovery.choice.choice_rules import CHOICE, ChoicePolicy
-from piezo_hysteresis.discovery.choice.choose import TriedModel, choose_model, climbed
-from piezo_hysteresis.discovery.choice.ladder import Ladder, Rung, simplest_first
+from piezo_hysteresis.discovery import choose as rules
+from piezo_hysteresis.discovery.choose import (
+    CHOICE,
+    ChoicePolicy,
+    Ladder,
+    Rung,
+    TriedModel,
+    choose_model,
+    climbed,
+    simplest_first,
+)
 from piezo_hysteresis.discovery.selection.policy import rows
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.revision import Choices

@@ -18,16 +18,15 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     ModelSpec,
     evaluated_on,
 )
+from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.policy import HELD
-from piezo_hysteresis.discovery.selection.score_ascent import with_delayed_discrepancy
-from piezo_hysteresis.discovery.selection.screen import Screen
+from piezo_hysteresis.discovery.selection.screen import Screen, with_delayed_discrepancy
 from piezo_hysteresis.discovery.selection.start import Searching, held_data
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
-from piezo_hysteresis.identification.clock import JITTER, clock_about, clock_of
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import residual_of
 from piezo_hysteresis.identification.prediction import Prediction, predictions
+from piezo_hysteresis.identification.simulate import JITTER, clock_about, clock_of
 from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.identification.validate import compared
 from piezo_hysteresis.models import (

@@ -18,7 +18,7 @@ from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.selection.baseline import fitted_baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import without_unfinished
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
+from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import ModelFile, named

@@ -11,11 +11,11 @@ import pytest
 from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, split
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step, retested
+from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound, round_of
 from piezo_hysteresis.discovery.selection.rules import Improvement
 from piezo_hysteresis.discovery.selection.search import Found, eliminated, led_by_best_start
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model, add_effect, described, named

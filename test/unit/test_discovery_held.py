@@ -14,7 +14,7 @@ from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import annotated
-from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
+from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator, cost_of_change
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     Added,
     CandidateFit,
@@ -22,12 +22,10 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     has_zero_time_constant,
 )
+from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.policy import HELD
-from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change
-from piezo_hysteresis.discovery.selection.reference import as_on
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
-from piezo_hysteresis.discovery.selection.start import Searching, held_data
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
+from piezo_hysteresis.discovery.selection.start import Searching, as_on, held_data
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.targets import whole

@@ -13,6 +13,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.selection import rounds, search
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
 from piezo_hysteresis.discovery.selection.elimination import Step
+from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator, explained_together
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.rules import (
@@ -22,7 +23,6 @@ from piezo_hysteresis.discovery.selection.rules import (
     win_shares,
 )
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.models import named
 
 MODEL = named('linear_mode')

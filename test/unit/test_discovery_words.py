@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from piezo_hysteresis.discovery.verdict.describe import growth, law_sentences
+from piezo_hysteresis.discovery.verdict.build_verdict import growth, law_sentences
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.records import Record
 

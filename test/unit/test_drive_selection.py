@@ -11,8 +11,8 @@ import piezo_hysteresis as ph
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.drive_selection import DriveFrequency, DriveSelector
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import ScheduledAttenuation
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
 from piezo_hysteresis.compensation.inverses.inverse_choice import model_gain
 from piezo_hysteresis.compensation.linear_gain import gain_at
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint

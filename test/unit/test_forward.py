@@ -14,7 +14,7 @@ from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.base import Block, Slot
 from piezo_hysteresis.jit import jit, scratch
 from piezo_hysteresis.kernels.forward import NotDifferentiable, directions_of, jacobian
-from piezo_hysteresis.models.simulation.block_sensitivities import At, through
+from piezo_hysteresis.models.simulation.substep_sensitivities import At, through
 
 DT = 1e-3
 

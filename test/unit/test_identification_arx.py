@@ -9,7 +9,7 @@ import pytest
 from scipy import signal
 
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
+from piezo_hysteresis.compensation.feedback.feedback_link import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf import design, transfer_function
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.arx import TransferFunction, fit_transfer_function

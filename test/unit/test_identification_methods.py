@@ -13,12 +13,11 @@ from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify, online
 from piezo_hysteresis.identification.checks import check_records, require_usable
-from piezo_hysteresis.identification.clock import Unsaved
 from piezo_hysteresis.identification.error_measures import one_step
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.rls import RlsSettings
-from piezo_hysteresis.identification.simulate import free_runs
+from piezo_hysteresis.identification.simulate import Unsaved, free_runs
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
 

@@ -12,9 +12,9 @@ from scipy.stats import chi2
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.fit import FitResult
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.output_error import suited
-from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import NAMES, Model, named
 from piezo_hysteresis.records import Record, RecordInfo

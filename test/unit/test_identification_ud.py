@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings, invertible_bank
-from piezo_hysteresis.identification.ud_kernels import bierman
+from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings, bierman, invertible_bank
 from piezo_hysteresis.models import named
 
 DT = 1e-3

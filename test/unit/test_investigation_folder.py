@@ -13,8 +13,13 @@ import pytest
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, InvestigationError
 from piezo_hysteresis.identification.identify import identify
-from piezo_hysteresis.investigation.journal import Journal, Setup
-from piezo_hysteresis.investigation.runner import InvestigationProgress, conduct, repeated
+from piezo_hysteresis.investigation.runner import (
+    InvestigationProgress,
+    Journal,
+    Setup,
+    conduct,
+    repeated,
+)
 from piezo_hysteresis.investigation.session import Rules
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, write_bag

@@ -208,8 +208,8 @@ def test_kernels_lie_in_the_workspace_and_then_with_the_user() -> None:
 
 
 def test_kernels_of_the_same_parts_in_another_order_are_two() -> None:
+    from piezo_hysteresis.kernels.cache import closure
     from piezo_hysteresis.kernels.compile import jit
-    from piezo_hysteresis.kernels.fresh import closure
 
     def scaled(factor: Any) -> Any:
         @jit

@@ -12,7 +12,7 @@ import pytest
 import piezo_hysteresis as ph
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.controllers import Controllers
-from piezo_hysteresis.compensation.inverses.scheduled_inverse import ScheduledInverse
+from piezo_hysteresis.compensation.inverses.inverse_choice import ScheduledInverse
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.offline_loop import reference_points
 from piezo_hysteresis.errors import PiezoError

@@ -10,8 +10,15 @@ import pytest
 
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.runtime.consumer_progress import Progress
-from piezo_hysteresis.runtime.sweep_plan import Sweep, SweepRecord, narrowed, parse_options
-from piezo_hysteresis.runtime.sweep_run import MOST_REPEATS, SweepRun, kept_message
+from piezo_hysteresis.runtime.sweep_plan import (
+    MOST_REPEATS,
+    Sweep,
+    SweepRecord,
+    SweepRun,
+    kept_message,
+    narrowed,
+    parse_options,
+)
 
 RATE = 1000.0
 TICKS = 50

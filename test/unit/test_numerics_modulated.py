@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.numerics.modulated import ModulatedLines
+from piezo_hysteresis.numerics.harmonics import ModulatedLines
 from piezo_hysteresis.numerics.qr import orthonormal, projected_out
 
 HIGHEST, DEPENDENT = 12, 1e-6

@@ -13,7 +13,7 @@ import piezo_hysteresis as ph
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.compensation.controllers import Controllers
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.operating_limits import (

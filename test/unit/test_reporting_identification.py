@@ -15,11 +15,12 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
-from piezo_hysteresis.reporting.identification_figures import harmonics, where_section
 from piezo_hysteresis.reporting.identification_report import (
+    harmonics,
     identification_page,
     next_section,
     sentence_of,
+    where_section,
 )
 
 DT = 1e-3

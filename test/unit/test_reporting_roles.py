@@ -10,8 +10,10 @@ from bokeh.models import GlyphRenderer, Legend
 
 from piezo_hysteresis.reporting.folding import Value, folded, weights_figures
 from piezo_hysteresis.reporting.page import Plot
-from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE, ROLES
 from piezo_hysteresis.reporting.plots import (
+    GREY,
+    PALETTE,
+    ROLES,
     Curve,
     band_figure,
     bars_before_after,

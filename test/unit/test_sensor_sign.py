@@ -9,7 +9,7 @@ import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.linear_gain import ModeGain
-from piezo_hysteresis.runtime.sensor_sign import SensorSign, Sign
+from piezo_hysteresis.runtime.link_health import SensorSign, Sign
 from piezo_sim.plant import Plant
 
 DT = 1e-3

@@ -9,8 +9,7 @@ import pytest
 
 from piezo_hysteresis.common.node_sheet import Level
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.runtime.link_health import LinkHealth
-from piezo_hysteresis.runtime.sensor_sign import StuckSensor
+from piezo_hysteresis.runtime.link_health import LinkHealth, StuckSensor
 
 DT = 1e-3
 

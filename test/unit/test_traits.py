@@ -23,7 +23,7 @@ OTHER_MEANING = {
     'bouc_wen': ('identification/rls_ud.py',),  # a kind of recursion
 }
 LABELS = {  # of a line in a figure
-    'mode': ('reporting/identification_figures.py',),
+    'mode': ('reporting/identification_report.py',),
     'resonance': ('reporting/demo_report.py',),
 }
 

@@ -11,7 +11,7 @@ import piezo_hysteresis as ph
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.waveforms import Sine, Triangle
-from piezo_hysteresis.waveforms.sampled import Sampled
+from piezo_hysteresis.waveforms.waveform import Sampled
 
 DT = 1e-3
 TIME: FloatArray = DT * np.arange(2000, dtype=np.float64)

@@ -148,15 +148,15 @@ def _invert(inverse: InverseLink) -> None:
 
 def laws() -> None:
     """Let every attenuation law take a few ticks."""
-    from piezo_hysteresis.compensation.harmonics.attenuation_settings import Fit, Method
+    from piezo_hysteresis.compensation.harmonics.lines import Fit, Method
 
     for method, fit in product(get_args(Method), get_args(Fit)):
         _attenuate(method=method, fit=fit, orders=(3,))
 
 
 def _attenuate(**settings: Any) -> None:
-    from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
     from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
+    from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
     from piezo_hysteresis.compensation.linear_gain import ModeGain
     from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 
@@ -171,9 +171,8 @@ def _attenuate(**settings: Any) -> None:
 def errors() -> None:
     """Let every law on the error take a few ticks, and change its gains."""
     from piezo_hysteresis.compensation.feedback import hinf
-    from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
-    from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
-    from piezo_hysteresis.compensation.feedback.pid import Pid, PidGains
+    from piezo_hysteresis.compensation.feedback.feedback_link import HInfinityWeights
+    from piezo_hysteresis.compensation.feedback.pid import FuzzyPid, FuzzyRules, Pid, PidGains
     from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
 
     gains, rules = PidGains(1.0, 1.0, 1.0), FuzzyRules(1e-6, 1e-3, 1.0, 1.0)
@@ -201,8 +200,7 @@ def limits() -> None:
     """Limit a voltage, let it go to rest, and change a model smoothly."""
     from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
     from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
-    from piezo_hysteresis.compensation.link import CrossFade, Limits, Transition
-    from piezo_hysteresis.compensation.sensor_guard import SensorWatch
+    from piezo_hysteresis.compensation.link import CrossFade, Limits, SensorWatch, Transition
     from piezo_hysteresis.models import named
 
     limiter = Limiter(Limits(), DT)
@@ -243,8 +241,7 @@ def bags() -> None:
 
 def screening() -> None:
     """Hold a sensitivity against others, and an error against the lines of a drive or a tone."""
-    from piezo_hysteresis.numerics.harmonics import tone_amplitude, without_tone
-    from piezo_hysteresis.numerics.modulated import ModulatedLines
+    from piezo_hysteresis.numerics.harmonics import ModulatedLines, tone_amplitude, without_tone
     from piezo_hysteresis.numerics.qr import orthonormal, projected_out
 
     tone_amplitude(np.arange(8.0), 100.0, DT)

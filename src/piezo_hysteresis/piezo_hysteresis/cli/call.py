@@ -10,7 +10,7 @@ import argparse
 import sys
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.errors import PiezoError
 
 EXAMPLE = "call /run_sweep '{frequencies: [1, 5], amplitudes: [0.5], seconds: 2.0, bag: sweep}'"
@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Call it and print the response; a response without success is an error."""
     with ros_needed():
-        from piezo_hysteresis.nodes.caller import Caller
+        from piezo_hysteresis.nodes.parameter_client import Caller
     with Caller(arguments.timeout) as caller:
         if arguments.name is None:
             names = caller.names()

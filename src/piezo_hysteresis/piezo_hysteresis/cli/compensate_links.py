@@ -9,13 +9,13 @@ from dataclasses import fields
 from typing import Any, get_type_hints
 
 from piezo_hysteresis.compensation.controllers import ATTENUATIONS, Controllers, Feedback
-from piezo_hysteresis.compensation.feedback.feedback_settings import (
+from piezo_hysteresis.compensation.feedback.feedback_link import (
     FEEDBACKS,
     HInfinityWeights,
     PidGains,
 )
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyRules, read_tables
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.feedback.pid import FuzzyRules, read_tables
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
 from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.identification.arx import TransferFunction

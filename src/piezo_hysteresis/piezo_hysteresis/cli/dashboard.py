@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.parameters.node_tables import configure
 
 __all__ = ['configure', 'run']

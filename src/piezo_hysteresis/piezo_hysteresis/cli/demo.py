@@ -82,7 +82,7 @@ def show(out: Path) -> None:
 
 def identify_own(data: Sequence[str], out: Path) -> None:
     """Select a model for the records of the user, identify it and write the results."""
-    from piezo_hysteresis.discovery.choice.choose import choose_model
+    from piezo_hysteresis.discovery.choose import choose_model
     from piezo_hysteresis.identification.identify import identify
     from piezo_hysteresis.process_setup import number_of_workers
     from piezo_hysteresis.records import load

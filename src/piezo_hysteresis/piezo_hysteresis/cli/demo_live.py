@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
     TrackingMetrics,

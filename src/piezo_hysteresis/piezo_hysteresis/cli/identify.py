@@ -163,7 +163,7 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the selected method; options of other methods are rejected."""
-    from piezo_hysteresis.identification import options
+    from piezo_hysteresis.identification import methods
     from piezo_hysteresis.identification.method_settings import pairs
 
     given = {
@@ -181,7 +181,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         'p0': arguments.p0,
         'start': arguments.set or (arguments.model or '').endswith(('.yaml', '.yml')) or None,
     }
-    takes = options.options_of(arguments.method)
+    takes = methods.options_of(arguments.method)
     stray = sorted(
         name for name, value in given.items() if value is not None and name not in takes
     )

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.common.parameter_table import range_refusal
 from piezo_hysteresis.drivers import Controller, measured, open_controller, write_measured
 from piezo_hysteresis.drivers.addresses import FORMS, TAKE_OVER
@@ -63,8 +63,7 @@ def run_on(
 ) -> tuple[str, Path]:
     """Investigate the actuator of a controller; return the result and its report."""
     from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, granted_range
-    from piezo_hysteresis.investigation.journal import Setup
-    from piezo_hysteresis.investigation.runner import FOUND, conduct
+    from piezo_hysteresis.investigation.runner import FOUND, Setup, conduct
     from piezo_hysteresis.investigation.session import Rules
 
     if not arguments.model:

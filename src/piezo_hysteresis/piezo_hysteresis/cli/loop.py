@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.common.registry import inside, package_of
 from piezo_hysteresis.compensation.inverses.reach import usual_reference
 from piezo_hysteresis.compensation.operating_limits import rate_of

@@ -11,7 +11,7 @@ import os
 import sys
 from pathlib import Path
 
-from piezo_hysteresis.cli.ros_installation import installed, ros_needed
+from piezo_hysteresis.cli.shared_options import installed, ros_needed
 from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import PiezoError

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.errors import PiezoError
 
 EXAMPLE = 'param set /attenuation enabled false'

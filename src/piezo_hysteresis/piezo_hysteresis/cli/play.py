@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 
 EXAMPLE = 'play out/sweep --lock-step'
 

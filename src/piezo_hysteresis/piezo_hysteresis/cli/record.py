@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.ros_installation import ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 
 EXAMPLE = 'record /piezo/actuator/state --out bag'
 

@@ -7,20 +7,20 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights, PidGains
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid, FuzzyRules
-from piezo_hysteresis.compensation.feedback.pid import Pid
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
-    METHODS,
-    AttenuationSettings,
-)
+from piezo_hysteresis.compensation.feedback.feedback_link import HInfinityWeights, PidGains
+from piezo_hysteresis.compensation.feedback.pid import FuzzyPid, FuzzyRules, Pid
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     HarmonicAttenuation,
     ScheduledAttenuation,
 )
-from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, mode_of, model_gain
+from piezo_hysteresis.compensation.harmonics.lines import METHODS, AttenuationSettings
+from piezo_hysteresis.compensation.inverses.inverse_choice import (
+    ScheduledInverse,
+    inverse_for,
+    mode_of,
+    model_gain,
+)
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
-from piezo_hysteresis.compensation.inverses.scheduled_inverse import ScheduledInverse
 from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.errors import CompensationError

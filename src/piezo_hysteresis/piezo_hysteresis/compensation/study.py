@@ -18,11 +18,12 @@ from piezo_hysteresis.compensation.drive_selection import entry_of
 from piezo_hysteresis.compensation.inverses.reach import require_reachable
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits, Link
-from piezo_hysteresis.compensation.model_plant import ModelPlant, simulated
 from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
+    ModelPlant,
     TrackingMetrics,
     closed_loop,
+    simulated,
     tracking_metrics,
 )
 from piezo_hysteresis.compensation.operating_limits import above_nyquist, limited, operating_limits

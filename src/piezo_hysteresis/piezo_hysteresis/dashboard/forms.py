@@ -27,11 +27,17 @@ from piezo_hysteresis.common.parameter_table import range_refusal
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, InvestigationOrder, SweepOrder
 from piezo_hysteresis.dashboard.live_plots import live_axes
 from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationState
-from piezo_hysteresis.dashboard.template import WIDGET_STYLE
-from piezo_hysteresis.dashboard.texts import job_text, set_text, start_text, text_div, time_text
+from piezo_hysteresis.dashboard.texts import (
+    WIDGET_STYLE,
+    job_text,
+    set_text,
+    start_text,
+    text_div,
+    time_text,
+)
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES
-from piezo_hysteresis.reporting.plot_parts import PALETTE
+from piezo_hysteresis.reporting.plots import PALETTE
 
 _NAME = re.compile(r'^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$')
 

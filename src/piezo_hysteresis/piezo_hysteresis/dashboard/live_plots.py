@@ -12,10 +12,9 @@ from bokeh.core.property.descriptors import UnsetValueError
 from bokeh.models import ColumnDataSource, HoverTool, Label, Range1d, Span
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
-from piezo_hysteresis.dashboard.live_signals import Window
-from piezo_hysteresis.dashboard.live_state import Gap, ShownEstimate
+from piezo_hysteresis.dashboard.live_state import Gap, ShownEstimate, Window
 from piezo_hysteresis.reporting.display_units import MICRO, shown
-from piezo_hysteresis.reporting.plot_parts import GREY, PALETTE, add_legend, new_axes
+from piezo_hysteresis.reporting.plots import GREY, PALETTE, add_legend, new_axes
 from piezo_hysteresis.reporting.signals import amplitude_spectrum
 
 HEIGHT = 230

@@ -24,8 +24,13 @@ from piezo_hysteresis.dashboard.controls import (
     refusal_text,
 )
 from piezo_hysteresis.dashboard.forms import DiscoveryForm, InvestigationForm, SweepForm
-from piezo_hysteresis.dashboard.template import SWITCH_STYLE, WIDGET_STYLE
-from piezo_hysteresis.dashboard.texts import set_text, status_text, text_div
+from piezo_hysteresis.dashboard.texts import (
+    SWITCH_STYLE,
+    WIDGET_STYLE,
+    set_text,
+    status_text,
+    text_div,
+)
 
 Send = Callable[[str, str, Value], Answer]
 Find = Callable[[str, str], ParameterState | None]

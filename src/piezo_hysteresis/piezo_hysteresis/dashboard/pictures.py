@@ -20,14 +20,14 @@ from piezo_hysteresis.dashboard.live_plots import (
     error_rms,
     new_traces,
 )
-from piezo_hysteresis.dashboard.live_signals import Window
-from piezo_hysteresis.dashboard.live_state import Live
+from piezo_hysteresis.dashboard.live_state import Live, Window
 from piezo_hysteresis.dashboard.panel import Controls
-from piezo_hysteresis.dashboard.template import WIDGET_STYLE, page_template
 from piezo_hysteresis.dashboard.texts import (
+    WIDGET_STYLE,
     banner,
     estimate_text,
     gap_text,
+    page_template,
     pulse,
     set_text,
     text_div,

@@ -15,9 +15,9 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.compensation.model_plant import ModelPlant
 from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
+    ModelPlant,
     TrackingMetrics,
     closed_loop,
     tracking_metrics,

@@ -10,8 +10,8 @@ from numba import carray
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.limiter import LIMITER_SIZE, slow_enough
-from piezo_hysteresis.compensation.sensor_guard import POINT_SIZE, READ_SIZE
-from piezo_hysteresis.export.fields import (
+from piezo_hysteresis.compensation.link import POINT_SIZE, READ_SIZE
+from piezo_hysteresis.export.header import (
     IMPOSSIBLE,
     OK,
     UNINITIALISED,

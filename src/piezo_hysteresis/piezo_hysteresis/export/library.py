@@ -16,12 +16,11 @@ from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import Harmoni
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.limiter import EnergyLimits
 from piezo_hysteresis.compensation.link import Limits, Link
-from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.compensation.offline_loop import closed_loop
+from piezo_hysteresis.compensation.offline_loop import ModelPlant, closed_loop
 from piezo_hysteresis.export.compensator import compensator_doors, compensator_of, plant_doors
-from piezo_hysteresis.export.fields import Component, of_model
 from piezo_hysteresis.export.header import (
     About,
+    Component,
     Drive,
     archive,
     bench,
@@ -29,6 +28,7 @@ from piezo_hysteresis.export.header import (
     example,
     header,
     makefile,
+    of_model,
     plant_test,
     selftest,
 )

@@ -16,16 +16,22 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size, shift
 from piezo_hysteresis.export.compensator import NOT_FINITE
-from piezo_hysteresis.export.fields import OK, UNINITIALISED, Component, Field, checking, of_model
+from piezo_hysteresis.export.header import OK, UNINITIALISED, Component, Field, checking, of_model
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.simulation.compiled import kernel_of
-from piezo_hysteresis.models.simulation.intersample import joined, read, with_turns, without_turns
 from piezo_hysteresis.models.simulation.plan import LinearStage, Stage, TickStage
 from piezo_hysteresis.models.simulation.quadrature_run import QuadratureRun, approaches, integrate
 from piezo_hysteresis.models.simulation.state_layout import Layout
 from piezo_hysteresis.models.simulation.state_space import LinearStep, run_held, run_path
-from piezo_hysteresis.models.simulation.substep_run import PathPiece, PathRun
+from piezo_hysteresis.models.simulation.substep_run import (
+    PathPiece,
+    PathRun,
+    joined,
+    read,
+    with_turns,
+    without_turns,
+)
 
 
 def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:

@@ -18,17 +18,22 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.feedback import feedback_link as feedback
 from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink, reset_link
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyPid
-from piezo_hysteresis.compensation.feedback.pid import PROPORTIONAL, Pid, PidGains, take_gains
-from piezo_hysteresis.compensation.harmonics import attenuation_settings as places
+from piezo_hysteresis.compensation.feedback.pid import (
+    PROPORTIONAL,
+    FuzzyPid,
+    Pid,
+    PidGains,
+    take_gains,
+)
 from piezo_hysteresis.compensation.harmonics import harmonic_attenuation as attenuation
+from piezo_hysteresis.compensation.harmonics import lines as places
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     LAWS,
     STEPS,
     HarmonicAttenuation,
     reset_ramp,
 )
-from piezo_hysteresis.compensation.harmonics.supervision import GUARD_SIZE, reset_guard
+from piezo_hysteresis.compensation.harmonics.harmonic_rls import GUARD_SIZE, reset_guard
 from piezo_hysteresis.compensation.inverses import inverse_link as inverses
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 from piezo_hysteresis.compensation.limiter import (
@@ -54,9 +59,9 @@ from piezo_hysteresis.compensation.link import (
     cross_fade,
     reset_cross,
     reset_fade,
+    reset_watch,
 )
-from piezo_hysteresis.compensation.sensor_guard import reset_watch
-from piezo_hysteresis.export.fields import OK, Field, numbers_of, of_table
+from piezo_hysteresis.export.header import OK, Field, numbers_of, of_table
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
 

@@ -16,24 +16,26 @@ from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_each_usable, require_usable
-from piezo_hysteresis.identification.clock import Unsaved
 from piezo_hysteresis.identification.error_measures import RecordErrors
+from piezo_hysteresis.identification.fit import FitResult
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.inverse_fit import output_error_in_stages
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import held_at, require_settings
-from piezo_hysteresis.identification.methods import base_of, options_implied_by
+from piezo_hysteresis.identification.methods import (
+    base_of,
+    identify_by_search,
+    options_implied_by,
+    require_options,
+)
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.noise import floor_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.online import ONLINE_METHODS, run_online
-from piezo_hysteresis.identification.options import require_options
 from piezo_hysteresis.identification.output_error import with_held_levels
 from piezo_hysteresis.identification.prediction import with_mean_zero
-from piezo_hysteresis.identification.result import FitResult
-from piezo_hysteresis.identification.simulate import FreeRuns, free_runs
+from piezo_hysteresis.identification.simulate import FreeRuns, Unsaved, free_runs
 from piezo_hysteresis.identification.solver import Progress
-from piezo_hysteresis.identification.swarm import identify_by_search
 from piezo_hysteresis.identification.unseen import with_input_error, without_unseen
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chain_of

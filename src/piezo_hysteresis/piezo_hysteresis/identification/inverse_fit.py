@@ -14,14 +14,13 @@ from piezo_hysteresis.blocks.base import Part, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import kernel as bouc_wen
 from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS, SELECTOR, SINGLE
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.fit import target_weights
+from piezo_hysteresis.identification.fit import FitResult, pooled_noise, result_at, target_weights
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.global_search import Swarm, search
 from piezo_hysteresis.identification.initial_conditions.record_start import NEAR_ZERO
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, Prior
 from piezo_hysteresis.identification.output_error import leaves_noise, output_error, suited
 from piezo_hysteresis.identification.periods import period_of
-from piezo_hysteresis.identification.result import FitResult, pooled_noise, result_at
 from piezo_hysteresis.identification.starts import linear_parameters
 from piezo_hysteresis.identification.targets import targets_of
 from piezo_hysteresis.models import Model

@@ -15,12 +15,12 @@ from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Condition, Discrepancy
 from piezo_hysteresis.numerics.harmonics import (
+    ModulatedLines,
     line_amplitudes,
     lines_and_rest,
     orders_below,
     phase_of,
 )
-from piezo_hysteresis.numerics.modulated import ModulatedLines
 from piezo_hysteresis.records import Record
 
 #: Length of a record [periods] from which harmonics are resolved: lines are three bins apart.

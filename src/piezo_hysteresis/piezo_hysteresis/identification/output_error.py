@@ -12,7 +12,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.fit import FitResult, fit
 from piezo_hysteresis.identification.initial_conditions.revision import (
     Choices,
     revised,
@@ -21,7 +21,6 @@ from piezo_hysteresis.identification.initial_conditions.revision import (
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
 from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
-from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.starts import Simulated, Start, representative, starts
 from piezo_hysteresis.identification.targets import Target, targets_of

@@ -1,31 +1,236 @@
-"""Well-posed online identification: Bierman's UD filter on the free-run error.
+"""Compiled kernels of the well-posed recursions: Bierman's UD filter and two regressors.
 
-The papers' RLS (`rls`) regresses on measured displacements. These methods predict by simulation:
-their one-step error is the free-run error, including the offset. The mode is fixed (from
-`output_error`) or omitted if the drive is far below it.
+All quantities are in units of the ranges in the settings, so that the same initial values suit
+every actuator. `m` is the memory, `c` the settings (indices below); `q`, shape (d, 2), holds the
+state of the mode for each of the d dynamic columns.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import isfinite, nan, pi
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._plays import COUNT
+from piezo_hysteresis.blocks._plays import COUNT, play
 from piezo_hysteresis.blocks._second_order import hold
+from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification import ud_kernels as ud
 from piezo_hysteresis.identification.recursion import (
     Estimate,
     OnlineMethod,
     correlation_of,
     scaled_condition,
 )
+from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.kernels.forward import jacobian
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK
+
+SAMPLES, LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY = range(8)
+ERROR_SUM, WEIGHT_SUM, LEARNT, PROJECTED, PLAYS = 8, 9, 10, 11, 12
+KIND, WITH_MODE, A11, A12, A21, A22, FORGETTING, QUIET, SMOOTH = range(9)
+BOUC_WEN, PLAY_BANK = 0.0, 1.0
+
+MARGIN = 0.05  # smallest slope of the model after a reversal, over its gain
+_BOX = 50.0  # bound of gain and shape in units of the ranges
+_STEP = 0.02  # largest relative change of the shape in one update
+_SHORTEST = 16.0  # shortest memory with forgetting [ranges travelled]: four full cycles
+_FIRST, _GROWTH = 8.0, 0.25  # memory at the start [ranges travelled], and its growth
+_SETTLED = 4.0  # travel in ranges, one full cycle, before the shape is estimated
+
+_step = jacobian(exact_step)
+
+
+@leaf
+def bierman(
+    theta: FloatArray,
+    u: FloatArray,
+    d: FloatArray,
+    x: FloatArray,
+    w: FloatArray,
+    forgetting: float,
+) -> float:
+    """Update P = U diag(d) U' for the column x; leave the gain in w[1] and return its divisor.
+
+    The noise of one sample has variance one. Square roots and differences of P are avoided, so P
+    stays positive definite whatever the rounding (Bierman 1977).
+    """
+    n = x.size
+    f, b = w[0], w[1]
+    for i in range(n):
+        total = x[i]
+        for j in range(i):
+            total += u[j, i] * x[j]
+        f[i] = total
+    a: float = forgetting
+    for j in range(n):
+        g = d[j] * f[j]
+        before = a
+        a += f[j] * g
+        d[j] *= before / a
+        b[j] = g
+        share = -f[j] / before
+        for i in range(j):
+            old = u[i, j]
+            u[i, j] = old + b[i] * share
+            b[i] += old * g
+    return a
+
+
+@leaf
+def _bouc_wen_columns(u: float, theta: FloatArray, m: FloatArray, v: FloatArray) -> None:
+    """Fill v with u, -h and the derivatives by beta and gamma, for h of unit A."""
+    du = u - m[LAST]
+    if du != 0.0:
+        h, by_h, _, _, _, by_beta, by_gamma = _step(m[H], du, 1.0, 0.0, theta[2], theta[3])
+        m[H] = h
+        m[H_BETA] = by_h * m[H_BETA] + by_beta
+        m[H_GAMMA] = by_h * m[H_GAMMA] + by_gamma
+        m[H_MAX] = max(m[H_MAX], abs(h))
+    v[0] = u
+    v[1] = -m[H]
+    v[2] = -theta[1] * m[H_BETA]
+    v[3] = -theta[1] * m[H_GAMMA]
+
+
+@leaf
+def _play_columns(u: float, m: FloatArray, v: FloatArray) -> None:
+    """Fill v with u and the plays at a tenth of the range, two tenths, ..."""
+    v[0] = u
+    for j in range(1, v.size):
+        place = PLAYS + j - 1
+        m[place] = play(u, m[place], 0.1 * j)
+        v[j] = m[place]
+
+
+@leaf
+def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) -> None:
+    """Filter each column by the fixed mode, sampled before the new hold acts."""
+    if c[WITH_MODE] == 0.0:
+        for i in range(v.size):
+            x[i] = v[i]
+        return
+    for i in range(v.size):
+        x[i] = q[i, 0]
+        moved = c[A11] * q[i, 0] + c[A12] * q[i, 1] + (1.0 - c[A11]) * v[i]
+        q[i, 1] = c[A21] * q[i, 0] + c[A22] * q[i, 1] - c[A21] * v[i]
+        q[i, 0] = moved
+
+
+@leaf
+def _project_bouc_wen(theta: FloatArray, m: FloatArray) -> None:
+    """Project onto a decaying h (beta > |gamma|) and a positive slope after reversals."""
+    theta[0] = min(max(theta[0], -_BOX), _BOX)
+    theta[2] = min(max(theta[2], 1.0 / _BOX), _BOX)
+    theta[3] = min(max(theta[3], -0.95 * theta[2]), 0.95 * theta[2])
+    steepest = 1.0 + (theta[2] - theta[3]) * m[H_MAX]
+    most = (1.0 - MARGIN) * theta[0] / steepest
+    low, high = min(0.0, most), max(0.0, most)
+    if theta[1] < low or theta[1] > high:
+        theta[1] = min(max(theta[1], low), high)
+        m[PROJECTED] += 1.0
+
+
+@leaf
+def update(
+    u: float,
+    y: float,
+    theta: FloatArray,
+    factor: FloatArray,
+    d: FloatArray,
+    d_max: FloatArray,
+    w: FloatArray,
+    q: FloatArray,
+    m: FloatArray,
+    c: FloatArray,
+) -> float:
+    """Update with one sample in units of the ranges; return the prediction error."""
+    if not isfinite(u):
+        u = m[LAST]
+    n = theta.size
+    x, v = w[2], w[3][: n - 1]
+    moved = abs(u - m[LAST])
+    if c[KIND] == BOUC_WEN:
+        _bouc_wen_columns(u, theta, m, v)
+    else:
+        _play_columns(u, m, v)
+    _through_mode(x, v, q, c)
+    x[n - 1] = 1.0
+    m[LAST] = u
+    m[SAMPLES] += 1.0
+    m[TRAVEL] += moved
+    m[ACTIVITY] += c[SMOOTH] * (moved - m[ACTIVITY])
+    error: float = y - theta[n - 1]
+    linear = 2 if c[KIND] == BOUC_WEN else n - 1
+    for i in range(linear):
+        error -= theta[i] * x[i]
+    if not isfinite(error):
+        return nan
+    m[ERROR_SUM] = c[FORGETTING] * m[ERROR_SUM] + error * error
+    m[WEIGHT_SUM] = c[FORGETTING] * m[WEIGHT_SUM] + 1.0
+    if m[ACTIVITY] < c[QUIET]:
+        return error  # an actuator at rest shows only its noise
+    if c[KIND] == BOUC_WEN and m[TRAVEL] < _SETTLED:
+        x[2] = x[3] = 0.0
+    _learn(error, theta, factor, d, d_max, w, m, c)
+    return error
+
+
+@leaf
+def _learn(
+    error: float,
+    theta: FloatArray,
+    factor: FloatArray,
+    d: FloatArray,
+    d_max: FloatArray,
+    w: FloatArray,
+    m: FloatArray,
+    c: FloatArray,
+) -> None:
+    n = theta.size
+    gain = w[1]
+    # a loop is determined by a few cycles, so the memory is never shorter
+    speed = min(m[ACTIVITY], 1.0)
+    forgetting = max(c[FORGETTING], 1.0 - speed / _SHORTEST)
+    if c[KIND] == BOUC_WEN:
+        # samples before the shape has converged are discounted faster (Ljung)
+        forgetting *= 1.0 - speed / (_FIRST + _GROWTH * m[TRAVEL])
+    divisor = bierman(theta, factor, d, w[2], w, forgetting)
+    step = error / divisor
+    if c[KIND] == BOUC_WEN:
+        # the shape enters nonlinearly: the step is limited to the range of the linearisation
+        most = _STEP * theta[2]
+        for i in range(2, 4):
+            if abs(gain[i] * step) > most:
+                step *= most / abs(gain[i] * step)
+    for i in range(n):
+        theta[i] += gain[i] * step
+        d[i] = min(d[i] / forgetting, d_max[i])
+    if c[KIND] == BOUC_WEN:
+        _project_bouc_wen(theta, m)
+
+
+@jit
+def update_many(
+    u: FloatArray,
+    y: FloatArray,
+    errors: FloatArray,
+    theta: FloatArray,
+    factor: FloatArray,
+    d: FloatArray,
+    d_max: FloatArray,
+    w: FloatArray,
+    q: FloatArray,
+    m: FloatArray,
+    c: FloatArray,
+) -> None:
+    """Update with samples in units of the ranges."""
+    for k in range(u.size):
+        errors[k] = update(u[k], y[k], theta, factor, d, d_max, w, q, m, c)
+
 
 _TRUST = 1e6  # initial variance of a parameter over that of the noise, in units of the ranges
 _PLAY_TRUST = 1e2  # the same for the weight of a play: only the sum of similar plays is observable
@@ -100,7 +305,7 @@ class OnlineUd(OnlineMethod):
         Kind, ranges, mode and forgetting.
     """
 
-    _FORGETTING, _ERROR_SUM, _WEIGHT_SUM = ud.FORGETTING, ud.ERROR_SUM, ud.WEIGHT_SUM
+    _FORGETTING, _ERROR_SUM, _WEIGHT_SUM = FORGETTING, ERROR_SUM, WEIGHT_SUM
     _settings: UdSettings
 
     def __init__(self, settings: UdSettings | None = None) -> None:
@@ -122,7 +327,7 @@ class OnlineUd(OnlineMethod):
         smooth = min(s.dt / _WINDOW, 1.0)
         self._c = np.array(
             [
-                ud.PLAY_BANK if bank else ud.BOUC_WEN,
+                PLAY_BANK if bank else BOUC_WEN,
                 float(s.natural_frequency > 0),
                 *transition,
                 s.forgetting,
@@ -142,7 +347,7 @@ class OnlineUd(OnlineMethod):
         self._d_max = self._d.copy()
         self._w = np.zeros((4, n))
         self._q = np.zeros((n - 1, 2))
-        self._m = np.zeros(ud.PLAYS + COUNT)
+        self._m = np.zeros(PLAYS + COUNT)
 
     def drive_at(self, frequency: float, start: float = 0.0) -> None:
         """Do nothing: no column depends on the drive frequency."""
@@ -150,12 +355,12 @@ class OnlineUd(OnlineMethod):
     def rest(self) -> None:
         """Start a new record from rest and keep the estimate."""
         self._q[:] = 0.0
-        self._m[[ud.LAST, ud.H, ud.H_BETA, ud.H_GAMMA]] = 0.0
-        self._m[ud.PLAYS :] = 0.0
+        self._m[[LAST, H, H_BETA, H_GAMMA]] = 0.0
+        self._m[PLAYS:] = 0.0
 
     def _take(self, voltage: FloatArray, displacement: FloatArray, errors: FloatArray) -> None:
         s = self._settings
-        ud.update_many(
+        update_many(
             voltage / s.voltage_range, displacement / s.displacement_range, errors, self._theta,
             self._factor, self._d, self._d_max, self._w, self._q, self._m, self._c,
         )  # fmt: skip
@@ -214,7 +419,7 @@ class OnlineUd(OnlineMethod):
             values=values,
             standard_deviations=spread,
             one_step_rms=self._sigma * s.displacement_range,
-            samples=int(self._m[ud.SAMPLES]),
+            samples=int(self._m[SAMPLES]),
             condition_number=scaled_condition(covariance),
             notes=self._notes(),
             model=chain.name if chain.name != 'prandtl_ishlinskii_mode' else '',
@@ -236,15 +441,15 @@ class OnlineUd(OnlineMethod):
 
     def _notes(self) -> tuple[str, ...]:
         m, notes = self._m, []
-        if m[ud.SAMPLES] and m[ud.ACTIVITY] < self._c[ud.QUIET]:
+        if m[SAMPLES] and m[ACTIVITY] < self._c[QUIET]:
             notes.append('The voltage rests: the estimate is held.')
-        if m[ud.SAMPLES] and m[ud.TRAVEL] < 4:
+        if m[SAMPLES] and m[TRAVEL] < 4:
             notes.append('Less than one full cycle seen: the shape of the loop is not learnt yet.')
         if self._settings.kind == KINDS['pi_bank']:
             if np.any(invertible_bank(self._theta) != self._theta):
                 notes.append('Weights were changed to the nearest model that can be inverted.')
-        elif m[ud.PROJECTED]:
-            notes.append(f'{int(m[ud.PROJECTED])} updates were projected to an invertible model.')
+        elif m[PROJECTED]:
+            notes.append(f'{int(m[PROJECTED])} updates were projected to an invertible model.')
         return tuple(notes)
 
 
@@ -257,5 +462,5 @@ def invertible_bank(theta: FloatArray) -> FloatArray:
     weights = theta[:-1]
     gain = float(weights.sum())
     slopes = np.cumsum(weights)
-    least = np.maximum(np.sign(gain) * slopes, ud.MARGIN * abs(gain)) * np.sign(gain)
+    least = np.maximum(np.sign(gain) * slopes, MARGIN * abs(gain)) * np.sign(gain)
     return np.append(np.diff(least, prepend=0.0), theta[-1])

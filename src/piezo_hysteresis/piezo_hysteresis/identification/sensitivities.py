@@ -12,7 +12,6 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter
 from piezo_hysteresis.models import Model
-from piezo_hysteresis.models.simulation.block_sensitivities import At, side_by_side, through
 from piezo_hysteresis.models.simulation.plan import (
     LinearStage,
     PathStage,
@@ -21,7 +20,12 @@ from piezo_hysteresis.models.simulation.plan import (
     as_linear,
 )
 from piezo_hysteresis.models.simulation.state_layout import StateJump
-from piezo_hysteresis.models.simulation.substep_sensitivities import PathTangents
+from piezo_hysteresis.models.simulation.substep_sensitivities import (
+    At,
+    PathTangents,
+    side_by_side,
+    through,
+)
 from piezo_hysteresis.numerics.qr import BLOCK
 
 _MOST_VALUES = 2_000_000  # derivatives times samples stored along the path of each tick

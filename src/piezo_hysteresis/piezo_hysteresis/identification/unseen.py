@@ -16,10 +16,9 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Part, Slot
-from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.fit import FitResult, fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import output_error
-from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.uncertainty import digits, help_for, inflation
 from piezo_hysteresis.models import Model, name_of

@@ -17,11 +17,8 @@ from piezo_hysteresis.axes.modal_search import ModalIdentification
 from piezo_hysteresis.common.results import Reportable
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.controllers import ATTENUATIONS, Controllers, Feedback
-from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
-    AttenuationSettings,
-    Method,
-)
+from piezo_hysteresis.compensation.feedback.feedback_link import PidGains
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings, Method
 from piezo_hysteresis.compensation.link import INVERSES
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, track
@@ -32,7 +29,7 @@ from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.records.columns import ReadOptions
 from piezo_hysteresis.records.load import reference_record
 from piezo_hysteresis.waveforms import Waveform
-from piezo_hysteresis.waveforms.sampled import Sampled
+from piezo_hysteresis.waveforms.waveform import Sampled
 
 
 @dataclass(frozen=True, repr=False)

@@ -12,8 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.operating_limits import operating_limits, rate_of
 from piezo_hysteresis.compensation.study import PRESET, open_plant
 from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, PlannedExperiment
-from piezo_hysteresis.investigation.journal import Setup
-from piezo_hysteresis.investigation.runner import InvestigationProgress, Result, conduct
+from piezo_hysteresis.investigation.runner import InvestigationProgress, Result, Setup, conduct
 from piezo_hysteresis.investigation.session import Rules
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values

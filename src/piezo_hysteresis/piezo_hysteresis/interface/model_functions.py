@@ -14,13 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_hysteresis.compensation.controllers import Controllers, Feedback
 from piezo_hysteresis.compensation.drive_selection import entry_of
-from piezo_hysteresis.compensation.feedback.feedback_settings import PidGains
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.feedback.feedback_link import PidGains
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
 from piezo_hysteresis.compensation.inverses.inverse_choice import model_gain
 from piezo_hysteresis.compensation.inverses.reach import reach_of
 from piezo_hysteresis.compensation.limiter import EnergyLimits, packed_limits
-from piezo_hysteresis.compensation.model_plant import ModelPlant
-from piezo_hysteresis.compensation.offline_loop import closed_loop
+from piezo_hysteresis.compensation.offline_loop import ModelPlant, closed_loop
 from piezo_hysteresis.compensation.operating_limits import (
     UNSTATED,
     above_nyquist,
@@ -36,7 +35,7 @@ from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.models.model_actions import InverseResult
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.reporting.folder import check_folder, write_folder
-from piezo_hysteresis.waveforms.sampled import Sampled
+from piezo_hysteresis.waveforms.waveform import Sampled
 
 # Amplitude of the sine of example and test vectors, relative to the range of the model.
 _SHARE = 0.8

@@ -29,7 +29,7 @@ from piezo_hysteresis.reporting.compensation_report import colour_of, write_comp
 from piezo_hysteresis.reporting.discovery_report import write_discovery
 from piezo_hysteresis.reporting.display_units import MICRO
 from piezo_hysteresis.reporting.identification_report import write_identification
-from piezo_hysteresis.reporting.plot_parts import GREY, ROLES
+from piezo_hysteresis.reporting.plots import GREY, ROLES
 from piezo_hysteresis.reporting.signals import last_periods
 from piezo_hysteresis.reporting.validation_report import write_validation
 

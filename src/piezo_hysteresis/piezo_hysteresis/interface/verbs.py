@@ -15,7 +15,7 @@ from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.modal_search import ModalIdentification, identify_axes
 from piezo_hysteresis.discovery import Discovery
 from piezo_hysteresis.discovery import discover as discover_in
-from piezo_hysteresis.discovery.choice.choose import choose_model
+from piezo_hysteresis.discovery.choose import choose_model
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import Identification

@@ -9,15 +9,15 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
-from piezo_hysteresis.discovery.detection.better_experiments import view_of
 from piezo_hysteresis.discovery.detection.limits import NuisanceDirections
+from piezo_hysteresis.discovery.detection.statements import view_of
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, errors_of
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
-from piezo_hysteresis.identification.clock import clock_about
 from piezo_hysteresis.identification.free_run import simulated
+from piezo_hysteresis.identification.simulate import clock_about
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy, ModelFile
 from piezo_hysteresis.numerics.qr import inner

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from piezo_hysteresis.kernels import fresh, watch
+from piezo_hysteresis.kernels import cache, watch
 from piezo_hysteresis.kernels.compile import MADE
 
 PACKAGES = ('piezo_sim', 'piezo_hysteresis')
@@ -114,5 +114,5 @@ def not_rehearsed(packages: Iterable[str] = PACKAGES) -> list[str]:
     # kernels generated at run time belong to no module
     for kernel in (*everything.values(), *MADE):
         if kernel.signatures:
-            reached |= fresh.within(kernel.py_func)
+            reached |= cache.within(kernel.py_func)
     return sorted(name for name, kernel in everything.items() if kernel.py_func not in reached)

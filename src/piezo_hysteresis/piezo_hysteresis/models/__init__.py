@@ -12,11 +12,11 @@ from piezo_hysteresis.models.effects import (
     applicable,
     candidates,
     described,
+    for_range,
     shifted,
 )
 from piezo_hysteresis.models.modelfile import ModelFile, Provenance
 from piezo_hysteresis.models.named import name_of, named
-from piezo_hysteresis.models.scaling import for_range
 
 __all__ = [
     'EFFECT_NAMES',

@@ -14,7 +14,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES, ModelFile, named
 from piezo_hysteresis.nodes.investigation.investigation_server import InvestigationServer
 from piezo_hysteresis.nodes.investigation.node_requests import Cancelled
-from piezo_hysteresis.nodes.paths import inside
+from piezo_hysteresis.nodes.messages import inside
 from piezo_hysteresis.parameters.node_tables import DISCOVERY
 from piezo_hysteresis.process_setup import number_of_workers
 from piezo_hysteresis.reporting.folder import check_folder

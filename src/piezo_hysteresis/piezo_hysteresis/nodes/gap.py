@@ -14,8 +14,8 @@ from piezo_hysteresis.common.stamps import SequenceFilter, StampValidator, nanos
 from piezo_hysteresis.discovery.gap_monitor import GapMonitor, GapReport
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.nodes.messages import requested_model
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
-from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.parameters.node_tables import GAP_MONITOR
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters

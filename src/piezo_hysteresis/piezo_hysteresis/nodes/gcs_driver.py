@@ -25,7 +25,7 @@ from piezo_hysteresis.drivers.worker import (
     SweepProgress,
 )
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.paths import new_inside
+from piezo_hysteresis.nodes.messages import new_inside
 from piezo_hysteresis.parameters.node_tables import GCS_DRIVER
 from piezo_hysteresis.ros.guarded import GuardedNode, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters

@@ -13,8 +13,7 @@ from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import nanoseconds_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.recursion import OnlineMethod
-from piezo_hysteresis.nodes.messages import estimate_into
-from piezo_hysteresis.nodes.paths import inside
+from piezo_hysteresis.nodes.messages import estimate_into, inside
 from piezo_hysteresis.parameters.node_tables import IDENTIFICATION
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.common.recipes import RECIPES as MODELS
+from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
-from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.errors import ModelError, PiezoError
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.ros.flat import FlatCodec
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference, VoltageCommand
+from piezo_interfaces.srv import LoadModel
 
 if TYPE_CHECKING:
     from piezo_hysteresis.identification.recursion import Estimate
+
 
 REFERENCE = FlatCodec(Reference)
 STATE = FlatCodec(ActuatorState)
@@ -82,3 +86,31 @@ def model_from(message: ModelEstimate) -> ModelFile:
 def _model_name(model: Model) -> str:
     """Return the name of a named model, else the names of its blocks."""
     return model.name if model.name in MODELS else ','.join(block.name for block in model.blocks)
+
+
+def inside(folder: str, path: str) -> Path:
+    """Return `path` inside `folder`, both resolved."""
+    base = Path(folder or '.').expanduser().resolve()
+    try:
+        target = (base / path).resolve()
+        target.exists()  # raises where the name is too long
+    except (OSError, ValueError) as error:
+        raise PiezoError(f'{path[:40]!r} is no path: {reason_of(error)}') from None
+    if not path or (target != base and base not in target.parents):
+        raise PiezoError(f'{path!r} is not inside {base}: give a path below that folder')
+    return target
+
+
+def new_inside(folder: str, path: str) -> Path:
+    """Return the new `path` inside `folder`."""
+    target = inside(folder, path)
+    if target.exists():
+        raise PiezoError(f'{target} exists already; give another name')
+    return target
+
+
+def requested_model(request: LoadModel.Request, folder: str) -> ModelFile:
+    """Return the model that `request` carries as text, or names by a path inside `folder`."""
+    if request.yaml:
+        return ModelFile.parse(request.yaml)
+    return ModelFile.load(inside(folder, request.path))

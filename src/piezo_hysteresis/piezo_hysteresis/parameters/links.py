@@ -12,13 +12,13 @@ from piezo_hysteresis.common.parameter_table import (
     rule_of,
     specs_of,
 )
-from piezo_hysteresis.compensation.feedback.feedback_settings import (
+from piezo_hysteresis.compensation.feedback.feedback_link import (
     FEEDBACKS,
     FuzzyScales,
     HInfinityWeights,
     PidGains,
 )
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
 from piezo_hysteresis.compensation.link import INVERSES, Limits
 from piezo_hysteresis.errors import CompensationError
 

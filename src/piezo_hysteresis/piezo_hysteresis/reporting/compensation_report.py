@@ -18,8 +18,7 @@ from piezo_hysteresis.records.record import Record
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table
-from piezo_hysteresis.reporting.plot_parts import ROLES
-from piezo_hysteresis.reporting.plots import Curve, band_figure, trace_figure
+from piezo_hysteresis.reporting.plots import ROLES, Curve, band_figure, trace_figure
 
 #: File of the voltage with the smallest tracking error, with displacement and reference.
 VOLTAGE = 'voltage.csv'

@@ -9,13 +9,17 @@ from typing import Protocol
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
 from piezo_hysteresis.compensation.offline_loop import TrackingMetrics
-from piezo_hysteresis.discovery.choice.choose import TriedModel
+from piezo_hysteresis.discovery.choose import TriedModel
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
-from piezo_hysteresis.reporting.identification_figures import parameter_section, where_section
-from piezo_hysteresis.reporting.identification_report import fit_section, identification_page
+from piezo_hysteresis.reporting.identification_report import (
+    fit_section,
+    identification_page,
+    parameter_section,
+    where_section,
+)
 from piezo_hysteresis.reporting.page import PageSection, Plot, table, write_report
 from piezo_hysteresis.reporting.plots import (
     Curve,

@@ -13,7 +13,7 @@ import yaml
 
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES
 from piezo_hysteresis.discovery import Discovery, Verdict
-from piezo_hysteresis.discovery.data.check import Check
+from piezo_hysteresis.discovery.data.dataset import Check
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect, over_frequency
 from piezo_hysteresis.identification.targets import Target

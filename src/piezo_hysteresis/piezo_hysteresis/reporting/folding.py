@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.reporting.display_units import shown, with_deviation
 from piezo_hysteresis.reporting.page import Plot
-from piezo_hysteresis.reporting.plot_parts import PALETTE, new_axes
+from piezo_hysteresis.reporting.plots import PALETTE, new_axes
 
 # Number of elements from which they are combined.
 FEWEST = 6

@@ -9,16 +9,15 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol
 
 from piezo_hysteresis.compensation.controllers import GUESS, Controllers, Feedback, Polynomials
-from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights, PidGains
-from piezo_hysteresis.compensation.feedback.fuzzy_pid import FuzzyRules, read_tables
-from piezo_hysteresis.compensation.feedback.pid import Pid
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import AttenuationSettings
+from piezo_hysteresis.compensation.feedback.feedback_link import HInfinityWeights, PidGains
+from piezo_hysteresis.compensation.feedback.pid import FuzzyRules, Pid, read_tables
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
     HarmonicAttenuation,
     ScheduledAttenuation,
 )
+from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings
+from piezo_hysteresis.compensation.inverses.inverse_choice import ScheduledInverse
 from piezo_hysteresis.compensation.inverses.inverse_link import HISTORY, InverseLink
-from piezo_hysteresis.compensation.inverses.scheduled_inverse import ScheduledInverse
 from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import Limits, Link, ReferencePoint
 from piezo_hysteresis.errors import CompensationError, PiezoError

@@ -12,9 +12,9 @@ from piezo_hysteresis.arrays import ComplexArray, FloatArray
 from piezo_hysteresis.compensation.feedback.feedback_link import (
     FeedbackLaw,
     FeedbackLink,
+    HInfinityWeights,
     stepping,
 )
-from piezo_hysteresis.compensation.feedback.feedback_settings import HInfinityWeights
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf, scratch

@@ -15,21 +15,19 @@ import math
 from typing import NamedTuple
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
+from piezo_hysteresis.compensation.harmonics.lines import (
     AUTOMATIC,
     FIRST_STEP,
+    HIGHEST,
     LARGEST,
     LARGEST_STEP,
+    MOST,
     ORDERS,
     RESONANCE,
     SETTLE,
     SPAN,
     STEP_SIZE,
     WITH_MEAN,
-)
-from piezo_hysteresis.compensation.harmonics.lines import (
-    HIGHEST,
-    MOST,
     Harmonic,
     accumulate,
     factor,

@@ -11,13 +11,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.drive_selection import DriveSelector
 from piezo_hysteresis.compensation.harmonics import afc, harmonic_rls
-from piezo_hysteresis.compensation.harmonics.attenuation_settings import (
-    SETTLE,
-    WITH_MEAN,
-    AttenuationSettings,
-)
-from piezo_hysteresis.compensation.harmonics.lines import Harmonic
-from piezo_hysteresis.compensation.harmonics.supervision import (
+from piezo_hysteresis.compensation.harmonics.harmonic_rls import (
     GUARD_SIZE,
     RESUME,
     RETREAT,
@@ -27,9 +21,14 @@ from piezo_hysteresis.compensation.harmonics.supervision import (
     reset_guard,
     supervise,
 )
+from piezo_hysteresis.compensation.harmonics.lines import (
+    SETTLE,
+    WITH_MEAN,
+    AttenuationSettings,
+    Harmonic,
+)
 from piezo_hysteresis.compensation.linear_gain import LinearGain, ScaledGain
-from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint, Transition
-from piezo_hysteresis.compensation.sensor_guard import (
+from piezo_hysteresis.compensation.link import (
     ACCELERATION,
     DISPLACEMENT,
     FREQUENCY,
@@ -39,7 +38,11 @@ from piezo_hysteresis.compensation.sensor_guard import (
     READ_SIZE,
     VELOCITY,
     WATCH_SIZE,
+    Limits,
+    Measured,
+    ReferencePoint,
     SensorWatch,
+    Transition,
     frozen_ticks,
     partner_of,
     write_point,

@@ -13,20 +13,18 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Restoring, Slot, System
 from piezo_hysteresis.compensation.inverses.block_inverse import (
     CLAMPED,
+    CORNERS,
     FIRST_SLOPE,
+    STATE_SIZE,
     BlockInverse,
     block_inverse,
+    carry_ahead,
     from_rest,
+    lift_droop,
     packed_block,
 )
 from piezo_hysteresis.compensation.inverses.inverse_link import OFFSET, InverseLink, Run
 from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
-from piezo_hysteresis.compensation.inverses.structure_inverse import (
-    CORNERS,
-    STATE_SIZE,
-    carry_ahead,
-    lift_droop,
-)
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf, scratch

@@ -16,13 +16,14 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import (
     FADE_SIZE,
+    POINT_SIZE,
     Limits,
     Measured,
     ReferencePoint,
     Transition,
     fade,
+    write_point,
 )
-from piezo_hysteresis.compensation.sensor_guard import POINT_SIZE, write_point
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.numerics.smooth import smooth_step

@@ -1,18 +1,13 @@
-"""Evaluator for a fixed baseline with a known discrepancy, extended by one effect at a time.
+"""Predictive variance of a model file: response uncertainty due to uncertain parameter values.
 
-A refit hides an effect in wrong parameter values. The values of a ``model.yaml`` therefore stay
-fixed. Only the parameters of an effect and the nuisance parameters are fitted: the zero offsets,
-initial conditions and sampling offset of the records. The residual is evaluated relative to noise
-and discrepancy together.
-
-A change of the baseline parameters is a candidate like any effect, `PARAMETER_SHIFT`. Each
-parameter either remains within the covariance of the file, or it is a new value and costs the
-penalty of a parameter; the lower cost counts.
+A parameter that the fitted records hardly determine, such as the damping of a mode that they do
+not excite, may cause a residual on other records. This residual is not a new deviation; it follows
+from the covariance of the file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 
@@ -30,28 +25,140 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
     effect_of,
+    errors_of,
     evaluated_on,
     has_zero_time_constant,
     is_another_change,
     is_at_the_drive,
 )
-from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
+from piezo_hysteresis.discovery.selection.evaluator import (
+    Deadline,
+    DetectionTest,
+    Evaluator,
+    Remainder,
+)
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
-from piezo_hysteresis.discovery.selection.predictive_variance import cost_of_change, widened
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, costs, expectation
 from piezo_hysteresis.discovery.selection.rules import Improvement
-from piezo_hysteresis.discovery.selection.score_ascent import ScoreAscent, with_delayed_discrepancy
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
-from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.clock import clock_about
+from piezo_hysteresis.discovery.selection.screen import ScoreAscent, with_delayed_discrepancy
+from piezo_hysteresis.errors import IdentificationError, PiezoError
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
 from piezo_hysteresis.identification.noise import measured_without_outliers, reach_of
 from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
+from piezo_hysteresis.identification.simulate import clock_about
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate, Discrepancy, Model, ModelFile, shifted
 from piezo_hysteresis.models.simulation.plan import free_states
+from piezo_hysteresis.numerics.linalg import symmetric_eigen
+
+# Relative variance below which a principal direction of the covariance is omitted.
+_NONE = 1e-12
+
+
+def widened(
+    expected: Sequence[Expectation],
+    base: ModelSpec,
+    views: Sequence[Target],
+    names: Sequence[str],  # (p, p)
+    covariance: FloatArray,  # (p, p)
+) -> tuple[Expectation, ...]:
+    """Return the expectations of views, increased by the predictive variance of the parameters.
+
+    At a condition where the model was evaluated, the error of its values is already part of the
+    known discrepancy; an octave away hardly any of it is.
+    """
+    if not names or set(names) != set(base.model.free_names):
+        return tuple(expected)
+    shares = [1.0 - float(np.exp(-2.0 * each.octaves)) for each in expected]
+    more = [np.zeros_like(each.expected) for each in expected]
+    own = errors_of(base, views)
+    for step in _directions(covariance):
+        moved = _moved(base, dict(zip(names, step, strict=True)), views)
+        for k, error in enumerate(moved or ()):
+            powers = expected[k].powers(error - own[k])
+            if np.all(np.isfinite(powers)):
+                more[k] += shares[k] * powers
+    return tuple(replace(x, expected=x.expected + m) for x, m in zip(expected, more, strict=True))
+
+
+def cost_of_change(
+    changes: Mapping[str, float], names: Sequence[str], covariance: FloatArray, price: float
+) -> float:  # names, covariance (p, p); price [nats]
+    """Return the cost of parameter values that differ from the file [nats].
+
+    Gains that compensate for each other are poorly determined individually and well determined in
+    their sum: a change of all of them by one per cent is many standard deviations of the sum and
+    hardly one of each. The cost is the lower one of two descriptions. Either some values are new,
+    at the price of a parameter each, and the others stay within the covariance; or the same holds
+    along the principal directions of the covariance.
+    """
+    held = price * sum(bool(change) and name not in names for name, change in changes.items())
+    at = [k for k, name in enumerate(names) if name in changes]
+    step, own = np.array([changes[names[k]] for k in at]), covariance[np.ix_(at, at)]
+    along = float(np.minimum(_within(step, own), price).sum())
+    return held + min(along, _one_by_one(step, own, price))
+
+
+def _one_by_one(step: FloatArray, covariance: FloatArray, price: float) -> float:
+    """Return the least cost with some new values, selected greedily one at a time [nats]."""
+    kept = list(range(step.size))
+    best = float(_within(step, covariance).sum())
+    for others in range(1, step.size + 1):
+        rests = [[each for each in kept if each != k] for k in kept]
+        costs = [float(_within(step[r], covariance[np.ix_(r, r)]).sum()) for r in rests]
+        kept = rests[int(np.argmin(costs))]
+        best = min(best, min(costs) + others * price)
+    return best
+
+
+def _within(step: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the cost of a change within the covariance per principal direction [nats]."""
+    if not np.any(step):
+        return np.zeros(step.size)
+    found = _principal(covariance)
+    if found is None:
+        return np.full(step.size, np.inf)
+    scale, size, way = found
+    size = np.maximum(size, _NONE * max(float(size.max()), _NONE))
+    return np.asarray(0.5 * (way.T @ (step / scale)) ** 2 / size)
+
+
+def _principal(covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return standard deviations, and eigenvalues and eigenvectors of the correlation matrix."""
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(std > 0.0, std, 1.0)
+    found = symmetric_eigen(covariance / np.outer(scale, scale))
+    return None if found is None else (scale, *found)
+
+
+def _directions(covariance: FloatArray) -> list[FloatArray]:
+    """Return steps of one standard deviation along the principal directions."""
+    found = _principal(covariance)
+    if found is None:
+        return []
+    scale, size, way = found
+    kept = size > _NONE * max(float(size.max()), 0.0)
+    return [scale * np.sqrt(s) * v for s, v in zip(size[kept], way.T[kept], strict=True)]
+
+
+def _moved(
+    base: ModelSpec, step: dict[str, float], views: Sequence[Target]
+) -> tuple[FloatArray, ...] | None:
+    """Return the residuals of a model one step away.
+
+    If the step is invalid, the reversed step or half a step is used; None if all are invalid.
+    """
+    for factor in (1.0, -1.0, 0.5, -0.5):
+        values = {k: v + factor * step.get(k, 0.0) for k, v in base.values.items()}
+        try:
+            found = errors_of(replace(base, values=values), views)
+        except PiezoError:
+            continue
+        if all(np.all(np.isfinite(error)) for error in found):
+            return tuple(found)
+    return None
 
 
 class HeldEvaluator(Evaluator):

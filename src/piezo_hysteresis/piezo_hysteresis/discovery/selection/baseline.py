@@ -16,7 +16,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     fitted_to,
 )
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
+from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch

@@ -11,11 +11,10 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.fit import FitResult, fit
 from piezo_hysteresis.identification.free_run import StageCache
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model, described
 

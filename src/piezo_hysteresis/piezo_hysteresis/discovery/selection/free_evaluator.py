@@ -23,10 +23,14 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     evaluated_on,
     is_another_change,
 )
-from piezo_hysteresis.discovery.selection.evaluator import DetectionTest, Evaluator, Remainder
+from piezo_hysteresis.discovery.selection.evaluator import (
+    Deadline,
+    DetectionTest,
+    Evaluator,
+    Remainder,
+)
 from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rules import Improvement, improvement, win_shares
-from piezo_hysteresis.discovery.selection.time_limit import Deadline
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Candidate
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.clock import JITTER
+from piezo_hysteresis.identification.simulate import JITTER
 
 
 def number(value: float, unit: str, means: str, source: str) -> Any:

@@ -29,8 +29,7 @@ from piezo_hysteresis.identification.noise import density as spectrum_of_noise
 from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.models.repeating import stretches_of
-from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
-from piezo_hysteresis.numerics.modulated import ModulatedLines
+from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, ModulatedLines
 
 # Parts of a residual: harmonic orders 0 to the highest, then octaves.
 _ORDERS = HIGHEST_ORDER + 1

@@ -15,7 +15,7 @@ from piezo_hysteresis.discovery.detection.statements import in_prefixes
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
-from piezo_hysteresis.discovery.selection.score_ascent import whole_delay
+from piezo_hysteresis.discovery.selection.screen import whole_delay
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect, Number, Verdict
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.models import PARAMETER_SHIFT, described

@@ -25,8 +25,12 @@ from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
 from piezo_hysteresis.dashboard.page_server import DashboardServer
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.dashboard.jobs import InvestigationJob, Jobs
-from piezo_hysteresis.nodes.dashboard.node_registry import NodeRegistry, shown
-from piezo_hysteresis.nodes.dashboard.topic_collector import SharedTopics, TopicCollector
+from piezo_hysteresis.nodes.dashboard.topic_collector import (
+    NodeRegistry,
+    SharedTopics,
+    TopicCollector,
+    shown,
+)
 from piezo_hysteresis.parameters.node_tables import DASHBOARD, configure
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters

@@ -18,8 +18,7 @@ from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import NANOSECONDS, ActuatorClock, SequenceFilter
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.excitation.sweep_markers import missing_subscribers
-from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer
+from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer, missing_subscribers
 from piezo_hysteresis.nodes.messages import measured_of, point_of, reference_bytes, voltage_bytes
 from piezo_hysteresis.parameters.node_tables import EXCITATION
 from piezo_hysteresis.ros.flat import head_of, nanoseconds_of_head
@@ -36,8 +35,7 @@ from piezo_hysteresis.runtime.excitation_plan import (
     SteadyCommand,
     extremes,
 )
-from piezo_hysteresis.runtime.sweep_plan import parse_options, waveform_of
-from piezo_hysteresis.runtime.sweep_run import NOT_RUNNING
+from piezo_hysteresis.runtime.sweep_plan import NOT_RUNNING, parse_options, waveform_of
 from piezo_hysteresis.waveforms import Waveform
 from piezo_interfaces.msg import ActuatorState, LoopStatus, Reference, VoltageCommand
 

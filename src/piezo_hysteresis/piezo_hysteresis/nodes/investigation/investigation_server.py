@@ -16,7 +16,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.investigation.node_requests import Cancelled, Neighbourhood, Unanswered
 from piezo_hysteresis.nodes.investigation.sweeper import Circumstances, Sweeper
-from piezo_hysteresis.nodes.paths import inside
+from piezo_hysteresis.nodes.messages import inside
 from piezo_hysteresis.process_setup import number_of_workers
 from piezo_hysteresis.ros.guarded import Guarded, serve_action
 from piezo_hysteresis.ros.parameters import NodeParameters
@@ -26,8 +26,7 @@ from piezo_interfaces.msg import LoopStatus
 
 if TYPE_CHECKING:
     from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
-    from piezo_hysteresis.investigation.journal import Setup
-    from piezo_hysteresis.investigation.runner import InvestigationProgress, Result
+    from piezo_hysteresis.investigation.runner import InvestigationProgress, Result, Setup
 
 
 class InvestigationServer:
@@ -157,7 +156,7 @@ class InvestigationServer:
 
     def _setup(self, request: Investigate.Goal, stopped: Callable[[], bool]) -> Setup:
         from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, granted_range
-        from piezo_hysteresis.investigation.journal import Setup
+        from piezo_hysteresis.investigation.runner import Setup
         from piezo_hysteresis.investigation.session import Rules
 
         model = self._model(request)

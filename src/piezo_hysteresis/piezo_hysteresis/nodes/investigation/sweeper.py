@@ -1,28 +1,181 @@
-"""Runs one experiment on the actuator and records it: a sweep of one record, and a bag."""
+"""Goals of ``run_sweep``: requests and cancellation, also of orphaned goals."""
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from hashlib import blake2b
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
+from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.qos import qos_profile_action_status_default
 from rclpy.subscription import Subscription
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
-from piezo_hysteresis.nodes.investigation.node_requests import Unanswered, in_thread_of, waited
-from piezo_hysteresis.nodes.investigation.sweep_goals import SweepGoals
+from piezo_hysteresis.nodes.investigation.loop_client import ActionWatch
+from piezo_hysteresis.nodes.investigation.node_requests import (
+    Cancelled,
+    Unanswered,
+    in_thread_of,
+    waited,
+)
 from piezo_hysteresis.nodes.messages import STATE
 from piezo_hysteresis.ros.qos import LOOP
-from piezo_hysteresis.runtime.sweep_run import ACTUATOR_RESTARTED, NOT_RUNNING
+from piezo_hysteresis.runtime.sweep_plan import ACTUATOR_RESTARTED, NOT_RUNNING
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState
+
+ACTION = 'run_sweep'
+_STARTED = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+_RUNNING = (*_STARTED, GoalStatus.STATUS_CANCELING)
+# Timeout until the actuator is at rest, on a slow machine [s].
+RESTS_WITHIN = 60.0
+# Time until a request is repeated [s].
+_ASK_AGAIN = 1.0
+# Bytes of an identifier; half of them identify the client.
+_HALF = 8
+
+
+class SweepGoals:
+    """One goal at a time.
+
+    Every goal contains the name of its client. A node that finds a goal with its own name that it
+    has not sent was killed and restarted: that goal is orphaned and is cancelled, which brings the
+    actuator to rest.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        name = node.get_fully_qualified_name().encode()
+        self._mark = blake2b(name, digest_size=_HALF).digest()
+        self._own: bytes | None = None
+        self._asked: set[bytes] = set()
+        self._running: frozenset[bytes] = frozenset()
+        self._client = ActionClient(node, RunSweep, ACTION)
+        self._watch = ActionWatch(node, self._client, ACTION)
+        self._ender = node.create_client(CancelGoal, f'{ACTION}/_action/cancel_goal')
+        node.create_subscription(
+            GoalStatusArray,
+            f'{ACTION}/_action/status',
+            self._on_status,
+            qos_profile_action_status_default,
+        )
+
+    def run(
+        self, goal: RunSweep.Goal, stopped: Callable[[], bool], timeout: float
+    ) -> RunSweep.Result:
+        """Run a sweep to its end and return its result."""
+        if not waited(self._client.server_is_ready, stopped):
+            raise Unanswered('no excitation is running: start it, and investigate again')
+        self._end_stale(stopped)
+        self._watch.begin()
+        try:
+            return self._run(goal, stopped, timeout)
+        except PiezoError:
+            self._asked.discard(self._own or b'')  # it is orphaned
+            raise
+        finally:
+            self._own = None
+
+    def _run(
+        self, goal: RunSweep.Goal, stopped: Callable[[], bool], timeout: float
+    ) -> RunSweep.Result:
+        sent = in_thread_of(self._node, lambda: self._send(goal))
+        # a client that cancels now must wait for the response: an accepted sweep must be ended
+        if not waited(lambda: sent.done() or self._watch.lost, _never) or not sent.done():
+            raise self._lost('the excitation does not answer')
+        handle: Any = sent.result()
+        if not handle.accepted:
+            raise PiezoError(self._refusal())
+        ended = in_thread_of(self._node, handle.get_result_async)
+        try:
+            waited(lambda: ended.done() or self._watch.lost, stopped, timeout)
+        except Cancelled:
+            self._rest(ended)
+            raise
+        if not ended.done():
+            self.end()
+            raise self._lost('the excitation has gone')
+        result: RunSweep.Result = ended.result().result
+        return result
+
+    def _send(self, goal: RunSweep.Goal) -> Any:
+        self._own = self._mark + os.urandom(_HALF)
+        self._asked.add(self._own)
+        return self._client.send_goal_async(goal, goal_uuid=_identity(self._own).goal_id)
+
+    def _lost(self, words: str) -> Unanswered:
+        """Discard the goals of an excitation that has ended; a running one reports them again."""
+        if self._watch.lost:
+            self._running = frozenset()
+        return Unanswered(words)
+
+    def _refusal(self) -> str:
+        if self._running - {self._own}:
+            return 'another sweep is running: cancel it or wait for its end, and investigate again'
+        return 'the excitation refused the experiment; see its log'
+
+    def _rest(self, ended: Any) -> None:
+        """Wait until a sweep that was stopped has brought the actuator to rest."""
+        self.end()
+        if waited(lambda: ended.done() or self._watch.lost, _never, RESTS_WITHIN) and ended.done():
+            return
+        raise PiezoError('cancelled, but the excitation does not say that the actuator is at rest')
+
+    def end(self) -> None:
+        """End the running sweep, if any; callable from any thread."""
+        own = self._own
+        if own is not None:
+            self._end(own)
+
+    def _end(self, goal: bytes) -> None:
+        self._ender.call_async(CancelGoal.Request(goal_info=_identity(goal)))
+
+    # --- orphaned goals of an earlier process with this name -----------------------------------
+
+    def _on_status(self, message: GoalStatusArray) -> None:
+        """Store the running goals, and cancel orphaned ones."""
+        goals = {bytes(each.goal_info.goal_id.uuid): each.status for each in message.status_list}
+        self._running = frozenset(goal for goal, state in goals.items() if state in _RUNNING)
+        for goal in self._left():
+            if goals[goal] in _STARTED:
+                self._node.get_logger().warning('cancelling an orphaned sweep goal')
+                self._end(goal)
+
+    def _left(self) -> list[bytes]:
+        return [each for each in self._running - self._asked if each.startswith(self._mark)]
+
+    def _end_stale(self, stopped: Callable[[], bool]) -> None:
+        """Cancel orphaned sweeps until there are none."""
+        end = time.monotonic() + RESTS_WITHIN
+        while left := self._left():
+            if time.monotonic() > end:
+                raise Unanswered('the excitation does not end an orphaned sweep')
+            for goal in left:  # the previous request may be lost
+                self._end(goal)
+            waited(lambda: not self._left(), stopped, _ASK_AGAIN)
+
+
+def _identity(goal: bytes) -> GoalInfo:
+    found = GoalInfo()
+    found.goal_id.uuid = list(goal)
+    return found
+
+
+def _never() -> bool:
+    return False
+
 
 # Longest absence of an excitation or actuator, and the period of the checks [s].
 AWAY, LOOK = 60.0, 1.0

@@ -16,9 +16,8 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
 from piezo_hysteresis.nodes.links.link_node import LinkNode
-from piezo_hysteresis.nodes.messages import measured_of, model_from, point_of
+from piezo_hysteresis.nodes.messages import measured_of, model_from, point_of, requested_model
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
-from piezo_hysteresis.nodes.paths import requested_model
 from piezo_hysteresis.parameters.links import FEEDFORWARD
 from piezo_hysteresis.ros.flat import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LATCHED, LOOP

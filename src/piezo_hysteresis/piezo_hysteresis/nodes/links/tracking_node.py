@@ -14,13 +14,17 @@ from piezo_hysteresis.compensation.link import CrossFade, Link, Measured, Refere
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
-from piezo_hysteresis.nodes.messages import VOLTAGE, measured_of, point_of
-from piezo_hysteresis.nodes.paths import requested_model
+from piezo_hysteresis.nodes.messages import VOLTAGE, measured_of, point_of, requested_model
 from piezo_hysteresis.ros.flat import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.laws import LawMaker
-from piezo_hysteresis.runtime.link_health import CHECKING, CORRECTS, SWITCHED_OFF
-from piezo_hysteresis.runtime.sensor_sign import SensorSign, StuckSensor
+from piezo_hysteresis.runtime.link_health import (
+    CHECKING,
+    CORRECTS,
+    SWITCHED_OFF,
+    SensorSign,
+    StuckSensor,
+)
 from piezo_hysteresis.runtime.synchronizer import SampleSynchronizer, Tick
 from piezo_interfaces.msg import ActuatorState, Reference, VoltageCommand
 from piezo_interfaces.srv import LoadModel

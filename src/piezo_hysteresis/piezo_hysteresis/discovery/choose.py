@@ -1,8 +1,8 @@
-"""Fits of models to the first part of the records, extended by one effect at a time."""
+"""Choice of a model for records: proposed chains, one step of all at a time, and its rules."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,21 +14,15 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.blocks.base import Between, Block
 from piezo_hysteresis.blocks.effect import Effect
-from piezo_hysteresis.discovery.choice.choice_rules import (
-    CHOICE,
-    FITS,
-    HeldOutScore,
-    differs_from_none,
-    has_one_amplitude,
-    predicts_better,
-)
 from piezo_hysteresis.discovery.data.dataset import thinned
-from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.discovery.selection.policy import POLICY, number
+from piezo_hysteresis.discovery.selection.rules import is_no_worse
+from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.fit import FitResult, fit
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.output_error import output_error, refined, suited
 from piezo_hysteresis.identification.prediction import predictions
-from piezo_hysteresis.identification.result import FitResult
 from piezo_hysteresis.identification.targets import Target, targets_of, with_start_of
 from piezo_hysteresis.models import (
     EFFECT_NAMES,
@@ -39,7 +33,104 @@ from piezo_hysteresis.models import (
     described,
     named,
 )
+from piezo_hysteresis.models.named import LADDER, MEMORIES
+from piezo_hysteresis.numerics.linalg import solve_square
 from piezo_hysteresis.records import Record
+
+
+@dataclass(frozen=True)
+class ChoicePolicy:
+    """Thresholds in addition to `FITS`; fields have ``metadata`` as those of `SelectionPolicy`."""
+
+    trained: float = number(
+        0.7,
+        '1',
+        'Share of each record that is fitted; the rest is held out.',
+        'chosen: usual in other tools',
+    )
+    min_gain: float = number(
+        0.02,
+        '1',
+        'Share by which an effect must lower the fitted or the held-out error.',
+        'chosen: less has no effect on tracking',
+    )
+    min_standard_errors: float = number(
+        3.0,
+        'standard deviations',
+        'Joint deviation of the parameters of an effect from their neutral values.',
+        'derived: one in 370 of a normal distribution; held-out data are also tested',
+    )
+    inner_loops: float = number(
+        1.25,
+        '1',
+        'Held-out error of play operators, relative to Bouc-Wen, up to which they are selected: '
+        'their inner loops close as in actuators, which records of few amplitudes do not show.',
+        'chosen: accepts a quarter more error for loops that were not recorded',
+    )
+    one_level: float = number(
+        0.8,
+        '1',
+        'Smallest reversal level, relative to the largest, of a voltage that counts as one '
+        'amplitude.',
+        'chosen: closer loops look alike',
+    )
+    rough: float = number(1e-4, '1', 'Relative change at which a trial stops.', 'effort')
+
+
+CHOICE = ChoicePolicy()
+#: Evaluations of the fits, and the accepted increase of the held-out error.
+FITS = POLICY.but(first_evaluations=10, final_evaluations=80, worse=0.01)
+
+
+@dataclass(frozen=True)
+class HeldOutScore:
+    """Error of the selected model on the held-out rest of a record."""
+
+    record: str  # name of the record
+    free_run_rms: float  # free-run error after the cut [m]
+    nrmse_percent: float  # [%]
+
+
+def predicts_better(
+    trained: tuple[float, float], held_out: tuple[float, float], policy: ChoicePolicy = CHOICE
+) -> bool:
+    """Return whether an effect reduces one of two errors and does not increase the held-out one.
+
+    Each error is a pair (before, after). Held-out data can reject an effect as in discovery. Here
+    they can also propose one, because the model must predict and no effect is named.
+    """
+    lower = any(after <= (1.0 - policy.min_gain) * before for before, after in (trained, held_out))
+    return lower and is_no_worse(*held_out, FITS)
+
+
+def differs_from_none(
+    away: FloatArray, std: FloatArray, correlation: FloatArray, policy: ChoicePolicy = CHOICE
+) -> bool:  # away, std (q,); correlation (q, q)
+    """Return whether parameters jointly differ significantly from those of no effect."""
+    if not away.size:
+        return True
+    if not np.all(np.isfinite(std)) or np.any(std <= 0.0):
+        return False
+    scaled = away / std
+    solved = solve_square(correlation, scaled)
+    return bool(scaled @ solved.values >= policy.min_standard_errors**2 * away.size)
+
+
+def plays_are_bearable(
+    plays: float, bouc_wen: float, one_amplitude: bool, policy: ChoicePolicy = CHOICE
+) -> bool:
+    """Return whether the bank of plays is selected, given the held-out errors of both models."""
+    return one_amplitude or plays <= policy.inner_loops * bouc_wen
+
+
+def has_one_amplitude(
+    voltage: FloatArray, turns: FloatArray, policy: ChoicePolicy = CHOICE
+) -> bool:  # voltage, turns [V]
+    """Return whether a voltage has one high and one low reversal level."""
+    middle = 0.5 * (float(voltage.max()) + float(voltage.min()))
+    levels = np.abs(turns - middle)
+    return bool(levels.size and np.quantile(levels, 0.1) >= policy.one_level * levels.max())
+
 
 # Samples to which a trial is fitted.
 _BRIEF = 60_000
@@ -346,3 +437,134 @@ def _held_out(view: Target, error: FloatArray, first: int) -> HeldOutScore:
     rms = float(np.sqrt(np.mean(error[first:] ** 2)))
     spread = float(np.std(view.measured[first:]))
     return HeldOutScore(view.name, rms, 100 * rms / spread if spread > 0 else float('nan'))
+
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class TriedModel:
+    """One tested model.
+
+    Attributes
+    ----------
+    memory : str
+        Name of the initial model with its hysteresis.
+    name : str
+        Name of the added effect; name of the model for the first one.
+    parameters : int
+        Number of free parameters.
+    trained_rms, held_out_rms : float
+        Free-run error on the fitted and on the held-out part of the records [m].
+    kept : bool
+        Whether the model was accepted.
+    """
+
+    memory: str
+    name: str
+    parameters: int
+    trained_rms: float
+    held_out_rms: float
+    kept: bool
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Selected model, starting values of a fit, and the tested models.
+
+    Attributes
+    ----------
+    model : Model
+        The chain, scaled to the records.
+    start : dict of str to float
+        Values fitted to the first part of the records, and their ``sampling_offset``.
+    steps : tuple of TriedModel
+        All tested models, in order.
+    held_out : tuple of HeldOutScore
+        Held-out error of the selected model on the rest of the records.
+    """
+
+    model: Model
+    start: dict[str, float]
+    steps: tuple[TriedModel, ...]
+    held_out: tuple[HeldOutScore, ...] = ()
+
+
+def choose_model(
+    records: Sequence[Record],
+    progress: Progress = lambda fraction, words: None,
+    choices: Choices | None = None,
+    workers: int = 1,
+) -> Choice:
+    """Select a model for records of an unknown actuator.
+
+    Two models are built: one with an off-center Bouc-Wen hysteresis, Fujii 2018 (1), and one with
+    a bank of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record
+    jointly with all others. It is kept if it reduces the free-run error there or on the rest of
+    the records by 2 %, does not increase the latter, and has parameters that the records
+    determine. An effect that only increased the error on the rest is tried once more with the
+    effects accepted after it. The plays are selected unless the other model is clearly better on
+    the rest, because their inner loops close, as those of ceramics do.
+
+    Records of one amplitude contain no inner loop, and they determine only one static curve, but
+    not whether it lies before or after the hysteresis. In this case the plays are selected
+    regardless of the errors, and a second curve is not tried.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Measured records.
+    progress : callable
+        Called with ``(fraction, words)``.
+    choices : Choices, optional
+        Known initial conditions and zero offsets.
+    workers : int
+        Threads over records and trials; the result does not depend on it.
+
+    Raises
+    ------
+    IdentificationError
+        If the records are unsuitable for identification.
+    """
+    require_usable(records)
+    ladder = Ladder(records, choices or Choices(), workers)
+    steps: list[TriedModel] = []
+    ends: list[Rung] = []
+    for k, memory in enumerate(MEMORIES):
+
+        def report(name: str, share: float, k: int = k) -> None:
+            progress((k + share) / len(MEMORIES), name)
+
+        ends.append(climbed(ladder, memory, steps, report))
+    plain, plays = ends
+    bearable = plays_are_bearable(plays.held_out, plain.held_out, ladder.one_amplitude)
+    chosen = plays if bearable else plain
+    return Choice(chosen.fit.model, chosen.values(), tuple(steps), chosen.records)
+
+
+def climbed(
+    ladder: Ladder, memory: str, steps: list[TriedModel], report: Callable[[str, float], None]
+) -> Rung:
+    """Return a model with the accepted effects, and append the tested ones to `steps`."""
+
+    def test(name: str, before: Rung | None) -> Rung | None:
+        report(name, len(steps) % (1 + len(LADDER)) / (1 + len(LADDER)))
+        tried = ladder.memory(name) if before is None else ladder.larger(before, name)
+        if tried is None:
+            return None
+        kept = before is None or tried.improves(before)
+        row = (memory, name, len(tried.fit.free), tried.trained, tried.held_out, kept)
+        steps.append(TriedModel(*row))
+        if not kept and before is not None and tried.fits_better(before):
+            rejected[name] = before
+        return tried if kept else None
+
+    rejected: dict[str, Rung] = {}
+    best = test(memory, None)
+    assert best is not None
+    for name in LADDER:
+        best = test(name, best) or best
+    for name, before in list(rejected.items()):
+        if before is not best:
+            best = test(name, best) or best
+    return best
