@@ -34,16 +34,16 @@ PAGES = {
         tuple(
             f'compensation.{name}'
             for name in (
-                'link', 'inverses.inverse_choice', 'offline_loop', 'model_plant',
+                'link', 'inverses.inverse_choice', 'offline_loop',
                 'harmonics.harmonic_attenuation',
-                'harmonics.attenuation_settings', 'feedback.feedback_settings', 'feedback.pid',
-                'feedback.fuzzy_pid', 'feedback.hinf', 'limiter',
+                'harmonics.lines', 'feedback.feedback_link', 'feedback.pid',
+                'feedback.hinf', 'limiter',
             )
         ),
     ),
     'discovery': (
         'Effects that a model lacks. Guide: [discovery](../discovery.md).',
-        ('discovery', 'discovery.choice.choose'),
+        ('discovery', 'discovery.choose'),
     ),
     'batch': ('Many data sets. Guide: [batch](../batch.md).', ('batch',)),
     'waveforms': ('Signals with derivatives.', ('waveforms',)),

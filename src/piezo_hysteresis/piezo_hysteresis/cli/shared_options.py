@@ -1,4 +1,4 @@
-"""Options of several verbs: reading, initial condition and zero of records, output folder."""
+"""Options of several verbs, and what they need of ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interface of a link of the voltage chain, independent of ROS and of the clock."""
+"""Interface of a link of the voltage chain, and its guard against a failed sensor."""
 
 from __future__ import annotations
 

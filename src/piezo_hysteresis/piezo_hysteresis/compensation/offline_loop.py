@@ -1,4 +1,4 @@
-"""The offline closed loop: the same links, one tick after another, without ROS."""
+"""The offline closed loop with a model as plant: the same links, without ROS."""
 
 from __future__ import annotations
 

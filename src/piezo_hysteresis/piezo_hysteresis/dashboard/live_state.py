@@ -1,4 +1,4 @@
-"""Newest samples of one actuator, merged from several topics by sample number."""
+"""State of one actuator on the page: newest samples of all topics, jobs, parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frame of the page: HTML and CSS for the bench screen and the phone."""
+"""Texts and frame of the page: HTML and CSS for the bench screen and the phone."""
 
 from __future__ import annotations
 

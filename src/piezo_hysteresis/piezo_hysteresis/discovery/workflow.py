@@ -1,4 +1,4 @@
-"""Model file of a discovery: values, standard deviations, provenance and discrepancy."""
+"""A discovery from the records to its verdict and its model file."""
 
 from __future__ import annotations
 

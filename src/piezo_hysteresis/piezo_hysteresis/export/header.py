@@ -1,4 +1,4 @@
-"""Settable fields of a C struct, with units and ranges of the parameter tables."""
+"""Header of the C library: the settable fields, with units and ranges of the tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Result of a fit: values, uncertainty, residuals and convergence."""
+"""A fit and its result: values, uncertainty, residuals and convergence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identification methods by name: general methods, and methods as published in the papers."""
+"""Identification methods by name, their options, and the global search of a chain."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Compiled kernels of the well-posed recursions: Bierman's UD filter and two regressors.
+"""Well-posed recursions: Bierman's UD filter and its two regressors, compiled.
 
-All quantities are in units of the ranges in the settings, so that the same initial values suit
-every actuator. `m` is the memory, `c` the settings (indices below); `q`, shape (d, 2), holds the
-state of the mode for each of the d dynamic columns.
+The papers' RLS (`rls`) regresses on measured displacements. These methods predict by simulation:
+their one-step error is the free-run error, including the offset. The mode is fixed (from
+`output_error`) or omitted if the drive is far below it.
 """
 
 from __future__ import annotations

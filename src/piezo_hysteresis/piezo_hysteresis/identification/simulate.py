@@ -1,9 +1,4 @@
-"""Sampling offset of new records relative to that of a model file.
-
-A delay of whole samples is no sampling offset, because records number their samples. Between
-recordings the time between voltage and displacement of a sample may differ by a small amount, and
-by the uncertainty of the identified offset.
-"""
+"""Simulation of new records by a model file, and their sampling offset."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Folder of an investigation: conditions, choices with reasons, results and bags.
-
-``baseline.yaml`` is the initial model. ``journal.jsonl`` holds the conditions in its first line
-and one line per experiment; ``bags/NN`` are the records. From these files an investigation
-continues after an interruption and can be evaluated again.
-"""
+"""An investigation from its first experiment to its verdict, with its journal."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""Digest of all dependencies of the machine code of a kernel.
+"""Cache of machine code on disk, named by a digest of all that a kernel depends on.
 
-Numba considers a kernel valid as long as its own file is unchanged; called kernels and constants
-may come from other files.
+The cache of numba reads only from writable folders, can confuse two signatures that two processes
+save simultaneously, and ignores changes of kernels in other files. This cache names an entry by
+all its dependencies, so that an entry is either valid or absent; if several processes need the
+same kernel, one compiles it while the others wait.
 """
 
 from __future__ import annotations

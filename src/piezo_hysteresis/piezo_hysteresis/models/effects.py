@@ -1,8 +1,4 @@
-"""Start values and scales of a model for a given actuator, by dimensional analysis.
-
-Defaults are for an input amplitude of 1 V (or N) and a displacement amplitude of 130 um, a
-bimorph; a stack with 20 µm at 150 V is the same model in other units.
-"""
+"""Effects of a model, and start values by dimensional analysis."""
 
 from __future__ import annotations
 

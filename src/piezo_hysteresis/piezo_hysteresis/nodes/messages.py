@@ -1,4 +1,4 @@
-"""Conversions between messages and the objects of the core, in both directions."""
+"""Conversions between messages and the objects of the core; paths of requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads and sets the parameters of running nodes, for the verb ``param``."""
+"""Clients of running nodes for the verbs ``param`` and ``call``."""
 
 from __future__ import annotations
 

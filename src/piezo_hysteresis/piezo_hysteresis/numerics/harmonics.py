@@ -1,4 +1,4 @@
-"""Least-squares fit of the harmonics of a known frequency."""
+"""Least-squares fit of harmonics, of constant or modulated size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections of an identification: errors by frequency, harmonics and certainty."""
+"""Report of an identification: figures, errors by frequency, harmonics and certainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Template of the report: HTML and CSS for screen, phone and print."""
+"""Page of a report: its template, HTML and CSS for screen, phone and print.
+
+The page loads nothing from the network: scripts and styles are embedded, and a content security
+policy enforces this. The layout is suitable for phones and for print.
+"""
 
 from __future__ import annotations
 

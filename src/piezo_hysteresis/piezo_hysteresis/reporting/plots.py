@@ -1,4 +1,4 @@
-"""Parts of all plots with a uniform style: axes, lines, legends and marks."""
+"""Plots with a uniform style, and their axes, lines, legends and marks."""
 
 from __future__ import annotations
 

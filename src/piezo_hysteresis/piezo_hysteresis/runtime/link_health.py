@@ -1,4 +1,4 @@
-"""How a link of the voltage chain is, from its counters."""
+"""How a link of the voltage chain is, from its counters and the sign of its sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sweep laid over the ticks of the loop: record after record, rest in between."""
+"""A sweep laid over the ticks of the loop, and its run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interface of all waveforms: value, rate, acceleration, fundamental frequency and phase."""
+"""Interface of all waveforms, and the waveform of given samples."""
 
 from __future__ import annotations
 

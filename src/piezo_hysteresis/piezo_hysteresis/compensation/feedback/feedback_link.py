@@ -1,4 +1,4 @@
-"""What the feedback links share: the error of the right tick, a watch over the plant, a bound."""
+"""What the feedback links share: settings, the error of the right tick, a bound."""
 
 from __future__ import annotations
 

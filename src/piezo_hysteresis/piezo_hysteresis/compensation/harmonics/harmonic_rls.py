@@ -1,4 +1,4 @@
-"""Fujii 2018 (18)-(23): the error's harmonic is found by recursive least squares.
+"""Fujii 2018 (18)-(23): recursive least squares of the error's harmonic, supervised.
 
 The error e (y - d, or d - y by the printed rule), in V by ``settings.gain``, is fitted as Fujii
 2018's third equation of (6): ``e[k] - e[k-1] = c3 e[k-2] + c4 e[k-3] + alpha . u3[k]``; the

@@ -1,4 +1,4 @@
-"""Lines of a periodic signal: which orders, at which folded frequency, and how large they are."""
+"""Lines of a periodic signal, and the settings of their attenuation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numerical inverse of one block with feedthrough, sample by sample, as compiled kernels."""
+"""Numerical inverses, sample by sample: of one block, and of a structure."""
 
 from __future__ import annotations
 

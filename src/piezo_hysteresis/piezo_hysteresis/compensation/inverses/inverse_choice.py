@@ -1,4 +1,4 @@
-"""Selection of the inverse and the plant gain of a model; the laws of the papers by name."""
+"""Selection of the inverse and the plant gain of a model, also by drive frequency."""
 
 from __future__ import annotations
 

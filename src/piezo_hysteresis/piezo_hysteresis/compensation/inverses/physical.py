@@ -1,4 +1,4 @@
-"""Feedforward for models of a hysteresis and a structure: Zhou 2021 (8) and exact laws."""
+"""Feedforward for a hysteresis and a structure, Zhou 2021 (8), and for extended models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Training and held-out views of records; held-out data only veto.
+"""Check of the records, and their training and held-out views; held-out data only veto.
 
 A view is an identification `Target`: the input signal and the measured samples that are compared
 with the model.

@@ -1,4 +1,4 @@
-"""Detection limits in words: one line per effect, from its smallest to its largest limit."""
+"""Detection limits in words, and the experiments that would lower them."""
 
 from __future__ import annotations
 

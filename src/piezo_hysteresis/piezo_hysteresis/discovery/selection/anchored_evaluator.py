@@ -1,8 +1,13 @@
-"""Predictive variance of a model file: response uncertainty due to uncertain parameter values.
+"""Evaluation around a model file: uncertain values, predictive variance, fixed baseline.
 
-A parameter that the fitted records hardly determine, such as the damping of a mode that they do
-not excite, may cause a residual on other records. This residual is not a new deviation; it follows
-from the covariance of the file.
+A refit hides an effect in wrong parameter values. The values of a ``model.yaml`` therefore stay
+fixed. Only the parameters of an effect and the nuisance parameters are fitted: the zero offsets,
+initial conditions and sampling offset of the records. The residual is evaluated relative to noise
+and discrepancy together.
+
+A change of the baseline parameters is a candidate like any effect, `PARAMETER_SHIFT`. Each
+parameter either remains within the covariance of the file, or it is a new value and costs the
+penalty of a parameter; the lower cost counts.
 """
 
 from __future__ import annotations

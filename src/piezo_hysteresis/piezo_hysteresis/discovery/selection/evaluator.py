@@ -1,4 +1,4 @@
-"""Time limit of a search and list of the skipped steps."""
+"""Evaluation of candidate models on the views, within the time limit of a search."""
 
 from __future__ import annotations
 

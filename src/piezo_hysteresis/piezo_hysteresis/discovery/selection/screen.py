@@ -1,4 +1,4 @@
-"""Screening of candidates: first-order estimate of the explained residual, before any fit.
+"""Screening of candidates before any fit, and moves to the optimum of their score.
 
 Every candidate is simulated once per starting point. The change of the response is fitted to the
 residual linearly, together with the sensitivities of the model's own parameters. The explained

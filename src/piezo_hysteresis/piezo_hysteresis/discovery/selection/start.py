@@ -1,4 +1,4 @@
-"""Entry of the search: selects a jointly fitted or a fixed baseline."""
+"""Entry of the search: a jointly fitted or a fixed baseline, and its reference."""
 
 from __future__ import annotations
 

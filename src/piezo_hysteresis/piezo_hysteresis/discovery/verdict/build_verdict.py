@@ -1,4 +1,4 @@
-"""Description of a residual that no known effect explains."""
+"""The verdict of a discovery, and the description of a residual that no effect explains."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""Free response of the linear blocks at the end of a chain.
+"""Initial state of a record, and the free response of the linear blocks.
 
-The response to an initial state is independent of the drive and of the rest of the response: it is
-a free response of a linear system, for any step of the integration before it.
+The history before a record is simulated by a lead-in. A lead-in does not determine the states of
+the actuator at the first sample (position and velocity of a mode, h of a Bouc-Wen loop, elements
+of creep), the earlier voltage levels that a hysteresis depends on, and the input that was held
+before the first sample.
 """
 
 from __future__ import annotations

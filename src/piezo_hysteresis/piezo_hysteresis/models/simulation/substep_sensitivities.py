@@ -1,4 +1,9 @@
-"""Propagation of derivatives through a block, by the generated derivative of its kernel."""
+"""Derivatives through a block and between the ticks, by generated kernels.
+
+Each piece propagates them: linear ones with their own step, the others with the generated
+derivative of their kernel. The cost of a parameter is that of its piece and the following ones,
+not that of the whole run.
+"""
 
 from __future__ import annotations
 

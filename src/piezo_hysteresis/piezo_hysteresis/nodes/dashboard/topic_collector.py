@@ -1,4 +1,4 @@
-"""Collects the messages of all topics of the page in batches.
+"""The nodes of an actuator and the messages of its topics, for the page.
 
 A callback per message would use as much processor time as a controller of the loop. The
 subscriptions are therefore in no executor; they are polled at about 30 Hz.

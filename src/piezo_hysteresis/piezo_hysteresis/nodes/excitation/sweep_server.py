@@ -1,4 +1,4 @@
-"""Publishes the markers of a sweep, and records it if a bag is requested."""
+"""The action ``run_sweep``: plan, markers and bag of a sweep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goals of ``run_sweep``: requests and cancellation, also of orphaned goals."""
+"""Runs one experiment and records it: the goals of ``run_sweep``, and a bag."""
 
 from __future__ import annotations
 
