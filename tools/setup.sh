@@ -108,6 +108,10 @@ build() {
     set +u; source .venv/local_setup.bash; set -u
     together=ON  # the generators are those that it was tried with
   fi
+  # A library that holds what was generated of a message that is gone does not load.
+  local messages; messages=$(find src/piezo_interfaces -type f | sort | cksum)
+  [ "$(cat build/.messages 2>/dev/null)" = "$messages" ] ||
+    rm -rf build/piezo_interfaces build/trees install/piezo_interfaces
   # Generated code is not ours to mend: its thousands of warnings only cost time.
   # Without -j make looks at the load of the machine, and goes one by one beside busy neighbours.
   PIEZO_TREES="$PWD/build/trees" MAKEFLAGS="${MAKEFLAGS:--j$(nproc)}" .venv/bin/python -m colcon build --symlink-install \
@@ -116,6 +120,7 @@ build() {
     -DCMAKE_C_FLAGS=-w -DCMAKE_CXX_FLAGS=-w \
     >log/build.txt 2>&1 || { tail -n 40 log/build.txt >&2
     fail 'the build failed; the whole output is in log/build.txt'; }
+  echo "$messages" >build/.messages
   build_stamp >install/.built
 }
 

@@ -1,7 +1,11 @@
-"""What live tests of an investigation share: an actuator that creeps and a model that does not."""
+"""What live tests of `investigate` share: an actuator that creeps and a model that does not."""
 
 from __future__ import annotations
 
+import json
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -9,13 +13,11 @@ from typing import Any
 import numpy as np
 from listening import Listener
 from live_nodes import LiveNodes
-from rclpy.action import ActionClient
 
 from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.ros.processes import NodeProcess
-from piezo_interfaces.action import Investigate
 from piezo_interfaces.msg import ActuatorState
 from piezo_sim.sweep import grid, simulate
 
@@ -36,7 +38,7 @@ def write_model(folder: Path) -> Path:
 
 
 class Bench:
-    """A loop in lock-step with a discovery node; every state of the actuator is kept."""
+    """A loop in lock-step; every state of the actuator is kept."""
 
     def __init__(self, processes: LiveNodes, listener: Listener, model: Path) -> None:
         self.processes, self.listener, self.model = processes, listener, model
@@ -45,10 +47,7 @@ class Bench:
         self.start('simulator')
         self.start('gap_monitor')
         self.start('excitation')
-        self.start('discovery')
-        self.client = ActionClient(listener.node, Investigate, 'investigate')
-        listener.until(self.client.server_is_ready)
-        listener.found_by('discovery')
+        self.output = self.folder / 'output.txt'
 
     def start(self, name: str) -> NodeProcess:
         """Start a node with the settings that it has here."""
@@ -59,26 +58,41 @@ class Bench:
             'gap_monitor': model,
             'feedforward': model,
             'excitation': {'actuator': PRESET, 'folder': str(self.folder)},
-            'discovery': {'folder': str(self.folder), **model},
         }
         return self.processes.start(package_of(name), name, settings[name])
 
-    def ask(self, feedback: list[Any], **words: Any) -> Any:
-        """Ask for an investigation; return the handle of the goal."""
-        goal = Investigate.Goal(out='out', apply=True, **{**LIMITS, **words})
-        sent = self.client.send_goal_async(
-            goal, feedback_callback=lambda message: feedback.append(message.feedback)
-        )
-        self.listener.until(sent.done)
-        handle: Any = sent.result()
-        assert handle.accepted
-        return handle
+    def investigate(self, **limits: float) -> subprocess.Popen[str]:
+        """Start the verb; return its process."""
+        options = [f'--{name}={value!r}' for name, value in {**LIMITS, **limits}.items()]
+        verb = [sys.executable, '-m', 'piezo_hysteresis', 'investigate', '--out', 'out']
+        with self.output.open('w') as file:
+            return subprocess.Popen(
+                [*verb, '--model', str(self.model), *options],
+                env=self.processes.environment, stdout=file, stderr=file, text=True,
+            )  # fmt: skip
 
-    def ended(self, handle: Any) -> Any:
-        """Return what a goal ended with."""
-        future = handle.get_result_async()
-        self.listener.until(future.done, timeout=TIMEOUT)
-        return future.result()
+    def ended(self, verb: subprocess.Popen[str]) -> tuple[int, str]:
+        """Return the exit code of a verb, and what it printed."""
+        self.listener.until(lambda: verb.poll() is not None, timeout=TIMEOUT)
+        return int(verb.returncode), self.output.read_text()
+
+    def interrupted(self, verb: subprocess.Popen[str]) -> None:
+        """Interrupt a verb as Ctrl-C does; check that it leaves the actuator at rest."""
+        verb.send_signal(signal.SIGINT)
+        code, printed = self.ended(verb)
+        assert code != 0
+        assert 'at rest' in printed
+        self.rests()
+
+    def begun(self, number: int) -> None:
+        """Wait until an experiment has begun."""
+        self.listener.until(
+            lambda: f'\n{number}. ' in f'\n{self.output.read_text()}', timeout=TIMEOUT
+        )
+
+    def result(self) -> dict[str, Any]:
+        """Return the summary of the investigation."""
+        return dict(json.loads((self.folder / 'out' / 'investigation.json').read_text()))
 
     def moves(self) -> None:
         """Wait until the actuator is driven far from rest."""

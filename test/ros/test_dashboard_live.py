@@ -50,7 +50,6 @@ def start_all(processes: NodeProcesses, listener: Listener, folder: Path) -> Nod
         'piezo_hysteresis', 'dashboard', {'port': 0, 'folder': str(folder)}
     )
     processes.start('piezo_sim', 'simulator', SIMULATOR, namespace=SPACE)
-    processes.start('piezo_hysteresis', 'discovery', {'folder': str(folder)}, namespace=SPACE)
     listener.matched(f'/{SPACE}/actuator/state', 120.0)
     processes.start('piezo_hysteresis', 'excitation', drive, namespace=SPACE)
     return dashboard

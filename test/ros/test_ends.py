@@ -15,14 +15,11 @@ from ament_index_python.packages import get_package_prefix
 from listening import Listener
 from live_nodes import LiveNodes
 from rcl_interfaces.srv import ListParameters
-from rclpy.action import ActionClient
 from rosbags.highlevel import AnyReader
 
 from piezo_hysteresis.common.registry import NODES, package_of
 from piezo_hysteresis.records import Record, read_bag, write_bag
-from piezo_interfaces.action import Discover
 from piezo_interfaces.msg import ActuatorState, LoopStatus
-from piezo_sim.sweep import simulate
 
 pytestmark = pytest.mark.ros
 
@@ -244,25 +241,3 @@ def test_what_a_node_published_last_reaches_a_recorder_that_was_not_scheduled(
             for connection, _, payload in reader.messages()
         ]
     assert [state.sample for state in states] == list(range(201))
-
-
-def test_a_discovery_under_way_ends_with_its_node(
-    processes: LiveNodes, listener: Listener, tmp_path: Path
-) -> None:
-    plan = [
-        {'kind': 'sine', 'frequency': f, 'amplitude': 1.0, 'duration': 2.0} for f in (2, 7, 23)
-    ]
-    hidden = {'effects.sensor_nonlinearity': True}
-    write_bag(tmp_path / 'bag', simulate('generic_bouc_wen', plan, hidden, 4))
-    node = processes.start('piezo_hysteresis', 'discovery', {'folder': str(tmp_path)})
-    client = ActionClient(listener.node, Discover, 'discover')
-    listener.until(client.server_is_ready)
-    listener.found_by('discovery')
-    feedback: list[float] = []
-    goal = Discover.Goal(data=['bag'], baseline='classical', out='out', seed=3, workers=2)
-    client.send_goal_async(goal, feedback_callback=lambda m: feedback.append(m.feedback.fraction))
-    listener.until(lambda: feedback, 120.0)
-    node.signal(signal.SIGINT)
-    assert node.wait(20.0) == 0, node.tail(30)
-    assert 'Traceback' not in node.log.read_text()
-    assert not (tmp_path / 'out').exists()

@@ -1,78 +1,44 @@
-"""The action ``investigate`` on live nodes: cancelled, gone on with, repeated from its bags."""
+"""`investigate` on live nodes: cancelled, continued, repeated from its bags, after restarts."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import signal
 from math import nan
 from pathlib import Path
-from typing import Any
 
 import pytest
-from action_msgs.msg import GoalStatus
 from investigating import TIMEOUT, Bench, write_model
 from listening import Listener
 from live_nodes import LiveNodes
 
 from piezo_hysteresis.investigation.runner import Journal, repeated
 from piezo_hysteresis.records import load
+from piezo_hysteresis.ros.processes import NodeProcess
 from piezo_interfaces.msg import VoltageCommand
 
 pytestmark = pytest.mark.ros
 
 
-@pytest.mark.slow
-def test_it_finds_an_effect_after_cancel_and_resume_and_reduces_the_gap(
-    processes: LiveNodes, listener: Listener, tmp_path: Path
-) -> None:
-    bench = Bench(processes, listener, write_model(tmp_path))
-    feedback: list[Any] = []
-    handle = bench.ask(feedback)
-    listener.until(lambda: any(f.number == 2 for f in feedback), timeout=TIMEOUT)
-    handle.cancel_goal_async()
-    broken_off = bench.ended(handle)
-    assert broken_off.status == GoalStatus.STATUS_CANCELED
-    assert 'at rest' in broken_off.result.message
-    bench.rests()
-    done = len(Journal.read(tmp_path / 'out').lines)
-    assert done >= 1
-
-    result = bench.ended(bench.ask(feedback)).result
-    assert result.success, result.message
-    assert list(result.effects) == ['creep']
-    assert result.stop == 'sure'
-    assert result.after_in_floors < 0.5 * result.before_in_floors
-    bench.safe()
-    assert all(f.why for f in feedback if f.stage == 'run')
-    lines = Journal.read(tmp_path / 'out').lines
-    assert len(lines) == result.experiments > done
-    assert len(load([tmp_path / 'out' / 'bags' / '01'])) == 1
-
-    again = repeated(tmp_path / 'out')
-    assert again.differences == ()
-    assert again.stop is not None
-    assert again.stop.reason == 'sure'
+@pytest.fixture(scope='module')
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_model(tmp_path_factory.mktemp('model'))
 
 
 @pytest.fixture
-def bench(processes: LiveNodes, listener: Listener, tmp_path: Path) -> Bench:
-    return Bench(processes, listener, write_model(tmp_path))
+def bench(processes: LiveNodes, listener: Listener, model: Path, tmp_path: Path) -> Bench:
+    (tmp_path / 'model.yaml').write_bytes(model.read_bytes())
+    return Bench(processes, listener, tmp_path / 'model.yaml')
 
 
 def test_limits_that_cannot_be_move_nothing_and_a_spent_budget_ends_at_rest(bench: Bench) -> None:
-    listener = bench.listener
-    commands = listener.listen(VoltageCommand, 'voltage/command')
-    for wrong in ((0.3, -0.3), (-0.3, nan), (0.0, -0.3), (-30.0, 30.0)):
-        refused = bench.ended(bench.ask([], low=wrong[0], high=wrong[1]))
-        assert refused.status == GoalStatus.STATUS_ABORTED
-        assert 'the voltage limits' in refused.result.message
-    verb = [sys.executable, '-m', 'piezo_hysteresis', 'investigate', '--low=-0.3']
-    told = subprocess.run(verb, env=bench.processes.environment, capture_output=True, text=True)
-    assert told.returncode == 2
-    assert 'highest voltage is not given' in told.stderr
-    refused = bench.ended(bench.ask([], budget=0.5))
-    assert refused.status == GoalStatus.STATUS_ABORTED
-    assert 'allow more seconds' in refused.result.message
+    commands = bench.listener.listen(VoltageCommand, 'voltage/command')
+    for low, high in ((0.3, -0.3), (-0.3, nan), (-30.0, 30.0)):
+        code, printed = bench.ended(bench.investigate(low=low, high=high))
+        assert code == 2
+        assert 'voltage' in printed
+    code, printed = bench.ended(bench.investigate(budget=0.5))
+    assert code == 2
+    assert 'allow more seconds' in printed
     assert not (bench.folder / 'out').exists()
     assert commands == []  # nothing has moved
     spends_its_budget(bench)
@@ -80,13 +46,10 @@ def test_limits_that_cannot_be_move_nothing_and_a_spent_budget_ends_at_rest(benc
 
 def spends_its_budget(bench: Bench) -> list[int]:
     """Investigate for two seconds; return the numbers of the experiments."""
-    feedback: list[Any] = []
-    spent = bench.ended(bench.ask(feedback, budget=2.0)).result
-    assert spent.success, spent.message
-    assert spent.stop == 'budget'
-    assert spent.seconds <= 2.0
-    assert {f.stage for f in feedback} == {'prepare', 'run', 'judge'}
-    assert feedback[-1].answer
+    code, printed = bench.ended(bench.investigate(budget=2.0))
+    assert code == 0, printed
+    assert bench.result()['stop']['reason'] == 'budget'
+    assert bench.result()['seconds'] <= 2.0
     bench.rests()
     bench.safe()
     return [line['number'] for line in Journal.read(bench.folder / 'out').lines]
@@ -95,12 +58,90 @@ def spends_its_budget(bench: Bench) -> list[int]:
 @pytest.mark.slow
 def test_a_larger_budget_resumes(bench: Bench) -> None:
     done = spends_its_budget(bench)
-    again = bench.ended(bench.ask([], budget=2.0)).result
-    assert (again.stop, again.experiments) == ('budget', len(done))
-    feedback: list[Any] = []
-    handle = bench.ask(feedback)
-    bench.listener.until(lambda: any(f.stage == 'run' for f in feedback), timeout=TIMEOUT)
-    assert next(f.number for f in feedback if f.stage == 'run') == len(done) + 1
-    handle.cancel_goal_async()
-    assert bench.ended(handle).status == GoalStatus.STATUS_CANCELED
+    assert spends_its_budget(bench) == done
+    verb = bench.investigate()
+    bench.begun(len(done) + 1)
+    bench.interrupted(verb)
+
+
+@pytest.mark.slow
+def test_it_finds_an_effect_after_cancel_and_resume_and_reduces_the_gap(bench: Bench) -> None:
+    verb = bench.investigate()
+    bench.begun(2)
+    bench.interrupted(verb)
+    done = len(Journal.read(bench.folder / 'out').lines)
+    assert done >= 1
+
+    code, printed = bench.ended(bench.investigate())
+    assert code == 0, printed
+    result = bench.result()
+    assert list(result['effects']) == ['creep']
+    assert result['stop']['reason'] == 'sure'
+    assert result['after_in_floors'] < 0.5 * result['before_in_floors']
+    bench.safe()
+    lines = Journal.read(bench.folder / 'out').lines
+    assert all(line['why'] for line in lines)
+    assert len(lines) == result['experiments'] > done
+    assert len(load([bench.folder / 'out' / 'bags' / '01'])) == 1
+
+    again = repeated(bench.folder / 'out')
+    assert again.differences == ()
+    assert again.stop is not None
+    assert again.stop.reason == 'sure'
+
+
+def node(bench: Bench, name: str) -> NodeProcess:
+    return next(each for each in bench.processes.nodes if each.name == name)
+
+
+def end(bench: Bench, name: str) -> None:
+    """End a node like a service manager does."""
+    process = node(bench, name)
+    process.signal(signal.SIGTERM)
+    assert process.wait(60.0) == 0
+    bench.processes.retire(process)
+
+
+@pytest.mark.slow
+def test_it_resumes_after_a_restart_of_excitation_actuator_and_feedforward(bench: Bench) -> None:
+    bench.start('feedforward')
+    verb = bench.investigate()
+    bench.moves()
+    end(bench, 'excitation')
+    bench.start('excitation')
+    bench.begun(2)
+    bench.moves()
+    end(bench, 'feedforward')
+    end(bench, 'simulator')
+    bench.start('simulator')
+    bench.start('feedforward')
+    code, printed = bench.ended(verb)
+    assert code == 0, printed
+    result = bench.result()
+    assert list(result['effects']) == ['creep']
+    assert len(Journal.read(bench.folder / 'out').lines) == result['experiments']
     bench.rests()
+    bench.safe()
+    for user in ('gap_monitor', 'feedforward'):
+        assert bench.listener.get_parameter(user, 'model.name').endswith('creep')
+    assert repeated(bench.folder / 'out').differences == ()
+
+
+@pytest.mark.slow
+def test_a_killed_verb_leaves_no_sweep_and_the_same_command_continues(bench: Bench) -> None:
+    journal = bench.folder / 'out' / 'journal.jsonl'
+    verb = bench.investigate()
+    bench.listener.until(
+        lambda: journal.is_file() and len(journal.read_text().splitlines()) == 2, timeout=TIMEOUT
+    )
+    first = journal.read_text()
+    bench.moves()
+    verb.kill()
+    verb.wait()
+    code, printed = bench.ended(bench.investigate())
+    assert code == 0, printed
+    assert 'creep' in printed.splitlines()[-2]
+    assert journal.read_text().startswith(first)
+    assert repeated(bench.folder / 'out').differences == ()
+    bench.rests()
+    bench.safe()

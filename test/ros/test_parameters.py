@@ -45,7 +45,6 @@ TABLES: dict[str, ParameterTable] = {
     'feedback': node_tables.FEEDBACK,
     'identification': node_tables.IDENTIFICATION,
     'gap_monitor': node_tables.GAP_MONITOR,
-    'discovery': node_tables.DISCOVERY,
     'recorder': node_tables.RECORDER,
     'player': node_tables.PLAYER,
 }
@@ -62,7 +61,6 @@ class Everything:
         settings: dict[str, dict[str, Any]] = {
             'simulator': {'speed_factor': SPEED},
             'excitation': {'mode': 'reference', 'frequency': 10.0},
-            'discovery': {'folder': str(folder)},
             'recorder': {'out': str(folder / 'recorded')},
             'player': {'bag': str(folder / 'bag'), 'loop': True},
         }

@@ -5,18 +5,15 @@ from __future__ import annotations
 import signal
 import urllib.request
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from listening import Listener
 from live_nodes import LiveNodes
-from rclpy.action import ActionClient
 
 from piezo_hysteresis.records import Record, write_bag
 from piezo_hysteresis.ros.processes import NodeProcess
-from piezo_interfaces.action import Discover
 from piezo_interfaces.msg import ActuatorState
 
 pytestmark = pytest.mark.ros
@@ -141,35 +138,6 @@ def test_a_player_dies_and_the_next_one_plays_to_the_end(loop: Loop) -> None:
     assert receiver.returncode is None
     loop.processes.retire(second)
     loop.processes.retire(receiver)
-
-
-def test_a_discovery_dies_and_leaves_nothing_half_written(loop: Loop) -> None:
-    folder = {'folder': str(loop.folder)}
-
-    def send(**goal: Any) -> Any:
-        asked = client.send_goal_async(Discover.Goal(baseline='classical', **goal))
-        loop.listener.until(asked.done)
-        return asked.result()
-
-    client = ActionClient(loop.listener.node, Discover, 'discover')
-    first = loop.processes.start('piezo_hysteresis', 'discovery', folder)
-    loop.listener.until(client.server_is_ready)
-    loop.listener.found_by('discovery')
-    assert send(data=['bag'], out='out', workers=1).accepted
-    loop.listener.tells(loop.health, 'discovery', 'busy', 'True')
-    loop.kill(first)
-    left = {path.name for path in (loop.folder / 'out').glob('*')}
-    # on a fast machine it may have come to its end before it was heard to be busy
-    assert not left or left >= {'verdict.json', 'report.html', 'model.yaml', 'params.yaml'}
-    second = loop.processes.start('piezo_hysteresis', 'discovery', folder)
-    loop.listener.tells(loop.health, 'discovery', 'runs', '0')
-    loop.listener.found_by('discovery')
-    handle = send(data=['nowhere'], out='out')
-    finished = handle.get_result_async()
-    loop.listener.until(finished.done)
-    assert 'nowhere' in finished.result().result.message
-    client.destroy()
-    loop.processes.retire(second)
 
 
 def test_a_dashboard_dies_and_serves_again_at_the_same_place(loop: Loop) -> None:

@@ -35,7 +35,7 @@ ARROWS = {
     'parameters': 'common compensation waveforms',
     'runtime': 'common compensation identification models numerics records waveforms',
     'nodes': 'blocks common compensation dashboard discovery drivers experiments identification '
-    'investigation models parameters records reporting ros runtime waveforms',
+    'investigation models parameters records ros runtime waveforms',
     'drivers': 'common compensation models numerics records runtime waveforms',
     'export': 'blocks common compensation models parameters waveforms',
     'interface': 'axes common compensation discovery experiments export identification '

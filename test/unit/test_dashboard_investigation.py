@@ -14,13 +14,9 @@ from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationSt
 from piezo_hysteresis.dashboard.panel import Controls
 
 STATES = [
-    InvestigationState(
-        'run', 1, 'sine 33 Hz', 'has a chance', '', (('none', 0.5), ('creep', 0.1)), 0.0
-    ),
-    InvestigationState('judge', 1, 'sine 33 Hz', 'has a chance', '', (('none', 0.5),), 0.0),
-    InvestigationState(
-        'run', 2, 'step <b>', 'tells a from b', 'nothing new', (('creep', 0.9),), 1.6
-    ),
+    InvestigationState(0, '', '', '', (('none', 0.5), ('creep', 0.1)), 0.0),
+    InvestigationState(1, 'sine 33 Hz', 'has a chance', 'nothing new', (('none', 0.5),), 0.0),
+    InvestigationState(2, 'step <b>', 'tells a from b', 'creep', (('creep', 0.9),), 1.6),
 ]
 
 

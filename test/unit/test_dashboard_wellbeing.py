@@ -76,7 +76,7 @@ def test_a_compensated_gap_raises_no_alarm() -> None:
     assert 'gap_monitor' in overall(live).text  # nothing is tracked
 
 
-@pytest.mark.parametrize('name', ['gap_monitor', 'identification', 'discovery', 'recorder'])
+@pytest.mark.parametrize('name', ['gap_monitor', 'identification', 'recorder'])
 def test_a_node_that_watches_the_loop_does_not_change_its_light(name: str) -> None:
     live = running([100.0], 'reference', **{name: ('error', 'no model')})
     found = overall(live, (1e-7, 1e-4))

@@ -90,7 +90,6 @@ def test_the_loop_gives_no_node_an_empty_text(model: str) -> None:
         assert found[name]['rate'] == 8000.0
     assert found['control_loop']['attenuation:rate'] == 8000.0
     assert not [name for name, values in found.items() if '' in values.values()]
-    assert found['discovery'].get('model_file', '') == model
     for link in ('feedforward', 'attenuation', 'feedback'):  # each limits the voltage
         assert found['control_loop'].get(f'{link}:model_file', '') == model
     assert ('gap_monitor' in found) == bool(model)

@@ -31,7 +31,7 @@ OTHER = {
     'simulator': 'false', 'correction': 'feedback', 'identification': 'false',
     'gap_monitor': 'true', 'dashboard': 'true', 'model_file': 'model.yaml', 'enclaves': 'true',
 }  # fmt: skip
-EXTRA = ['excitation', 'feedforward', 'feedback', 'gap_monitor', 'discovery', 'dashboard']
+EXTRA = ['excitation', 'feedforward', 'feedback', 'gap_monitor', 'dashboard']
 
 
 def table_of(node: str, values: dict[str, Any]) -> ParameterTable:

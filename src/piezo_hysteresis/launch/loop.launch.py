@@ -37,7 +37,7 @@ ARGUMENTS = {
     'gap_monitor': ('false', 'Compare with a model.'),
     'enclaves': ('false', 'Run each node in its security enclave /NAMESPACE/NODE.'),
     'model_file': ('', 'Model to invert and to compare with; empty for none.'),
-    'dashboard': ('false', 'Serve the live page, and run a discovery node for it.'),
+    'dashboard': ('false', 'Serve the live page.'),
     'folder': ('~/piezo_hysteresis', 'Where the page records sweeps and discoveries.'),
 }
 
@@ -108,10 +108,9 @@ def _nodes(context):
         'feedback': of(plant),
         'identification': of({}, ranges),
         'gap_monitor': of(model),
-        'discovery': [page],
         'dashboard': [page],
     }
-    chosen = on | {'excitation', 'feedforward'} | ({'discovery'} if 'dashboard' in on else set())
+    chosen = on | {'excitation', 'feedforward'}
     return [
         Node(
             package=package_of(name),

@@ -1,10 +1,10 @@
 """Find the effects that a model lacks by experiments on the running actuator.
 
-The discovery node selects each experiment by expected information gain per second, within the
-limits given here. The excitation runs it. The investigation stops when an effect is confirmed,
-nothing is missing, or the budget is spent. With --on each experiment is a wave in a controller,
-without nodes. The same command continues an interrupted investigation; Ctrl-C brings the actuator
-to rest. --replay repeats an investigation from its bags, without an actuator.
+Each experiment is selected by expected information gain per second, within the limits given here.
+The excitation runs it. The investigation stops when an effect is confirmed, nothing is missing, or
+the budget is spent. With --on each experiment is a wave in a controller, without nodes. The same
+command continues an interrupted investigation; Ctrl-C brings the actuator to rest. --replay
+repeats an investigation from its bags, without an actuator.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from piezo_hysteresis.process_setup import number_of_workers
 
 if TYPE_CHECKING:
     from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
-    from piezo_hysteresis.investigation.runner import InvestigationProgress
-    from piezo_interfaces.action import Investigate
+    from piezo_hysteresis.investigation.runner import Actuator, InvestigationProgress, Setup
 
 #: Default sampling rate of an experiment [Hz].
 RATE = 1000.0
@@ -58,17 +57,12 @@ class ControllerActuator:
         return ''
 
 
-def run_on(
-    arguments: argparse.Namespace, report: Callable[[InvestigationProgress], None]
-) -> tuple[str, Path]:
-    """Investigate the actuator of a controller; return the result and its report."""
-    from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, granted_range
-    from piezo_hysteresis.investigation.runner import FOUND, Setup, conduct
-    from piezo_hysteresis.investigation.session import Rules
+Report = Callable[['InvestigationProgress'], None]
 
-    if not arguments.model:
-        raise PiezoError('give the model in use: --model model/model.yaml')
-    model, out = ModelFile.load(arguments.model), Path(arguments.out)
+
+def run_on(arguments: argparse.Namespace, report: Report) -> tuple[str, Path]:
+    """Investigate the actuator of a controller; return the result and its report."""
+    model = _model(arguments)
     with open_controller(
         arguments.on,
         arguments.axis,
@@ -78,28 +72,73 @@ def run_on(
         take_over=arguments.take_over,
     ) as controller:
         own = controller.limits
-        asked = (arguments.low or 0.0, arguments.high or 0.0)
-        limits = ExperimentLimits(
-            *granted_range(asked, (own.low, own.high), model),
-            own.slew,
-            arguments.max_frequency or ExperimentLimits.frequency,
-            1e-6 * arguments.stroke or math.inf,
-            arguments.heat or math.inf,
-        )
-        rules = Rules(
-            budget=arguments.budget or Rules.budget,
-            sure=arguments.sure or Rules.sure,
-            seed=arguments.seed,
-        )
         actuator = ControllerActuator(controller, arguments.rate or RATE)
+        setup = _setup(arguments, model, (own.low, own.high), own.slew, actuator.rate)
         controller.open_loop()
-        found = conduct(
-            out,
-            Setup(model, limits, rules, actuator.rate),
-            actuator,
-            report,
-            workers=number_of_workers(arguments.workers),
-        )
+        return _conducted(Path(arguments.out), setup, actuator, report, arguments)
+
+
+def run_on_nodes(arguments: argparse.Namespace, report: Report) -> tuple[str, Path]:
+    """Investigate the actuator of the running nodes; return the result and its report."""
+    model = _model(arguments)
+    with ros_needed():
+        from piezo_hysteresis.nodes.investigation.live_actuator import LiveActuator
+
+    with LiveActuator(arguments.namespace, arguments.out) as nodes:
+
+        def checked(progress: InvestigationProgress) -> None:
+            nodes.check()
+            report(progress)
+
+        def work() -> tuple[str, Path]:
+            rate, slew = nodes.rate(), arguments.slew or math.inf
+            setup = _setup(arguments, model, nodes.range(), slew, rate)
+            with nodes.prepared(rate, slew):
+                return _conducted(nodes.folder(), setup, nodes, checked, arguments)
+
+        return nodes.served(work)
+
+
+def _model(arguments: argparse.Namespace) -> ModelFile:
+    if not arguments.model:
+        raise PiezoError('give the model in use: --model model/model.yaml')
+    return ModelFile.load(arguments.model)
+
+
+def _setup(
+    arguments: argparse.Namespace,
+    model: ModelFile,
+    taken: tuple[float, float],  # range of the actuator [V]
+    slew: float,  # [V/s]
+    rate: float,  # [Hz]
+) -> Setup:
+    from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, granted_range
+    from piezo_hysteresis.investigation.runner import Setup
+    from piezo_hysteresis.investigation.session import Rules
+
+    asked = (arguments.low or 0.0, arguments.high or 0.0)  # both 0: no limits given
+    limits = ExperimentLimits(
+        *granted_range(asked, taken, model),
+        slew,
+        arguments.max_frequency or ExperimentLimits.frequency,
+        1e-6 * arguments.stroke or math.inf,
+        arguments.heat or math.inf,
+    )
+    rules = Rules(
+        budget=arguments.budget or Rules.budget,
+        sure=arguments.sure or Rules.sure,
+        seed=arguments.seed,
+    )
+    return Setup(model, limits, rules, rate)
+
+
+def _conducted(
+    out: Path, setup: Setup, actuator: Actuator, report: Report, arguments: argparse.Namespace
+) -> tuple[str, Path]:
+    from piezo_hysteresis.investigation.runner import FOUND, conduct
+
+    workers = number_of_workers(arguments.workers)
+    found = conduct(out, setup, actuator, report, workers=workers, apply=not arguments.no_apply)
     return found.words, out / FOUND / 'report.html'
 
 
@@ -109,12 +148,12 @@ EXAMPLE = 'investigate --model out/model/model.yaml --low -1 --high 1 --slew 50 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
-    add('--model', metavar='YAML', help='model in use (default: that of the discovery node)')
+    add('--model', metavar='YAML', help='model in use, without the missing effects')
     add(
         '--out',
         metavar='DIR',
         default='investigation',
-        help='result folder, below the folder of the node; with --on any path',
+        help='result folder, below the folder of the excitation; with --on any path',
     )
     add('--low', type=float, metavar='V', help='lowest voltage [V]; requires --high')
     add(
@@ -177,40 +216,14 @@ def run(arguments: argparse.Namespace) -> int:
     if reason := range_refusal(arguments.low, arguments.high):
         raise PiezoError(reason)
     _require_used(arguments)
-    if arguments.on is not None:
-        return _run_on(arguments)
-    text = ''
-    if arguments.model:
-        from piezo_hysteresis.models import ModelFile
-
-        text = ModelFile.load(arguments.model).text()
-    with ros_needed():
-        from piezo_hysteresis.nodes.investigation.loop_client import Asking, goal_of
-    goal = goal_of(
-        model_yaml=text,
-        out=arguments.out,
-        low=arguments.low or 0.0,  # both 0: no limits given
-        high=arguments.high or 0.0,
-        slew=arguments.slew,
-        frequency=arguments.max_frequency,
-        stroke=1e-6 * arguments.stroke,
-        heat=arguments.heat,
-        budget=arguments.budget,
-        sure=arguments.sure,
-        seed=arguments.seed,
-        workers=arguments.workers,
-        apply=not arguments.no_apply,
-    )
     # The actuator returns to rest after an interrupt and after termination.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     printer = _ProgressPrinter()
-    with Asking(arguments.namespace) as running:
-        result = running.investigate(goal, printer.feedback)
-    if not result.success:
-        raise PiezoError(result.message)
+    chosen = run_on_nodes if arguments.on is None else run_on
+    found, report = chosen(arguments, printer.progress)
     printer.answer()
-    print(result.message)
-    print(f'open {result.report}')
+    print(found)
+    print(f'open {report}')
     return 0
 
 
@@ -227,17 +240,6 @@ def _require_used(arguments: argparse.Namespace) -> None:
         raise PiezoError(f'{", ".join(names)}: not used {way}; leave it out')
 
 
-def _run_on(arguments: argparse.Namespace) -> int:
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    printer = _ProgressPrinter()
-    found, report = run_on(arguments, printer.progress)
-    printer.answer()
-    print(found)
-    print(f'open {report}')
-    return 0
-
-
 class _ProgressPrinter:
     """Prints each experiment with its result once."""
 
@@ -245,19 +247,8 @@ class _ProgressPrinter:
         self._asked, self._answer = ('', 0), ''
         self._printed = ''
 
-    def feedback(self, progress: Investigate.Feedback) -> None:
-        """Print the progress from the feedback of a node."""
-        self._print(progress, dict(zip(progress.names, progress.chances, strict=True)))
-
     def progress(self, progress: InvestigationProgress) -> None:
         """Print the progress."""
-        self._print(progress, progress.chances)
-
-    def _print(
-        self,
-        progress: Investigate.Feedback | InvestigationProgress,
-        belief_to_dict: dict[str, float],
-    ) -> None:
         self._answer = progress.answer
         if (
             progress.stage not in ('run', 'apply')
@@ -266,7 +257,7 @@ class _ProgressPrinter:
             return
         self.answer()
         self._asked = progress.stage, progress.number
-        shown = list(belief_to_dict.items())[:3]
+        shown = list(progress.chances.items())[:3]
         chances = ', '.join(f'{name} {chance:.2g}' for name, chance in shown)
         word = f'{progress.number}.' if progress.stage == 'run' else 'afterwards'
         print(f'{word} {progress.experiment}: {progress.why} (so far: {chances})', flush=True)

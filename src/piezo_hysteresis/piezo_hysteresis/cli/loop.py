@@ -117,7 +117,6 @@ def nodes(
         }),
         'identification': {'only_records': False, **timed},
         **({'gap_monitor': {**known, **timed}} if model else {}),
-        'discovery': {'folder': arguments.folder, **known},
         'dashboard': {'folder': arguments.folder, 'port': arguments.port},
     }  # fmt: skip
 

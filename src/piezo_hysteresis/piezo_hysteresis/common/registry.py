@@ -13,7 +13,6 @@ NODES = {
     'control_loop': 'piezo_hysteresis.nodes.links.control_loop',
     'identification': 'piezo_hysteresis.nodes.identification',
     'gap_monitor': 'piezo_hysteresis.nodes.gap',
-    'discovery': 'piezo_hysteresis.nodes.discovery',
     'recorder': 'piezo_hysteresis.nodes.recording.recorder_node',
     'player': 'piezo_hysteresis.nodes.recording.player_node',
     'gcs_driver': 'piezo_hysteresis.nodes.gcs_driver',

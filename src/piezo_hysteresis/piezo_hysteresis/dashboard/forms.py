@@ -173,9 +173,7 @@ class DiscoveryForm:
         start: Callable[[DiscoveryOrder], None],
         cancel: Callable[[], None],
         bags: Callable[[], list[str]],
-        actuator: str = '',
     ) -> None:
-        self._hint = start_text('No discovery node is running.', 'discovery', actuator)
         self._order = start
         self._bags = bags
         found = bags()
@@ -207,11 +205,15 @@ class DiscoveryForm:
         kept = [bag for bag in self._data.value if bag in found]
         self._data.update(options=found, value=new[:1] or kept)
 
-    def refresh(self, job: BackgroundJob, offered: bool, now: float) -> None:
+    def refresh(self, job: BackgroundJob, now: float) -> None:
         """Show the state of the discovery."""
-        self.box.refresh(job, offered, self._hint, now)
+        self.box.refresh(job, True, '', now)
 
 
+NO_MODEL = (
+    '<p class="soft">No node uses a model: give the feedforward or the '
+    'gap monitor a <code>model_file</code>.</p>'
+)
 # Number of plotted explanations: those that have been the most probable.
 SHOWN = 5
 
@@ -224,11 +226,7 @@ class InvestigationForm:
         start: Callable[[InvestigationOrder], None],
         cancel: Callable[[], None],
         next_name: Callable[[], str],
-        actuator: str = '',
     ) -> None:
-        self._hint = start_text(
-            'No discovery node is running.', 'discovery', actuator, 'model_file:=model.yaml'
-        )
         self._order, self._next_name = start, next_name
         self._low = _number('low limit [V]', 'investigation.low')
         self._high = _number('high limit [V]', 'investigation.high')
@@ -258,7 +256,7 @@ class InvestigationForm:
         self, job: BackgroundJob, states: Sequence[InvestigationState], offered: bool, now: float
     ) -> None:
         """Show the state of the investigation."""
-        self.box.refresh(job, offered, self._hint, now)
+        self.box.refresh(job, offered, NO_MODEL, now)
         every = tuple(states)
         if every != self._drawn:
             self._drawn = every
@@ -276,18 +274,12 @@ def _number(title: str, name: str, value: float | None = None) -> NumericInput:
 
 def steps_text(states: Sequence[InvestigationState]) -> str:
     """Return the experiments with reason and result, the newest first."""
-    rows = []
-    for place, belief in enumerate(states):
-        if belief.stage not in ('run', 'apply'):
-            continue
-        later = [each for each in states[place + 1 :] if each.number != belief.number]
-        answer = later[0].answer if later else ''
-        rows.append(
-            f'<tr><td>{belief.number}</td><td><b>{escape(belief.experiment)}</b>: '
-            f'{escape(belief.why)}'
-            + (f'<br><span class="good">{escape(answer)}</span>' if answer else '')
-            + '</td></tr>'
-        )
+    rows = [
+        f'<tr><td>{state.number}</td><td><b>{escape(state.experiment)}</b>: '
+        f'{escape(state.why)}<br><span class="good">{escape(state.answer)}</span></td></tr>'
+        for state in states
+        if state.number
+    ]
     return f'<table>{"".join(reversed(rows))}</table>' if rows else ''
 
 

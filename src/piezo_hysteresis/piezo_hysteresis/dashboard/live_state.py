@@ -214,7 +214,7 @@ class LogLine:
 
 @dataclass(frozen=True)
 class BackgroundJob:
-    """A sweep or a discovery."""
+    """A sweep, a discovery or an investigation."""
 
     phase: str = 'none'  # ``none``, ``asked``, ``running``, ``done`` or ``failed``
     fraction: float = 0.0  # completed share of the work
@@ -234,13 +234,12 @@ class BackgroundJob:
 
 @dataclass(frozen=True)
 class InvestigationState:
-    """State of an investigation at one time."""
+    """State of an investigation after an experiment."""
 
-    stage: str  # ``run``, ``judge`` or ``apply``
-    number: int  # number of the experiment
+    number: int  # number of the experiment, 0 before the first
     experiment: str
     why: str  # reason of its selection
-    answer: str  # result of the previous one
+    answer: str  # its result
     chances: tuple[tuple[str, float], ...]  # probability of each explanation
     seconds: float  # actuator time so far [s]
 
@@ -279,7 +278,7 @@ class Live:
         self.discovery = BackgroundJob()
         self.investigation = BackgroundJob()
         self.states: list[InvestigationState] = []  # of the newest investigation
-        self.sweeps_offered = self.discoveries_offered = self.investigations_offered = False
+        self.sweeps_offered = self.investigations_offered = False
 
     def note(self, topic: str) -> None:
         """Note that something was received."""

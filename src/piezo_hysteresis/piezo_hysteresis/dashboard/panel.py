@@ -305,12 +305,11 @@ class Controls:
             partial(backend.start_discovery, actuator),
             partial(backend.cancel_discovery, actuator),
             partial(backend.bags, actuator),
-            actuator,
         )
         self._investigation = InvestigationForm(
             partial(backend.start_investigation, actuator),
             partial(backend.cancel_investigation, actuator),
-            partial(_new_name, 'investigation'), actuator,
+            partial(_new_name, 'investigation'),
         )  # fmt: skip
         self._status = text_div('status')
         choice = Row(self._node, self._group, sizing_mode='stretch_width')
@@ -328,7 +327,7 @@ class Controls:
         self._effects.refresh(effect_parameters(parameters), parameters)
         self._choose(parameters)
         self._sweep.refresh(live.sweep, live.sweeps_offered, live.clock())
-        self._discovery.refresh(live.discovery, live.discoveries_offered, live.clock())
+        self._discovery.refresh(live.discovery, live.clock())
         offered = live.investigations_offered
         self._investigation.refresh(live.investigation, tuple(live.states), offered, live.clock())
 

@@ -180,7 +180,7 @@ UNTRACKED = 0.2  # relative tracking error above which the reference is not foll
 CORRECTED = 0.1  # tracking error relative to the gap below which the gap is compensated
 #: Nodes that only monitor the loop: their status does not change its light.
 WATCHERS = {
-    'gap_monitor', 'identification', 'discovery', 'recorder', 'dashboard_listener', 'player',
+    'gap_monitor', 'identification', 'recorder', 'dashboard_listener', 'player',
 }  # fmt: skip
 MUTE = 5.0  # time without a status after which a node is not ok [s]
 

@@ -23,13 +23,12 @@ from piezo_hysteresis.experiments.planned_experiment import (
 from piezo_hysteresis.identification.error_measures import views_of
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.prediction import predictions
+from piezo_hysteresis.investigation import AFTERWARDS, BAGS, BASELINE, FOUND, JOURNAL, SUMMARY
 from piezo_hysteresis.investigation.experiment_choice import Belief, ExperimentChoice
 from piezo_hysteresis.investigation.session import ExperimentAnswer, Investigation, Rules, Stop
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load
 from piezo_hysteresis.reporting.discovery_report import write_discovery
-
-BASELINE, JOURNAL, BAGS = 'baseline.yaml', 'journal.jsonl', 'bags'
 
 
 @dataclass(frozen=True)
@@ -194,9 +193,6 @@ def belief_from_dict(content: dict[str, Any]) -> Belief:
 def record_of(bag: Path) -> Record:
     """Return the record of a bag, with times on the clock of the actuator."""
     return load([bag])[-1]
-
-
-FOUND, SUMMARY, AFTERWARDS = 'found', 'investigation.json', 'afterwards'
 
 
 class Actuator(Protocol):

@@ -17,7 +17,6 @@ from piezo_hysteresis.waveforms import KINDS
 __all__ = [
     'ATTENUATION',
     'DASHBOARD',
-    'DISCOVERY',
     'EXCITATION',
     'FEEDBACK',
     'FEEDFORWARD',
@@ -28,7 +27,7 @@ __all__ = [
     'RECORDER',
 ]
 
-# Of the page and of the discovery node; not the working directory, which may hold sources.
+# Of the page and the excitation; not the working directory, which may hold sources.
 RESULTS = '~/piezo_hysteresis'
 
 DASHBOARD = ParameterTable(
@@ -319,13 +318,6 @@ GAP_MONITOR = ParameterTable(
             0.0,
             1.0,
         ),
-    )
-)
-
-DISCOVERY = ParameterTable(
-    (
-        ParameterSpec('folder', RESULTS, 'Folder of data, baselines and results.', read_only=True),
-        ParameterSpec('model_file', '', 'Default model of an investigation.', read_only=True),
     )
 )
 

@@ -133,16 +133,6 @@ _ALL = (
         model=True,
     ),
     NodeSheet(
-        'discovery',
-        'Finds effects that a model lacks: in recorded data, as the verb `discover`, or on '
-        'the running actuator, as `investigate`, with experiments that it selects and starts; '
-        'the excitation records them. It subscribes to `actuator/state` during experiments.',
-        node_tables.DISCOVERY,
-        subscribes=(topics.LOOP_STATUS,),
-        publishes=('/diagnostics',),
-        actions=('discover', 'investigate'),
-    ),
-    NodeSheet(
         'gcs_driver',
         'Runs sweeps in a piezo controller, at the rate of its servo, instead of excitation, '
         'recorder and actuator: see [controllers.md](controllers.md). Each sweep becomes a bag '

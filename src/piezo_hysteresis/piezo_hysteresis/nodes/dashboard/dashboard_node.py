@@ -24,7 +24,7 @@ from piezo_hysteresis.dashboard.controls import Value
 from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
 from piezo_hysteresis.dashboard.page_server import DashboardServer
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.nodes.dashboard.jobs import InvestigationJob, Jobs
+from piezo_hysteresis.nodes.dashboard.jobs import Jobs
 from piezo_hysteresis.nodes.dashboard.topic_collector import (
     NodeRegistry,
     SharedTopics,
@@ -54,16 +54,14 @@ class ActuatorSession:
         self.collector = TopicCollector(self._node, live)
         self.directory = NodeRegistry(node, live)
         self.jobs = Jobs(node, live, folder)
-        self.investigation = InvestigationJob(node, live, folder)
 
     def watch(self) -> None:
         """Update nodes and services; called about once a second."""
         self.jobs.watch()
-        self.live.investigations_offered = self.investigation.offered
-        self.investigation.watch()
 
     def close(self) -> None:
-        """Stop all subscriptions."""
+        """End the verbs that run, and all subscriptions."""
+        self.jobs.close()
         self._node.destroy_node()
 
 
@@ -259,7 +257,7 @@ class Dashboard(GuardedNode):
 
     def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
         """Start a discovery: effects that the baseline lacks in recorded data."""
-        self.live(actuator).discovery = BackgroundJob('asked', 0.0, 'asking the discovery node')
+        self.live(actuator).discovery = BackgroundJob('asked', 0.0, 'starts')
         self._request(actuator, lambda session: session.jobs.run_discovery(order))
 
     def cancel_discovery(self, actuator: str) -> None:
@@ -268,13 +266,13 @@ class Dashboard(GuardedNode):
 
     def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
         """Start an investigation: effects that the model in use lacks."""
-        asking = BackgroundJob('asked', 0.0, 'asking the discovery node')
+        asking = BackgroundJob('asked', 0.0, 'starts')
         self.live(actuator).investigation = asking
-        self._request(actuator, lambda session: session.investigation.run(order))
+        self._request(actuator, lambda session: session.jobs.run_investigation(order))
 
     def cancel_investigation(self, actuator: str) -> None:
         """Cancel the investigation."""
-        self._request(actuator, lambda session: session.investigation.cancel())
+        self._request(actuator, lambda session: session.jobs.investigation.cancel())
 
     def bags(self, actuator: str) -> list[str]:
         """Return the recorded bags, the newest first."""

@@ -1,9 +1,16 @@
-"""Sweeps and discoveries that the page starts: goals, feedback, results, recorded bags."""
+"""What the page starts: sweeps of the excitation, and verbs as child processes."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +21,17 @@ from rclpy.node import Node
 
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, InvestigationOrder, SweepOrder
 from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationState, Live
-from piezo_interfaces.action import Discover, Investigate, RunSweep
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.investigation import FOUND, JOURNAL, SUMMARY
+from piezo_hysteresis.models import NAMES
+from piezo_hysteresis.nodes.messages import inside
+from piezo_interfaces.action import RunSweep
 
-SWEEPS, DISCOVERIES = 'sweeps', 'discoveries'
+SWEEPS, DISCOVERIES, INVESTIGATIONS = 'sweeps', 'discoveries', 'investigations'
 EXPLAINED = 2.0  # time in which a refusing node logs the reason [s]
 TIMEOUT = 5.0  # time without the node after which a job is aborted [s]
+ENDED_WITHIN = 20.0  # time in which a cancelled verb ends, with the actuator at rest [s]
+_SHARE = re.compile(r'^[^:]*: (\d+) %, (.*)$')
 
 
 class ActionJob:
@@ -129,29 +142,108 @@ class ActionJob:
         self._unexplained = not lines and now - self._asked < EXPLAINED
 
 
+class VerbJob:
+    """A verb of the command line as a child process: its newest line, and its outcome."""
+
+    def __init__(
+        self, live: Live, read: Callable[[], BackgroundJob], write: Callable[[BackgroundJob], None]
+    ) -> None:
+        self._live, self._read, self._write = live, read, write
+        self._process: subprocess.Popen[str] | None = None
+        self._reader = threading.Thread()
+        self._newest = ['']  # line
+        self._outcome: Callable[[], BackgroundJob] = BackgroundJob
+
+    def start(self, arguments: Sequence[str], outcome: Callable[[], BackgroundJob]) -> None:
+        """Start a verb; `outcome` reads its result."""
+        if self._process is not None:
+            return
+        self._newest, self._outcome = [''], outcome
+        process = self._process = subprocess.Popen(
+            [sys.executable, '-m', 'piezo_hysteresis', *arguments],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        self._reader = threading.Thread(
+            target=self._follow, args=(process, self._newest), daemon=True
+        )
+        self._reader.start()
+        self._write(BackgroundJob('running', 0.0, 'starts', since=self._live.clock()))
+
+    @staticmethod
+    def _follow(process: subprocess.Popen[str], newest: list[str]) -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            newest[0] = line.strip() or newest[0]
+
+    def watch(self, fraction: float | None = None) -> None:
+        """Show the newest line, or the outcome; called about once a second."""
+        if (process := self._process) is None:
+            return
+        code, line = process.poll(), self._newest[0]
+        if code is None:
+            found = _SHARE.match(line)
+            share = float(found[1]) / 100 if found else self._read().fraction
+            text = found[2] if found else line or self._read().text
+            share = share if fraction is None else fraction
+            self._write(replace(self._read(), fraction=share, text=text))
+            return
+        self._process = None
+        self._reader.join(ENDED_WITHIN)
+        line = self._newest[0]
+        failed = BackgroundJob('failed', 1.0, line.removeprefix('error: ') or f'ended ({code})')
+        self._write(self._outcome() if code == 0 else failed)
+
+    def fail(self, reason: str) -> None:
+        """End the job with a reason."""
+        self._write(BackgroundJob('failed', 0.0, reason))
+
+    def cancel(self) -> None:
+        """Interrupt the verb as Ctrl-C does."""
+        if self._process is not None:
+            self._process.send_signal(signal.SIGINT)
+
+    def close(self) -> None:
+        """Interrupt the verb and wait for its end."""
+        self.cancel()
+        if self._process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(ENDED_WITHIN)
+
+
 class Jobs:
-    """The sweep and the discovery of one actuator."""
+    """The sweep, the discovery and the investigation of one actuator."""
 
     def __init__(self, node: Node, live: Live, folder: Path) -> None:
-        self._live, self._folder = live, folder
-        self._recorded = ''
+        self._live, self._folder = live, folder.resolve()
+        self._recorded, self._journal = '', Path()
+        self._budget = math.inf
         self.sweep = ActionJob(
             node, live, RunSweep, 'run_sweep', 'excitation',
             lambda: live.sweep, lambda job: setattr(live, 'sweep', job),
         )  # fmt: skip
         self.sweep.on_result = _swept
-        self.discovery = ActionJob(
-            node, live, Discover, 'discover', 'discovery',
-            lambda: live.discovery, lambda job: setattr(live, 'discovery', job),
-        )  # fmt: skip
-        self.discovery.on_result = lambda result: what_was_found(result, folder)
+        self.discovery = VerbJob(
+            live, lambda: live.discovery, lambda job: setattr(live, 'discovery', job)
+        )
+        self.investigation = VerbJob(
+            live, lambda: live.investigation, lambda job: setattr(live, 'investigation', job)
+        )
 
     def watch(self) -> None:
-        """Update the available services; called about once a second."""
+        """Update the jobs and what is offered; called about once a second."""
         self._live.sweeps_offered = self.sweep.offered
-        self._live.discoveries_offered = self.discovery.offered
+        self._live.investigations_offered = bool(self._model())
         self.sweep.watch()
         self.discovery.watch()
+        if self._live.investigation.busy:
+            self._live.states = states_of(self._journal)
+        spent = self._live.states[-1].seconds if self._live.states else 0.0
+        self.investigation.watch(min(1.0, spent / self._budget))
+
+    def close(self) -> None:
+        """Interrupt the verbs that run; an investigated actuator comes to rest."""
+        self.discovery.close()
+        self.investigation.close()
 
     # --- sweep ---------------------------------------------------------------------------------
 
@@ -168,22 +260,9 @@ class Jobs:
             seconds=order.seconds,
             warm_up=order.warm_up,
             pause=order.pause,
-            bag=str(self._folder.resolve() / SWEEPS / order.name),
+            bag=str(self._folder / SWEEPS / order.name),
         )
         self.sweep.send(goal, _swept_so_far)
-
-    # --- discovery -----------------------------------------------------------------------------
-
-    def run_discovery(self, order: DiscoveryOrder) -> None:
-        """Start a discovery: effects that the baseline lacks in recorded bags."""
-        base = self._folder.resolve()
-        out = f'{order.data[0]}_{order.baseline}'
-        goal = Discover.Goal(
-            data=[str(base / SWEEPS / bag) for bag in order.data],
-            baseline=order.baseline,
-            out=str(base / DISCOVERIES / out),
-        )
-        self.discovery.send(goal, _discovered_so_far)
 
     def bags(self) -> list[str]:
         """Return the finished bags, the newest first."""
@@ -191,6 +270,75 @@ class Jobs:
         busy = self._recorded if self._live.sweep.busy else ''
         found = [p for p in folder.glob('*/') if (p / 'metadata.yaml').exists() and p.name != busy]
         return [p.name for p in sorted(found, key=lambda p: -p.stat().st_mtime)]
+
+    # --- verbs ---------------------------------------------------------------------------------
+
+    def run_discovery(self, order: DiscoveryOrder) -> None:
+        """Start a discovery: effects that the baseline lacks in recorded bags."""
+        try:
+            if order.baseline not in NAMES:
+                raise PiezoError(f'there is no model {order.baseline!r}')
+            data = [str(inside(str(self._folder / SWEEPS), bag)) for bag in order.data]
+            name = f'{order.data[0]}_{order.baseline}'
+            out = inside(str(self._folder / DISCOVERIES), name)
+        except PiezoError as error:
+            self.discovery.fail(str(error))
+            return
+        verb = ['discover', *data, '--baseline', order.baseline, '--out', str(out), '--verbose']
+        self.discovery.start(verb, lambda: self._discovered(out))
+
+    def run_investigation(self, order: InvestigationOrder) -> None:
+        """Start an investigation: experiments on the actuator that find missing effects."""
+        try:
+            out = inside(str(self._folder / INVESTIGATIONS), order.name)
+        except PiezoError as error:
+            self.investigation.fail(str(error))
+            return
+        self._live.states, self._journal = [], out / JOURNAL
+        self._budget = order.budget or math.inf
+        limits = {'low': order.low, 'high': order.high} if order.low < order.high else {}
+        limits |= {'slew': order.slew, 'budget': order.budget}
+        options = [f'--{name}={value!r}' for name, value in limits.items()]
+        options += [
+            '--model',
+            self._model(),
+            '--out',
+            str(out),
+            '--namespace',
+            self._live.actuator,
+        ]
+        self.investigation.start(['investigate', *options], lambda: self._investigated(out))
+
+    def _model(self) -> str:
+        """Return the model file of the nodes that use one, empty if there is none."""
+        for node in ('feedforward', 'gap_monitor'):
+            used = self._live.parameter(node, 'model_file')
+            if used is not None and used.value:
+                return str(used.value)
+        return ''
+
+    def _discovered(self, out: Path) -> BackgroundJob:
+        verdict = json.loads((out / 'verdict.json').read_text(encoding='utf-8'))
+        effects = tuple((each['name'], each['probability']) for each in verdict['effects'])
+        gaps = verdict['held_out']
+        before, after = gaps['before_in_floors'], gaps['after_in_floors']
+        return self._outcome(verdict['summary'], effects, before, after, out)
+
+    def _investigated(self, out: Path) -> BackgroundJob:
+        self._live.states = states_of(self._journal)
+        found = json.loads((out / SUMMARY).read_text(encoding='utf-8'))
+        before, after = (
+            math.nan if found[name] is None else found[name]
+            for name in ('before_in_floors', 'after_in_floors')
+        )
+        effects = tuple(found['effects'].items())
+        return self._outcome(found['words'], effects, before, after, out / FOUND)
+
+    def _outcome(
+        self, summary: str, effects: Any, before: float, after: float, report: Path
+    ) -> BackgroundJob:
+        page = (report / 'report.html').relative_to(self._folder).as_posix()
+        return BackgroundJob('done', 1.0, summary, effects, before, after, page)
 
 
 def _swept(result: RunSweep.Result) -> BackgroundJob:
@@ -202,67 +350,18 @@ def _swept_so_far(feedback: RunSweep.Feedback) -> str:
     return f'{at}, {feedback.seconds_left:.0f} s left'
 
 
-def _discovered_so_far(feedback: Discover.Feedback) -> str:
-    return feedback.detail or feedback.stage
-
-
-def what_was_found(result: Discover.Result | Investigate.Result, folder: Path) -> BackgroundJob:
-    """Return the outcome of a discovery or investigation, with its report in `folder`."""
-    report, base = Path(result.report).resolve(), folder.resolve()
-    return BackgroundJob(
-        'done',
-        1.0,
-        result.message,
-        tuple(zip(result.effects, result.probabilities, strict=False)),
-        result.before_in_floors,
-        result.after_in_floors,
-        report.relative_to(base).as_posix() if base in report.parents else '',
-    )
-
-
-INVESTIGATIONS = 'investigations'
-
-
-class InvestigationJob(ActionJob):
-    """An investigation of one actuator at a time."""
-
-    def __init__(self, node: Node, live: Live, folder: Path) -> None:
-        super().__init__(
-            node, live, Investigate, 'investigate', 'discovery',
-            lambda: live.investigation, lambda job: setattr(live, 'investigation', job),
-        )  # fmt: skip
-        self._page, self._folder = live, folder
-        self.on_result = lambda result: what_was_found(result, folder)
-
-    def run(self, order: InvestigationOrder) -> None:
-        """Start an investigation: experiments on the actuator that find missing effects."""
-        self._page.states = []
-        goal = Investigate.Goal(
-            low=order.low,
-            high=order.high,
-            slew=order.slew,
-            budget=order.budget,
-            out=str(self._folder.resolve() / INVESTIGATIONS / order.name),
-            apply=True,
+def states_of(journal: Path) -> list[InvestigationState]:
+    """Return the beliefs before the first experiment of a journal and after each."""
+    try:
+        _, *lines = map(json.loads, journal.read_text(encoding='utf-8').splitlines())
+    except (OSError, ValueError):  # there is none yet
+        return []
+    states = [
+        InvestigationState(
+            line['number'], line['experiment'], line['why'], line['answer'],
+            tuple(line['after']['chances'].items()), line['spent'],
         )
-        self.send(goal, self._progress)
-
-    def _progress(self, feedback: Investigate.Feedback) -> str:
-        if feedback.names:
-            self._page.states = [*self._page.states, belief_of(feedback)]
-        doing = {'judge': 'judges', 'run': 'runs', 'apply': 'uses what was found, runs'}
-        word = doing.get(feedback.stage, 'looks what can be asked')
-        return f'{word} {feedback.experiment}'.strip()
-
-
-def belief_of(feedback: Investigate.Feedback) -> InvestigationState:
-    """Return the content of a feedback message, for the page."""
-    return InvestigationState(
-        feedback.stage,
-        feedback.number,
-        feedback.experiment,
-        feedback.why,
-        feedback.answer,
-        tuple(zip(feedback.names, feedback.chances, strict=True)),
-        feedback.seconds,
-    )
+        for line in lines
+    ]  # fmt: skip
+    start = tuple(lines[0]['before']['chances'].items()) if lines else ()
+    return [InvestigationState(0, '', '', '', start, 0.0), *states] if lines else []

@@ -23,7 +23,6 @@ from rclpy.subscription import Subscription
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
-from piezo_hysteresis.nodes.investigation.loop_client import ActionWatch
 from piezo_hysteresis.nodes.investigation.node_requests import (
     Cancelled,
     Unanswered,
@@ -45,20 +44,53 @@ RESTS_WITHIN = 60.0
 _ASK_AGAIN = 1.0
 # Bytes of an identifier; half of them identify the client.
 _HALF = 8
+# Period of the check of a server [s].
+_WATCHED_EVERY = 0.2
+
+
+class ActionWatch:
+    """Detects that an action server has ended, also if another one has replaced it.
+
+    A killed process remains in the graph for a while, and a quick restart is not visible there;
+    but the new endpoints have other identifiers.
+    """
+
+    def __init__(self, node: Node, client: ActionClient, name: str) -> None:
+        self._node, self._client = node, client
+        self._topic = node.resolve_topic_name(f'{name}/_action/status')
+        self._known: frozenset[bytes] = frozenset()
+        self._due, self._lost = 0.0, False
+
+    def begin(self) -> None:
+        """Store the present server."""
+        self._known, self._lost = self._there(), False
+
+    @property
+    def lost(self) -> bool:
+        """Whether the stored server has ended or was replaced, according to the last check."""
+        if not self._lost and time.monotonic() >= self._due:
+            there = self._there()
+            self._lost = bool(there - self._known) or not there & self._known
+            self._lost |= not self._client.server_is_ready()
+            self._due = time.monotonic() + _WATCHED_EVERY
+        return self._lost
+
+    def _there(self) -> frozenset[bytes]:
+        infos = self._node.get_publishers_info_by_topic(self._topic)
+        return frozenset(bytes(info.endpoint_gid) for info in infos)
 
 
 class SweepGoals:
     """One goal at a time.
 
-    Every goal contains the name of its client. A node that finds a goal with its own name that it
-    has not sent was killed and restarted: that goal is orphaned and is cancelled, which brings the
-    actuator to rest.
+    Every goal contains the name of its client. A client that finds a goal with its own name that
+    it has not sent was killed and started again: that goal is orphaned and is cancelled, which
+    brings the actuator to rest.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, name: str) -> None:
         self._node = node
-        name = node.get_fully_qualified_name().encode()
-        self._mark = blake2b(name, digest_size=_HALF).digest()
+        self._mark = blake2b(name.encode(), digest_size=_HALF).digest()
         self._own: bytes | None = None
         self._asked: set[bytes] = set()
         self._running: frozenset[bytes] = frozenset()
@@ -206,9 +238,9 @@ class Circumstances:
 class Sweeper:
     """Runs experiments by the action ``run_sweep``, which records them."""
 
-    def __init__(self, node: Node, reached: Callable[[], int]) -> None:
+    def __init__(self, node: Node, reached: Callable[[], int], name: str) -> None:
         self._node, self._reached = node, reached
-        self._goals, self._newest = SweepGoals(node), b''
+        self._goals, self._newest = SweepGoals(node, name), b''
 
     def run(self, experiment: PlannedExperiment, bag: Path, under: Circumstances) -> bool:
         """Run an experiment into a new bag; repeat it after a restart of excitation or actuator.
@@ -301,7 +333,3 @@ class Sweeper:
             goal = RunSweep.Goal(frequencies=[0.0], amplitudes=[abs(now[1])], seconds=back)
             goal.waveform, goal.options = 'lines', json.dumps(lines)
             self._done(goal, under)
-
-    def close(self) -> None:
-        """End a running sweep, which brings the actuator to rest."""
-        self._goals.end()
