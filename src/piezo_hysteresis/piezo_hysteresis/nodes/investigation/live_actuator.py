@@ -28,8 +28,8 @@ from piezo_interfaces.msg import LoopStatus
 
 T = TypeVar('T')
 
-# Time in which an actuator that publishes its range is heard [s].
-_HEARD = 5.0
+# Time in which an actuator that publishes its range is received [s].
+_RECEIVED_WITHIN = 5.0
 
 
 class LiveActuator(Client):
@@ -38,14 +38,14 @@ class LiveActuator(Client):
     def __init__(self, namespace: str, out: str) -> None:
         super().__init__('_investigate', namespace=namespace)
         self._out, self._status = out, LoopStatus()
-        self._heard, self._stopped = threading.Event(), threading.Event()
+        self._received, self._stopped = threading.Event(), threading.Event()
         self._sweeper = Sweeper(self.node, lambda: self._status.sample, f'{namespace}/{out}')
         self._neighbours = Neighbourhood(self.node)
         self.node.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
 
     def _on_status(self, message: LoopStatus) -> None:
         self._status = message
-        self._heard.set()
+        self._received.set()
 
     def served(self, work: Callable[[], T]) -> T:
         """Return what `work` returns, in a thread; Ctrl-C and SIGTERM cancel it, at rest."""
@@ -80,7 +80,7 @@ class LiveActuator(Client):
 
     def range(self) -> tuple[float, float]:
         """Return the range of the voltage [V] that the actuator publishes, else (0, 0)."""
-        waited(self._heard.is_set, self._stopped.is_set, _HEARD)
+        waited(self._received.is_set, self._stopped.is_set, _RECEIVED_WITHIN)
         return self._status.low, self._status.high
 
     def rate(self) -> float:
