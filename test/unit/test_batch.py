@@ -94,29 +94,6 @@ def test_one_row_each_and_a_bad_file_stops_nothing(
     assert float(rows['day1']['A1']) > 1.5 * float(rows['one']['A1'])
 
 
-def test_parquet_holds_what_csv_holds(data: Path, tmp_path: Path) -> None:
-    parquet = pytest.importorskip('pyarrow.parquet')
-    run_batch(gain, [data], tmp_path / 'out')
-    read = parquet.read_table(tmp_path / 'out' / 'results.parquet').to_pylist()
-    rows = list(csv.DictReader((tmp_path / 'out' / 'results.csv').open()))
-    assert list(read[0]) == list(rows[0])
-    for one, other in zip(read, rows, strict=True):
-        assert isinstance(one['gain'], float | None)
-        for name, value in one.items():
-            text = '' if value is None else str(value)
-            assert text == other[name]
-
-
-def test_without_pyarrow_there_is_csv_and_a_word(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, 'pyarrow', None)
-    done = run_batch(gain, [data], tmp_path / 'out')
-    assert 'pyarrow' in done.notes[0]
-    assert (tmp_path / 'out' / 'results.csv').is_file()
-    assert 'parquet' not in (tmp_path / 'out' / 'index.html').read_text()
-
-
 @pytest.mark.slow
 def test_any_executor_gives_the_rows_of_the_serial_loop(data: Path, tmp_path: Path) -> None:
     given = [data / 'day1', data / 'bad.csv', data / 'three']

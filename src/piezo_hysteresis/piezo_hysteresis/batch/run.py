@@ -25,7 +25,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
 from typing import Any, ClassVar
@@ -57,8 +57,6 @@ class Batch(Tabular):
         (relative path) and the columns of the verb.
     resumed : int
         Number of data sets that were already finished.
-    notes : list of str
-        Remarks for the user, such as a format that could not be written.
     """
 
     _INSTEAD: ClassVar = {
@@ -69,7 +67,6 @@ class Batch(Tabular):
 
     rows: list[Row]
     resumed: int
-    notes: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
         counts = ', '.join(f'{count} {state}' for state, count in self.states().items() if count)
@@ -139,7 +136,7 @@ def run_batch(
         Data sets: bags, files, or folders. The files of a folder are one data set; a folder that
         contains only folders stands for them.
     out : str or Path
-        Folder of the results: a folder per data set, ``results.csv``, ``results.parquet`` and
+        Folder of the results: a folder per data set, ``results.csv`` and
         ``index.html``.
     executor : Executor, optional
         Executor of the work, such as that of a Dask cluster (``Client.get_executor()``). Its
@@ -189,7 +186,7 @@ def run_batch(
     else:
         _in_processes(left, count, (work, name, options), collect)
     done = Batch([rows[job.name] for job in jobs], resumed)
-    done.notes.extend(write_tables(out, name, done))
+    write_tables(out, name, done)
     return done
 
 

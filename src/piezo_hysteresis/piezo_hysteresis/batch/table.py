@@ -1,11 +1,11 @@
-"""Rows of a batch, and their table: CSV, Parquet and a page with links to the reports."""
+"""Rows of a batch, and their table: CSV and a page with links to the reports."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,18 +84,13 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def write_tables(out: str | Path, verb: str, done: Batch) -> list[str]:
-    """Write results.csv, results.parquet and index.html; return remarks for the user."""
-    columns = done.columns()
-    files: dict[str, bytes | str] = {'results.csv': as_csv(done.rows, list(columns))}
-    notes = []
-    try:
-        files['results.parquet'] = as_parquet(columns)
-    except ModuleNotFoundError:
-        notes.append('results.parquet needs pyarrow; results.csv is complete')
-    files['index.html'] = index_page(verb, done.rows, list(files))
+def write_tables(out: str | Path, verb: str, done: Batch) -> None:
+    """Write results.csv and index.html."""
+    files = {
+        'results.csv': as_csv(done.rows, list(done.columns())),
+        'index.html': index_page(verb, done.rows),
+    }
     write_folder(out, files, f'batch {verb}')
-    return notes
 
 
 def as_csv(rows: Sequence[Row], names: Sequence[str]) -> str:
@@ -105,22 +100,6 @@ def as_csv(rows: Sequence[Row], names: Sequence[str]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
-
-
-def as_parquet(columns: Mapping[str, Sequence[Any]]) -> bytes:
-    """Return the table as a Parquet file; unknown values are null."""
-    import pyarrow
-    import pyarrow.parquet
-
-    kinds = {bool: pyarrow.bool_(), int: pyarrow.int64(), float: pyarrow.float64()}
-    arrays = {}
-    for name, values in columns.items():
-        known = {type(value) for value in values if value is not None}
-        kind = kinds.get(known.pop(), pyarrow.string()) if len(known) == 1 else pyarrow.string()
-        arrays[name] = pyarrow.array(values, kind)
-    sink = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(pyarrow.table(arrays), sink)
-    return bytes(sink.getvalue().to_pybytes())
 
 
 # Columns of the page: heading, column of the table, unit of display; sorted by the first error.
@@ -139,7 +118,7 @@ _COLUMNS = {
 _RANKED_BY = {'identify': 'free_run_rms_m', 'discover': 'before_in_floors'}
 
 
-def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
+def index_page(verb: str, rows: Sequence[Row]) -> str:
     """Return the page: numbers of data sets, errors, failures, links to every report."""
     done = [row for row in rows if row['state'] == 'done']
     bad = [row for row in rows if row['state'] != 'done']
@@ -155,7 +134,7 @@ def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
             )
             for row in ranked[:_SHOWN]
         ]
-        text = _SUMMARY.get(verb, _plain)(ranked)
+        text = _summary(verb, ranked)
         page = table(('data', *(heading for heading, _ in shown)), cells)
         sections.append(PageSection('Results, the largest error first', text, (), (page,)))
     if bad:
@@ -164,28 +143,20 @@ def index_page(verb: str, rows: Sequence[Row], tables: Sequence[str]) -> str:
         sections.append(PageSection('Refused and failed data sets', '', (), (why,)))
     summary = f'{len(done)} of {len(rows)} data sets went through `{verb}`'
     summary += f', {len(bad)} did not.' if bad else '.'
-    text = f'All columns, in SI units: {", ".join(f"`{name}`" for name in tables)}.'
-    sections.append(PageSection('Complete table', text))
+    sections.append(PageSection('Complete table', 'All columns, in SI units: `results.csv`.'))
     return render(f'Batch: {verb} over {len(rows)} data sets', summary, sections)
 
 
-def _identify_text(ranked: Sequence[Row]) -> str:
-    middle = micrometres(_number(ranked[len(ranked) // 2]['free_run_rms_m']))
-    return f'Free-run error of the worst record of each. Median of the data sets: {middle} µm.'
-
-
-def _discover_text(ranked: Sequence[Row]) -> str:
-    names = [name for row in ranked for name in str(row['effects']).split('; ') if name]
-    counts = sorted({(-names.count(name), name) for name in names})
-    often = ', '.join(f'`{name}` {-count} times' for count, name in counts) or 'nothing'
-    return f'Gap on held-out records in multiples of the noise. Named: {often}.'
-
-
-def _plain(ranked: Sequence[Row]) -> str:
+def _summary(verb: str, ranked: Sequence[Row]) -> str:
+    if verb == 'identify':
+        middle = micrometres(_number(ranked[len(ranked) // 2]['free_run_rms_m']))
+        return f'Free-run error of the worst record of each. Median of the data sets: {middle} µm.'
+    if verb == 'discover':
+        names = [name for row in ranked for name in str(row['effects']).split('; ') if name]
+        counts = sorted({(-names.count(name), name) for name in names})
+        often = ', '.join(f'`{name}` {-count} times' for count, name in counts) or 'nothing'
+        return f'Gap on held-out records in multiples of the noise. Named: {often}.'
     return ''
-
-
-_SUMMARY = {'identify': _identify_text, 'discover': _discover_text}
 
 
 def _cell(name: str, value: Any) -> Any:

@@ -1,7 +1,7 @@
 """Identify or discover over many data sets, each separately.
 
-Each data set gets a folder in DIR with all results of the verb; results.csv, results.parquet and
-index.html combine them. The same command continues after an interruption or with more data:
+Each data set gets a folder in DIR with all results of the verb; results.csv and index.html
+combine them. The same command continues after an interruption or with more data:
 finished results are kept if data and settings are unchanged. Unusable data are rows that state the
 reason. The CSV files of a folder are one data set, such as all records of a stage; a folder that
 contains only folders or bags stands for them.
@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from piezo_hysteresis.cli import discover, identify, verbosity
+from piezo_hysteresis.cli import discover, identify
 from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.process_setup import number_of_workers
@@ -63,8 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
     for row in done.rows:
         if row['state'] != 'done':
             print(f'{row["state"]}: {row["name"]}: {row["error"]}', file=sys.stderr)
-    for note in done.notes:
-        verbosity.warn(str(note))
     print(done)
     print(f'written to {arguments.out}; open {arguments.out}/index.html')
     return 0 if any(row['state'] == 'done' for row in done.rows) else 2
