@@ -66,10 +66,11 @@ class Bench:
         options = [f'--{name}={value!r}' for name, value in {**LIMITS, **limits}.items()]
         verb = [sys.executable, '-m', 'piezo_hysteresis', 'investigate', '--out', 'out']
         with self.output.open('w') as file:
-            return subprocess.Popen(
+            self.verb = subprocess.Popen(
                 [*verb, '--model', str(self.model), *options],
                 env=self.processes.environment, stdout=file, stderr=file, text=True,
             )  # fmt: skip
+        return self.verb
 
     def ended(self, verb: subprocess.Popen[str]) -> tuple[int, str]:
         """Return the exit code of a verb, and what it printed."""
@@ -97,10 +98,12 @@ class Bench:
     def moves(self) -> None:
         """Wait until the actuator is driven far from rest."""
         count = len(self.states)
-        self.listener.until(
-            lambda: any(abs(state.voltage) > 0.5 * REACH for state in self.states[count:]),
-            timeout=TIMEOUT,
-        )
+
+        def driven() -> bool:
+            assert self.verb.poll() is None, self.output.read_text()
+            return any(abs(state.voltage) > 0.5 * REACH for state in self.states[count:])
+
+        self.listener.until(driven, timeout=TIMEOUT)
 
     def rests(self) -> None:
         """Wait until the actuator is at rest and no node drives it."""

@@ -135,7 +135,8 @@ def _setup(
 def _conducted(
     out: Path, setup: Setup, actuator: Actuator, report: Report, arguments: argparse.Namespace
 ) -> tuple[str, Path]:
-    from piezo_hysteresis.investigation.runner import FOUND, conduct
+    from piezo_hysteresis.investigation import FOUND
+    from piezo_hysteresis.investigation.runner import conduct
 
     workers = number_of_workers(arguments.workers)
     found = conduct(out, setup, actuator, report, workers=workers, apply=not arguments.no_apply)

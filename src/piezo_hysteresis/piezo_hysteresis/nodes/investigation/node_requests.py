@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from functools import partial
 from typing import Any, TypeVar
 
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -22,6 +23,8 @@ LOOK = 0.02
 # Timeout of an answer and of the discovery of a node, which may have just been started on a slow
 # machine [s].
 TIMEOUT = 30.0
+# Time until a request is repeated: a node answers nobody whom it has not found yet [s].
+ASK_AGAIN = 5.0
 # Timeout for the use of a model, which may compile kernels [s].
 COMPILED_WITHIN = 120.0
 EXCITATION = 'excitation'
@@ -79,8 +82,9 @@ class Neighbourhood:
     def excitation(self, name: str, stopped: Callable[[], bool]) -> Any:
         """Return a parameter of the excitation."""
         self._there(stopped)
-        asked = self._excitation.get_parameters([name])
-        answer: GetParameters.Response = self._answer(asked, stopped)
+        answer: GetParameters.Response = self._answer(
+            lambda: self._excitation.get_parameters([name]), stopped
+        )
         return parameter_value_to_python(answer.values[0])
 
     def set_excitation(
@@ -89,8 +93,9 @@ class Neighbourhood:
         """Set parameters of the excitation."""
         self._there(stopped)
         parameters = [Parameter(name, value=value) for name, value in values.items()]
-        asked = self._excitation.set_parameters(parameters)
-        answer: SetParameters.Response = self._answer(asked, stopped)
+        answer: SetParameters.Response = self._answer(
+            lambda: self._excitation.set_parameters(parameters), stopped
+        )
         for (name, value), result in zip(values.items(), answer.results, strict=True):
             if not result.successful:
                 raise PiezoError(f'the excitation refuses {name} {value}: {result.reason}')
@@ -101,8 +106,8 @@ class Neighbourhood:
         for name, client in self._users.items():
             if not client.service_is_ready():
                 continue
-            asked = client.call_async(LoadModel.Request(yaml=model.text()))
-            answer: LoadModel.Response = self._answer(asked, stopped, COMPILED_WITHIN)
+            ask = partial(client.call_async, LoadModel.Request(yaml=model.text()))
+            answer: LoadModel.Response = self._answer(ask, stopped, COMPILED_WITHIN)
             if not answer.success:
                 raise PiezoError(f'{name} does not take the model: {answer.message}')
             used.append(name)
@@ -112,7 +117,12 @@ class Neighbourhood:
         if not waited(self._excitation.services_are_ready, stopped):
             raise Unanswered('no excitation is running: start it, and investigate again')
 
-    def _answer(self, future: Any, stopped: Callable[[], bool], timeout: float = TIMEOUT) -> Any:
-        if not waited(future.done, stopped, timeout) or future.result() is None:
-            raise Unanswered('a node did not answer: see that it runs, and investigate again')
-        return future.result()
+    def _answer(
+        self, ask: Callable[[], Any], stopped: Callable[[], bool], again: float = ASK_AGAIN
+    ) -> Any:
+        end = time.monotonic() + TIMEOUT
+        while time.monotonic() < end:
+            future = ask()
+            if waited(future.done, stopped, again) and future.result() is not None:
+                return future.result()
+        raise Unanswered('a node did not answer: see that it runs, and investigate again')
