@@ -1,12 +1,20 @@
-"""Sliders, switches and typed words of the live page, without ROS and without a browser."""
+"""Controls, forms and jobs of the live page, without a browser."""
 
 from __future__ import annotations
 
+import json
 import math
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from bokeh.document import Document
+from bokeh.events import ButtonClick
 from dashboard_fakes import Backend, amplitude
 
+from piezo_hysteresis.dashboard.backend import DiscoveryOrder, InvestigationOrder
 from piezo_hysteresis.dashboard.controls import (
     ParameterState,
     described,
@@ -14,9 +22,11 @@ from piezo_hysteresis.dashboard.controls import (
     reach,
     refusal_text,
 )
-from piezo_hysteresis.dashboard.forms import numbers
-from piezo_hysteresis.dashboard.panel import ParameterRow
+from piezo_hysteresis.dashboard.forms import InvestigationForm, numbers, steps_text
+from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationState, Live
+from piezo_hysteresis.dashboard.panel import Controls, ParameterRow
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.nodes.dashboard import jobs
 
 
 def test_a_descriptor_is_read_back() -> None:
@@ -137,3 +147,150 @@ def test_a_range_is_reported_in_the_unit_of_the_page() -> None:
     ):
         assert refusal_text(size, text) == 'reference.amplitude lies between 0 and 10000 µm'
     assert refusal_text(size, 'mode: a sweep is running') == 'mode: a sweep is running'
+
+
+STATES = [
+    InvestigationState(0, '', '', '', (('none', 0.5), ('creep', 0.1)), 0.0),
+    InvestigationState(1, 'sine 33 Hz', 'has a chance', 'nothing new', (('none', 0.5),), 0.0),
+    InvestigationState(2, 'step <b>', 'tells a from b', 'creep', (('creep', 0.9),), 1.6),
+]
+
+
+def form(orders: list[Any]) -> InvestigationForm:
+    return InvestigationForm(orders.append, lambda: orders.append('cancel'), lambda: 'new')
+
+
+def page_of(*roots: Any) -> Any:
+    """Return how widgets are found by their names, and how a button is pressed."""
+    document = Document()
+    for root in roots:
+        document.add_root(root)
+
+    def press(name: str) -> None:
+        document.callbacks.trigger_event(ButtonClick(document.get_model_by_name(name)))
+
+    return document.get_model_by_name, press
+
+
+def asked(orders: list[object], **values: Any) -> Any:
+    """Press the button with these limits; return what the page says then."""
+    by_name, press = page_of(form(orders).root)
+    for name, value in values.items():
+        by_name(f'investigation.{name}').value = value
+    press('investigation.start')
+    return by_name('investigation.words').text
+
+
+def test_the_button_asks_with_limits_and_budget() -> None:
+    orders: list[object] = []
+    asked(orders, low=-1.0, high=2.0, slew=300.0)
+    assert orders == [InvestigationOrder(-1.0, 2.0, 300.0, 200.0, 'new')]
+
+
+def test_an_impossible_range_is_reported_and_not_sent() -> None:
+    orders: list[object] = []
+    assert 'is not below' in asked(orders, low=2.0, high=1.0)
+    assert 'highest voltage is not given' in asked(orders, low=-2.0)
+    assert 'lowest voltage is not given' in asked(orders, high=2.0)
+    assert 'not finite' in asked(orders, low=float('nan'), high=2.0)
+    assert orders == []
+
+
+def test_steps_come_with_their_reason_and_what_they_answered() -> None:
+    words = steps_text(STATES)
+    assert words.index('step &lt;b&gt;') < words.index('sine 33 Hz')  # the newest first
+    assert 'tells a from b' in words
+    assert 'nothing new' in words
+    assert steps_text([]) == ''
+
+
+def test_beliefs_are_drawn_over_actuator_time() -> None:
+    shown = form([])
+    shown.refresh(BackgroundJob('running', 0.1, 'runs'), STATES, True, 0.0)
+    by_name, _ = page_of(shown.root)
+    figure = by_name('investigation.chances')
+    assert figure.visible
+    assert [item.label.value for item in figure.legend.items] == ['creep', 'none']
+    drawn = figure.renderers[0].data_source.data
+    assert list(drawn['x']) == [0.0, 0.0, 1.6]
+    assert list(drawn['y']) == [0.1, 0.0, 0.9]
+
+
+def test_the_page_holds_it_and_starts_it() -> None:
+    backend = Backend()
+    backend.live('stage').investigations_offered = True
+    controls = Controls(backend, 'stage')
+    controls.refresh()
+    assert 'investigation' in [root.name for root in controls.roots]
+    _, press = page_of(*controls.roots)
+    press('investigation.start')
+    assert isinstance(backend.orders[0], InvestigationOrder)
+    assert backend.orders[0].name.startswith('investigation_')
+
+
+@pytest.fixture
+def live() -> Live:
+    return Live('stage')
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """Return the verbs that are started; none runs."""
+    found: list[list[str]] = []
+    monkeypatch.setattr(jobs, 'ActionJob', lambda *arguments: SimpleNamespace())
+    monkeypatch.setattr(jobs.VerbJob, 'start', lambda job, verb, outcome: found.append(verb))
+    return found
+
+
+@pytest.mark.parametrize(
+    ('bag', 'baseline'), [('../secret', 'classical'), ('/etc', 'classical'), ('bag', '--out=/')]
+)
+def test_a_foreign_page_names_no_path_and_no_option(
+    bag: str, baseline: str, live: Live, started: list[Any], tmp_path: Path
+) -> None:
+    page: Any = None
+    jobs.Jobs(page, live, tmp_path).run_discovery(DiscoveryOrder((bag,), baseline))
+    assert started == []
+    assert live.discovery.phase == 'failed'
+
+
+def test_an_investigation_gets_the_limits_and_the_folder_of_the_page(
+    live: Live, started: list[Any], tmp_path: Path
+) -> None:
+    page: Any = None
+    one = jobs.Jobs(page, live, tmp_path)
+    one.run_investigation(InvestigationOrder(-1.0, 2.0, 300.0, 60.0, 'first'))
+    (verb,) = started
+    assert verb[:5] == ['investigate', '--low=-1.0', '--high=2.0', '--slew=300.0', '--budget=60.0']
+    assert str(tmp_path / 'investigations' / 'first') in verb
+    one.run_investigation(InvestigationOrder(0.0, 0.0, 0.0, 0.0, '../../first'))
+    assert (len(started), live.investigation.phase) == (1, 'failed')
+
+
+@pytest.mark.component
+def test_a_verb_that_fails_says_why(live: Live) -> None:
+    job = jobs.VerbJob(
+        live, lambda: live.discovery, lambda found: setattr(live, 'discovery', found)
+    )
+    job.start(['discovr'], lambda: pytest.fail('it has no outcome'))
+    assert live.discovery.busy
+    end = time.monotonic() + 60.0
+    while live.discovery.busy and time.monotonic() < end:
+        job.watch()
+    assert live.discovery.phase == 'failed'
+    assert live.discovery.text.startswith('there is no verb discovr')
+
+
+def test_the_journal_gives_the_beliefs_before_the_first_experiment_and_after_each(
+    tmp_path: Path,
+) -> None:
+    journal = tmp_path / 'journal.jsonl'
+    assert jobs.states_of(journal) == []
+    line = {
+        'number': 1, 'experiment': 'sine 33 Hz', 'why': 'has a chance', 'answer': 'creep',
+        'before': {'chances': {'none': 0.5}}, 'after': {'chances': {'creep': 0.9}}, 'spent': 1.6,
+    }  # fmt: skip
+    journal.write_text(f'{json.dumps({"investigation": 1})}\n{json.dumps(line)}\n')
+    first, second = jobs.states_of(journal)
+    assert (first.number, first.chances, first.seconds) == (0, (('none', 0.5),), 0.0)
+    assert (second.answer, second.chances, second.seconds) == ('creep', (('creep', 0.9),), 1.6)

@@ -1,4 +1,4 @@
-"""Names, variants and numbers are those that the final model has."""
+"""Names, variants, numbers and words are those that the final model and its records have."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from piezo_hysteresis.discovery.data.tones import annotated, sine_frequency
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, is_another_change
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.selection.rules import Improvement
+from piezo_hysteresis.discovery.verdict.build_verdict import growth, law_sentences
 from piezo_hysteresis.discovery.verdict.naming import (
     named_effects,
     suspects,
@@ -18,7 +20,9 @@ from piezo_hysteresis.discovery.verdict.naming import (
     with_fractions,
 )
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect
+from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import add_effect, described, named
+from piezo_hysteresis.records import Record, RecordInfo
 
 
 def start() -> CandidateFit:
@@ -120,3 +124,51 @@ def test_an_unknown_effect_resembles_only_what_was_tried() -> None:
     found = SelectionRound(base, fits, (0.9, 0.1), Improvement(1.0, 9.0, 1e-6), 20, accepted=False)
     assert [each.name for each in suspects((), found)] == ['amplifier_lag', 'creep']
     assert [each.name for each in suspects((), found, ('amplifier_lag',))] == ['creep']
+
+
+@pytest.mark.parametrize(
+    ('power', 'words'),
+    [
+        (2.0, 'increases with the frequency, about with power 2.0'),
+        (-0.3, 'decreases with the frequency, about with power -0.3'),
+        (0.05, 'hardly depends on the frequency'),
+    ],
+)
+def test_growth_and_decrease_are_distinguished(power: float, words: str) -> None:
+    assert words in growth('frequency', power)
+
+
+def test_sizes_without_a_law_get_no_sentence_about_one() -> None:
+    view = whole(Record('r', 1e-3, np.sin(np.arange(2000.0)), np.zeros(2000)))
+    views = [replace(view, frequency=each) for each in (1.0, 3.0, 10.0, 30.0)]
+    clean = np.array([1e-6, 3e-6, 1e-5, 3e-5])
+    assert 'increases with the frequency' in ' '.join(law_sentences(views, clean, 1e-9))
+    assert law_sentences(views, clean[[2, 0, 3, 1]], 1e-9) == []
+
+
+RATE = 1000.0
+TIME = np.arange(4321) / RATE
+
+
+@pytest.mark.parametrize('frequency', [0.7, 1.0, 7.0, 23.4, 149.3])
+def test_a_sine_is_recognised_with_its_frequency(frequency: float) -> None:
+    voltage = 0.2 + 0.9 * np.sin(2 * np.pi * frequency * TIME + 0.3)
+    assert sine_frequency(voltage, 1 / RATE) == pytest.approx(frequency, rel=1e-4)
+
+
+def test_what_is_no_sine_stays_unknown() -> None:
+    generator = np.random.default_rng(3)
+    square = np.sign(np.sin(2 * np.pi * 5 * TIME))
+    assert sine_frequency(square, 1 / RATE) == 0.0
+    assert sine_frequency(generator.normal(size=TIME.size), 1 / RATE) == 0.0
+
+
+def test_known_metadata_are_not_changed() -> None:
+    voltage = np.sin(2 * np.pi * 5 * TIME)
+    info = RecordInfo(excitation='triangle', frequency=5.0)
+    kept = annotated([Record('a', 1 / RATE, voltage, voltage, info=info)])[0]
+    assert kept.info == info
+    filled = annotated([Record('a', 1 / RATE, voltage, voltage)])[0]
+    assert filled.info.excitation == 'sine'
+    rest = annotated([Record('a', 1 / RATE, 0 * voltage, voltage)])[0]
+    assert rest.info.excitation == 'rest'

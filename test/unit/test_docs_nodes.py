@@ -1,7 +1,8 @@
-"""The page of the nodes agrees with the tables and lists every node."""
+"""Page, tables and ``--help`` of every node agree."""
 
 from __future__ import annotations
 
+import argparse
 import ast
 import re
 import subprocess
@@ -10,7 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from piezo_hysteresis.common.registry import NODES
+from piezo_hysteresis.cli import loop
+from piezo_hysteresis.common.node_sheet import NodeSheet
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
+from piezo_hysteresis.common.registry import NODES, package_of
+from piezo_hysteresis.parameters.sheets import SHEETS
+from piezo_sim.nodes.simulator_tables import SHEETS as SIMULATOR_SHEETS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / 'docs' / 'nodes.md'
@@ -46,3 +52,80 @@ def test_every_launch_argument_is_documented(launch: str) -> None:
         assert f'`{name}`' in page
         if launch == 'loop' and default:
             assert f'| `{name}` | `{default}` |' in page
+
+
+ALL = {**SHEETS, **SIMULATOR_SHEETS}
+# What makes the start of a node slow.
+SLOW = {'rclpy', 'bokeh', 'piezo_hysteresis.models'}
+
+
+def flat(text: str) -> str:
+    return ' '.join(text.split())
+
+
+@pytest.mark.component
+@pytest.mark.parametrize('name', ALL)
+@pytest.mark.parametrize('words', [['--help'], ['--ros-args', '-p', 'rate:=5.0', '-h']])
+def test_an_executable_lists_its_parameters(name: str, words: list[str]) -> None:
+    code = (
+        f'import sys; from piezo_hysteresis.ros.starting import {name} as run; run();'
+        f' print("loaded:", *(set(sys.modules) & {SLOW}))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code, *words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ''
+    text, _, loaded = done.stdout.rpartition('loaded:')
+    assert loaded.split() == []
+    assert text.startswith('usage: ')
+    said = flat(text)
+    for table in (ALL[name].table, *ALL[name].more().values()):
+        for spec in table.specs:
+            assert re.search(rf'^  {re.escape(spec.name)}( \*)?$', text, re.MULTILINE), spec.name
+            assert flat(spec.description) in said
+
+
+def test_every_node_has_a_module_and_a_sheet() -> None:
+    assert set(NODES) == set(ALL)
+    for name, sheet in ALL.items():
+        assert sheet.executable == name
+        assert (ROOT / 'src' / package_of(name) / f'{NODES[name].replace(".", "/")}.py').is_file()
+    assert set(SIMULATOR_SHEETS) == {name for name in NODES if package_of(name) == 'piezo_sim'}
+
+
+def test_the_help_is_as_wide_as_the_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('COLUMNS', '70')
+    for sheet in ALL.values():
+        assert max(map(len, sheet.help_text().splitlines())) <= 70
+
+
+def test_a_row_states_the_allowed_values() -> None:
+    specs = (
+        ParameterSpec('speed', 2.0, 'How fast.', 'm/s', above=0.0, high=5.0, read_only=True),
+        ParameterSpec('kind', 'a', 'Which.', choices=('a', 'b')),
+        ParameterSpec('on', True, 'Whether.'),
+    )
+    text = flat(NodeSheet('x', 'See [that](that.md).', ParameterTable(specs)).help_text())
+    assert 'See docs/that.' in text
+    assert 'speed * How fast. (2; above 0 .. 5 m/s)' in text
+    assert 'kind Which. (a; one of a, b)' in text
+    assert 'on Whether. (true; true or false)' in text
+
+
+@pytest.mark.parametrize('model', ['', 'model.yaml'])
+def test_the_loop_gives_no_node_an_empty_text(model: str) -> None:
+    parser = argparse.ArgumentParser()
+    loop.configure(parser)
+    found = loop.nodes(parser.parse_args([]), model, 8000.0, (0.0, 1e-5))
+    for name in ('simulator', 'identification'):
+        assert found[name]['rate'] == 8000.0
+    assert found['control_loop']['attenuation:rate'] == 8000.0
+    assert not [name for name, values in found.items() if '' in values.values()]
+    for link in ('feedforward', 'attenuation', 'feedback'):  # each limits the voltage
+        assert found['control_loop'].get(f'{link}:model_file', '') == model
+    assert ('gap_monitor' in found) == bool(model)

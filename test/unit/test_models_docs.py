@@ -1,4 +1,4 @@
-"""The pages name what exists: models, blocks, effects, parameters; their example runs."""
+"""Pages, pictures and figures name and show what exists and was measured."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from piezo_hysteresis import models
 from piezo_hysteresis.blocks import BLOCKS
+from studies.per_frequency import METHODS, Row, measured, table
 
 DOCS = Path(__file__).parents[2] / 'docs'
 sys.path.insert(0, str(DOCS.parent / 'tools'))
@@ -67,3 +69,102 @@ def test_the_example_of_the_page_runs() -> None:
     exec(code, scope)
     displacement = scope['displacement']
     assert 1e-4 < abs(displacement).max() < 2e-4
+
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / 'tools'))
+import draw_effects  # noqa: E402
+
+
+@pytest.fixture(scope='module')
+def changes() -> dict[Any, Any]:
+    """Return by effect what it changes at each drive [m]."""
+    return {name: draw_effects.draw(name)[1] for name in models.EFFECT_NAMES}
+
+
+def harmonic(changes: Any, name: Any, order: int) -> np.ndarray:
+    """Return an amplitude of each drive, slow to fast [m]."""
+    sizes = changes[name].items()
+    return np.array([draw_effects.amplitude(change, order * f) for f, change in sizes])
+
+
+@pytest.mark.component
+@pytest.mark.parametrize('name', models.EFFECT_NAMES)
+def test_every_page_shows_a_picture_of_a_change(changes: dict[Any, Any], name: Any) -> None:
+    page = (ROOT / 'docs/effects' / f'{name}.md').read_text()
+    assert f'](../pictures/effects/{name}.png)' in page
+    assert (ROOT / 'docs/pictures/effects' / f'{name}.png').stat().st_size > 10_000
+    assert max(np.abs(change).max() for change in changes[name].values()) > 1e-8
+
+
+@pytest.mark.parametrize('name', ['transport_delay', 'amplifier_lag', 'rate_dependence'])
+def test_what_is_dynamic_grows_with_frequency(changes: dict[Any, Any], name: str) -> None:
+    first = harmonic(changes, name, 1)
+    assert np.all(np.diff(first) > 0)
+
+
+@pytest.mark.parametrize('name', ['saturation', 'stiffness', 'nonlocal_memory', 'friction'])
+def test_what_is_static_is_the_same_at_every_frequency(changes: dict[Any, Any], name: str) -> None:
+    third = harmonic(changes, name, 3)
+    assert third.min() > 1e-7
+    np.testing.assert_allclose(third, third.mean(), rtol=0.1)
+
+
+def test_odd_effects_have_no_even_harmonics_and_electrostriction_has(
+    changes: dict[Any, Any],
+) -> None:
+    for name in ('saturation', 'stiffness', 'odd_harmonic'):
+        assert harmonic(changes, name, 2).max() < 0.02 * harmonic(changes, name, 3).max()
+    even = harmonic(changes, 'electrostriction', 2)
+    np.testing.assert_allclose(even, harmonic(changes, 'electrostriction', 0), rtol=0.05)
+
+
+def test_creep_shows_at_low_frequency_drift_in_the_mean_and_hum_on_no_harmonic(
+    changes: dict[Any, Any],
+) -> None:
+    creep = harmonic(changes, 'creep', 1)
+    assert np.all(np.diff(creep) < 0)
+    slow = changes['drift'][draw_effects.DRIVES[0]]
+    assert slow[-1] == pytest.approx(2 * slow[len(slow) // 2], rel=1e-2)
+    hum = changes['mains_hum'][draw_effects.DRIVES[0]]
+    assert draw_effects.rest(hum, draw_effects.DRIVES[0]) == pytest.approx(
+        np.abs(hum).max(), rel=0.02
+    )
+
+
+sys.path.insert(0, str(ROOT / 'tools'))
+import draw_tutorials  # noqa: E402
+
+
+@pytest.mark.parametrize('name', draw_tutorials.NAMES)
+def test_every_tutorial_of_the_verbs_shows_its_picture(name: Any) -> None:
+    assert (
+        f'](../pictures/tutorials/{name}.png)' in (draw_tutorials.PAGES / f'{name}.md').read_text()
+    )
+    assert (draw_tutorials.FOLDER / f'{name}.png').stat().st_size > 10_000
+
+
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'tutorials' / 'online.md'
+
+
+def test_recorded_frequencies_are_apart_from_those_between() -> None:
+    rows = [
+        Row('1 Hz', True, (4e-6, 3e-6, 2e-6, 1e-6)),
+        Row('3 Hz', False, (8e-6, 6e-6, 4e-6, 2e-6)),
+        Row('7 + 19 Hz', False, (9e-6, 9e-6, 9e-6, 9e-6)),
+    ]
+    lines = table({'m': rows})
+    assert lines[2] == '| recorded, median (worst) | m | 4 (4) | 3 (3) | 2 (2) | 1 (1) |'
+    assert lines[3] == '| between, median (worst) | m | 8 (8) | 6 (6) | 4 (4) | 2 (2) |'
+    assert lines[4] == '| 7 + 19 Hz | m | 9 | 9 | 9 | 9 |'
+
+
+@pytest.mark.slow
+def test_the_page_states_what_the_study_measures() -> None:
+    stated = re.findall(r'^\| .*\| (?:Fujii 2018|rls_ud) \|.*$', PAGE.read_text('utf-8'), re.M)
+    found = table({method: measured(method, 20.0, 6.0) for method in METHODS})[2:]
+    for line, other in zip(stated, found, strict=True):
+        assert line.split('|')[:3] == other.split('|')[:3]
+        numbers = [[float(x) for x in re.findall(r'[\d.]+', row.split('|', 3)[3])]
+                   for row in (line, other)]  # fmt: skip
+        assert numbers[0] == pytest.approx(numbers[1], rel=0.05)

@@ -1,11 +1,13 @@
-"""Linear algebra that ends in finite numbers and a flag, whatever it is given."""
+"""Linear algebra that says why it fails, exponentials, modulated harmonics."""
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.harmonics.lines import factor, solve_normal
@@ -15,7 +17,9 @@ from piezo_hysteresis.identification.recursion import scaled_condition
 from piezo_hysteresis.identification.solver import bounded_step, solve
 from piezo_hysteresis.identification.uncertainty import covariance
 from piezo_hysteresis.numerics import linalg
-from piezo_hysteresis.numerics.harmonics import harmonics
+from piezo_hysteresis.numerics.harmonics import ModulatedLines, harmonics
+from piezo_hysteresis.numerics.linalg import exponential, pace
+from piezo_hysteresis.numerics.qr import orthonormal, projected_out
 
 BAD = (np.nan, np.inf, -np.inf)
 
@@ -213,3 +217,95 @@ def test_the_normal_equations_of_many_orders_are_solved_over_several_ticks() -> 
     np.testing.assert_allclose(solution, least[0], rtol=1e-9)
     expected = np.sqrt(2.0 * least[1][0] / 871.0 / 1000.0)
     np.testing.assert_allclose(deviation, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize('size', [1, 2, 5, 20])
+@pytest.mark.parametrize('scale', [1e-6, 0.3, 20.0])
+def test_random_matrices_agree_with_scipy(size: int, scale: float) -> None:
+    matrix = scale * np.random.default_rng(size).standard_normal((size, size))
+    expected = expm(matrix)
+    np.testing.assert_allclose(exponential(matrix), expected, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('turned', [1e-3, 0.4, 30.0, 6e3])
+def test_a_mode_turns_and_decays(turned: float) -> None:
+    """States whose units differ by the square of the frequency."""
+    dt, zeta = 1e-3, 1e-3
+    omega = turned / dt
+    rate, swing = zeta * omega, omega * np.sqrt(1 - zeta**2)
+    result = exponential(dt * np.array([[0.0, 1.0], [-(omega**2), -2 * rate]]))
+    decay, angle = np.exp(-rate * dt), swing * dt
+    first = decay * (np.cos(angle) + rate / swing * np.sin(angle))
+    assert result[0, 0] == pytest.approx(first, abs=1e-15 + 1e-13 * turned * decay)
+    second = decay * np.sin(angle) / swing
+    assert result[0, 1] * omega == pytest.approx(
+        second * omega, abs=1e-15 + 1e-13 * turned * decay
+    )
+
+
+def test_a_lag_that_is_over_at_once_leaves_nothing() -> None:
+    result = exponential(np.array([[-1e7, 1e7], [0.0, 0.0]]))
+    np.testing.assert_allclose(result, [[0.0, 1.0], [0.0, 1.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize('size', [1, 2, 5])
+def test_the_pace_bounds_the_eigenvalues(size: int) -> None:
+    matrix = np.random.default_rng(size).standard_normal((size, size))
+    largest = np.abs(np.linalg.eigvals(matrix)).max()
+    assert largest <= pace(matrix) * (1 + 1e-12)
+    assert pace(np.array([[0.0, 1.0], [-1e6, -1.0]])) == pytest.approx(1e3, rel=0.5)
+
+
+def test_nothing_is_nothing() -> None:
+    assert exponential(np.zeros((0, 0))).shape == (0, 0)
+    assert pace(np.zeros((0, 0))) == 0.0
+
+
+HIGHEST, DEPENDENT = 12, 1e-6
+#: Of a fundamental whose period wanders.
+PHASE: FloatArray = 2 * np.pi / 97.3 * np.arange(60_000.0)
+PHASE += 0.2 * np.sin(PHASE / 9.7)
+
+
+def laws(count: int) -> np.ndarray:
+    size = np.linspace(0.3, 1.0, count) ** 2
+    return np.array([np.ones(count), size, size**2])
+
+
+def rows(of: np.ndarray) -> np.ndarray:
+    angle = PHASE[: of.shape[1]]
+    found = list(of)
+    for n in range(1, HIGHEST + 1):
+        for law in of:
+            found += [law * np.cos(n * angle), law * np.sin(n * angle)]
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    'of', [laws(1500), laws(1500)[:1], np.vstack([laws(1500)[:2], 2.0 - laws(1500)[1]])],
+    ids=['growing', 'steady', 'a law that depends on others'],
+)  # fmt: skip
+def test_sums_give_what_stored_rows_give(of: np.ndarray) -> None:
+    rng = np.random.default_rng(0)
+    error = rng.standard_normal(1500) + of[-1] * np.cos(3 * PHASE[:1500])
+    error -= error.mean()
+    shares, left = ModulatedLines(of.copy(), PHASE[: of.shape[1]], HIGHEST, DEPENDENT).split(error)
+    expected, rest = projected_out(error, orthonormal(rows(of), DEPENDENT)[1:])
+    assert np.max(np.abs(left - rest)) < 1e-9
+    # one order, of which all rows are orthogonal to those of the others
+    orders = ModulatedLines(of.copy(), PHASE[: of.shape[1]], HIGHEST, DEPENDENT).orders
+    powers = [np.bincount(orders, each**2) for each in (shares, expected)]
+    assert powers[0] == pytest.approx(powers[1], rel=1e-9)
+
+
+def test_memory_is_that_of_the_laws_and_not_of_the_lines() -> None:
+    def peak(count: int) -> int:
+        of, error, phase = laws(count), np.ones(count), PHASE[:count]
+        tracemalloc.start()
+        ModulatedLines(of, phase, HIGHEST, DEPENDENT).split(error)
+        top = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return top
+
+    peak(1000)
+    assert (peak(60_000) - peak(20_000)) / 40_000 < 8 * 3  # 75 lines would be 600 bytes

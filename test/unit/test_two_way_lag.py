@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_hysteresis.identification.two_way_lag import two_way_lag
+from piezo_hysteresis.identification.periods import two_way_lag
 from piezo_hysteresis.records import Record
 from studies.study import main
 from studies.worlds.scans import Row, drawn, table

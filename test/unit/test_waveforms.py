@@ -1,24 +1,30 @@
-"""Every kind of waveform through the same list of checks, then what each promises."""
+"""Waveforms: derivatives of formulas, samples and rasters."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import piezo_hysteresis as ph
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.waveforms import (
     KINDS,
     Multisine,
     Sequence,
     Sine,
+    Triangle,
     WaveformError,
     from_spec,
     reversal_curves,
     staircase,
     step_and_hold,
 )
+from piezo_hysteresis.waveforms.sine import Raster
+from piezo_hysteresis.waveforms.waveform import Sampled
 
 SPECS: dict[str, dict[str, object]] = {
     'sine': {'amplitude': 2.0, 'frequency': 3.0, 'phase': 0.4, 'offset': 0.5, 'ramp': 1.0},
@@ -176,3 +182,91 @@ def test_a_sequence_continues_where_the_previous_part_ended() -> None:
 def test_composites_know_their_common_frequency() -> None:
     samples = from_spec({'kind': 'composite_zhou2021_low'}).sample(np.array([0.05]))
     assert samples.frequency[0] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(('trace', 'turn'), [(0.5, 0.1), (0.8, 0.2), (0.3, 0.05), (0.9, 0.1)])
+def test_velocity_and_acceleration_are_derivatives(trace: float, turn: float) -> None:
+    wave = Raster(2.0, 1.0, 0.3, frequency=4.0, phase=0.7, trace=trace, turn=turn)
+    h = 1e-6
+    time = np.arange(7300, dtype=np.float64) * 1.37e-4
+    later = np.arange(7300, dtype=np.float64) * 1.37e-4 + h
+    earlier = np.arange(7300, dtype=np.float64) * 1.37e-4 - h
+    at, above, below = wave.sample(time), wave.sample(later), wave.sample(earlier)
+    speed = np.max(np.abs(at.velocity))
+    assert np.allclose((above.value - below.value) / (2 * h), at.velocity, atol=1e-4 * speed)
+    bend = np.max(np.abs(at.acceleration))
+    slope = (above.velocity - below.velocity) / (2 * h)
+    assert np.allclose(slope, at.acceleration, atol=1e-3 * bend)
+
+
+def test_straight_parts_lie_on_the_lines_through_the_corners() -> None:
+    sharp = Raster(2.0, 1.0, 0.3, frequency=4.0, trace=0.8)
+    smooth = Raster(2.0, 1.0, 0.3, frequency=4.0, trace=0.8, turn=0.1)
+    time = np.arange(0.0, 1.0, 1e-4)
+    one, other = sharp.sample(time), smooth.sample(time)
+    straight = other.acceleration == 0.0
+    assert 0.78 < np.mean(straight) < 0.82
+    assert np.allclose(one.value[straight], other.value[straight], atol=1e-12)
+    assert np.max(np.abs(sharp.sample(np.array([0.1])).value - 2.3)) < 1e-12
+
+
+def test_rounding_never_moves_a_corner_by_a_tick() -> None:
+    """A corner on a tick has the slope that follows it, however long the record is."""
+    wave = Triangle(1.0, 10.0, frequency=50.0)
+    time = np.arange(100_000, dtype=np.float64) * 1e-4
+    velocity = wave.sample(time).velocity.reshape(-1, 200)
+    assert np.array_equal(velocity, np.broadcast_to(velocity[0], velocity.shape))
+
+
+def test_impossible_settings_are_refused() -> None:
+    for wrong in ({'trace': 0.0}, {'trace': 0.9, 'turn': 0.2}):
+        with pytest.raises(WaveformError, match=r'trace|turn-around'):
+            Raster(1.0, 1.0, **wrong)
+    made = from_spec({'kind': 'raster', 'frequency': 20.0, 'trace': 0.7, 'turn': 0.1})
+    assert isinstance(made, Raster)
+
+
+DT = 1e-3
+TIME: FloatArray = DT * np.arange(2000, dtype=np.float64)
+
+
+@pytest.mark.parametrize('frequency', [1.0, 25.0, 60.0])
+def test_derivatives_of_samples_are_those_of_the_formula(frequency: float) -> None:
+    omega = 2.0 * np.pi * frequency
+    found = Sampled(np.sin(omega * TIME), DT).sample(TIME)
+    inner = slice(10, -10)  # a spline knows less at its ends
+    assert found.velocity[inner] == pytest.approx(
+        omega * np.cos(omega * TIME)[inner], abs=1e-4 * omega
+    )
+    bend = -(omega**2) * np.sin(omega * TIME)[inner]
+    assert found.acceleration[inner] == pytest.approx(bend, abs=1e-3 * omega**2)
+
+
+@pytest.mark.parametrize('frequency', [5.0, 5.1])
+def test_a_corner_disturbs_its_own_samples_only(frequency: float) -> None:
+    exact = Triangle(1e-4, 2.0, frequency=frequency).sample(TIME)
+    found = Sampled(exact.value, DT).sample(TIME)
+    wrong = np.abs(found.velocity - exact.velocity) > 1e-3 * np.abs(exact.velocity).max()
+    corners = np.count_nonzero(np.diff(exact.velocity))
+    assert corners >= 20
+    assert np.count_nonzero(wrong) <= 2 * corners
+
+
+def test_a_step_has_no_derivative_elsewhere() -> None:
+    found = Sampled(np.where(TIME < 1.0, 0.0, 1e-5), DT).sample(TIME)
+    far = np.abs(TIME - 1.0) > 3.0 * DT
+    assert np.max(np.abs(found.velocity[far])) < 1e-12
+    assert np.max(np.abs(found.acceleration[far])) < 1e-8
+
+
+@pytest.mark.component
+def test_a_mode_follows_an_array_as_it_follows_the_waveform(tmp_path: Path) -> None:
+    chain = named('bouc_wen_mode')
+    ModelFile(chain, {**chain.defaults(), 'natural_frequency': 68.0}).save(tmp_path / 'm.yaml')
+    model = ph.Model.load(tmp_path / 'm.yaml')
+    wave = Sine(2e-6, 25.0, 2.0)
+    by_wave, by_array = (
+        ph.compensate(model, each, dt=DT, attenuation='none').runs[-1].metrics.rms
+        for each in (wave, wave.sample(TIME).value)
+    )
+    assert by_array < 1.1 * by_wave

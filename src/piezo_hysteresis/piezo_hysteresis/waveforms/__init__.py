@@ -1,16 +1,18 @@
 """Excitations and references with analytic derivatives (neutral: no physics)."""
 
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.waveforms.corners import (
+from piezo_hysteresis.waveforms.sine import (
     Lines,
+    Multisine,
     Raster,
+    Sine,
+    SineSum,
     Triangle,
     rest,
     reversal_curves,
     staircase,
     step_and_hold,
 )
-from piezo_hysteresis.waveforms.sine import Multisine, Sine, SineSum
 from piezo_hysteresis.waveforms.spec import KINDS, Kind, Setting, from_spec, has_setting
 from piezo_hysteresis.waveforms.waveform import (
     Chirp,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.common.wording import near
-from piezo_hysteresis.waveforms import corners
+from piezo_hysteresis.waveforms import sine as formulas
 from piezo_hysteresis.waveforms.sine import GRIDS, Multisine, Sine, SineSum
 from piezo_hysteresis.waveforms.waveform import (
     LAWS,
@@ -94,7 +94,7 @@ def _sequence(parts: tuple[Any, ...]) -> Waveform:
 
 _ROWS = (
     Kind('sine', 'Sinusoid.', (*_COMMON, _FREQUENCY, _PHASE), Sine),
-    Kind('triangle', 'Triangle.', (*_COMMON, _FREQUENCY, _PHASE), corners.Triangle),
+    Kind('triangle', 'Triangle.', (*_COMMON, _FREQUENCY, _PHASE), formulas.Triangle),
     Kind(
         'raster',
         'Fast axis of a scan: trace, retrace, and a smooth turn-around at either end.',
@@ -105,7 +105,7 @@ _ROWS = (
             Setting('trace', '1', 0.5, 'Share of the period for the trace.', 1e-3, 0.999),
             Setting('turn', '1', 0.1, 'Share of the period for each turn-around.', 0.0, 0.5),
         ),
-        corners.Raster,
+        formulas.Raster,
     ),
     Kind(
         'multisine',
@@ -140,7 +140,7 @@ _ROWS = (
             Setting('hold', 's', 1.0, 'Length of a step.', 1e-6, 1e6),
             Setting('rise', 's', 0.0, 'Part of a step in which it is reached.', 0.0, 1e6),
         ),
-        corners.staircase,
+        formulas.staircase,
     ),
     Kind(
         'step',
@@ -151,7 +151,7 @@ _ROWS = (
             _OFFSET,
             Setting('delay', 's', 0.5, 'Time of the step.', 0.0, 1e6),
         ),
-        corners.step_and_hold,
+        formulas.step_and_hold,
     ),
     Kind(
         'reversal_curves',
@@ -162,13 +162,13 @@ _ROWS = (
             Setting('curves', '1', 8, 'Number of curves.', 1, 10_000),
             Setting('rate', 'unit/s', 2.0, 'Speed along the curves.', 1e-12, 1e12),
         ),
-        corners.reversal_curves,
+        formulas.reversal_curves,
     ),
     Kind(
         'rest',
         'Constant level; shows drift, hum and noise alone.',
         (_DURATION, Setting('level', 'unit', 0.0, 'The level.')),
-        corners.rest,
+        formulas.rest,
     ),
     Kind(
         'lines',
@@ -177,7 +177,7 @@ _ROWS = (
             Setting('times', 's', (0.0, 1.0), 'Times of the points, from 0 on.', 0.0, 1e7),
             Setting('values', 'unit', (0.0, 0.0), 'Values there; the last is held.'),
         ),
-        corners.Lines,
+        formulas.Lines,
     ),
     Kind(
         'decay',

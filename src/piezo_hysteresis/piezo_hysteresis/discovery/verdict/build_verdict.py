@@ -31,8 +31,8 @@ from piezo_hysteresis.discovery.verdict.verdict import (
     Verdict,
     over_frequency,
 )
+from piezo_hysteresis.identification.periods import TwoWayLag, two_way_lag
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.identification.two_way_lag import TwoWayLag, two_way_lag
 from piezo_hysteresis.models import Model, described, name_of
 from piezo_hysteresis.models.repeated_records import Support
 from piezo_hysteresis.numerics.harmonics import harmonics, non_harmonic_lines

@@ -14,8 +14,8 @@ from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, LookAlike
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.policy import POLICY
+from piezo_hysteresis.identification.periods import TwoWayLag
 from piezo_hysteresis.identification.targets import Target
-from piezo_hysteresis.identification.two_way_lag import TwoWayLag
 
 
 @dataclass(frozen=True)
