@@ -237,7 +237,7 @@ def live() -> Live:
 def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """Return the verbs that are started; none runs."""
     found: list[list[str]] = []
-    monkeypatch.setattr(jobs, 'ActionJob', lambda *arguments: SimpleNamespace())
+    monkeypatch.setattr(jobs, 'SweepJob', lambda *arguments: SimpleNamespace())
     monkeypatch.setattr(jobs.VerbJob, 'start', lambda job, verb, outcome: found.append(verb))
     return found
 
@@ -269,9 +269,7 @@ def test_an_investigation_gets_the_limits_and_the_folder_of_the_page(
 
 @pytest.mark.component
 def test_a_verb_that_fails_says_why(live: Live) -> None:
-    job = jobs.VerbJob(
-        live, lambda: live.discovery, lambda found: setattr(live, 'discovery', found)
-    )
+    job = jobs.VerbJob(live, 'discovery')
     job.start(['discovr'], lambda: pytest.fail('it has no outcome'))
     assert live.discovery.busy
     end = time.monotonic() + 60.0

@@ -34,60 +34,64 @@ ENDED_WITHIN = 20.0  # time in which a cancelled verb ends, with the actuator at
 _SHARE = re.compile(r'^[^:]*: (\d+) %, (.*)$')
 
 
-class ActionJob:
-    """Client of one action, with one goal at a time and its outcome."""
+class _Job:
+    """A job of the page, whose state `Live` holds under its kind."""
 
-    def __init__(
-        self,
-        node: Node,
-        live: Live,
-        kind: Any,
-        name: str,
-        server: str,
-        read: Callable[[], BackgroundJob],
-        write: Callable[[BackgroundJob], None],
-    ) -> None:
+    def __init__(self, live: Live, kind: str) -> None:
+        self._live, self._kind = live, kind
+
+    @property
+    def state(self) -> BackgroundJob:
+        """State that the page shows."""
+        found: BackgroundJob = getattr(self._live, self._kind)
+        return found
+
+    def write(self, state: BackgroundJob) -> None:
+        """Show another state."""
+        setattr(self._live, self._kind, state)
+
+    def fail(self, reason: str) -> None:
+        """End the job with a reason."""
+        self.write(BackgroundJob('failed', 0.0, reason))
+
+
+class SweepJob(_Job):
+    """Client of the action ``run_sweep`` of the excitation, with one goal at a time."""
+
+    def __init__(self, node: Node, live: Live) -> None:
+        super().__init__(live, 'sweep')
         prefix = f'/{live.actuator}/' if live.actuator else '/'
-        self._client = ActionClient(node, kind, prefix + name)
-        self._live, self._server, self._name = live, server, name
-        self.read, self.write = read, write
+        self._client = ActionClient(node, RunSweep, f'{prefix}run_sweep')
         self._handle: Any = None
         self._missed_since = math.inf
         self._asked = 0.0
         self._unexplained = False
-        self.on_result: Callable[[Any], BackgroundJob] = lambda result: BackgroundJob(
-            'done', 1.0, result.message
-        )
 
     @property
     def offered(self) -> bool:
         """Whether a node offers the action."""
         return bool(self._client.server_is_ready())
 
-    def send(self, goal: Any, text_of: Callable[[Any], str]) -> None:
-        """Send a goal; `text_of` formats the feedback."""
-
-        def on_feedback(message: Any) -> None:
-            if self.read().phase == 'running':
-                self.write(
-                    replace(
-                        self.read(),
-                        fraction=message.feedback.fraction,
-                        text=text_of(message.feedback),
-                    )
-                )
-
+    def send(self, goal: RunSweep.Goal) -> None:
+        """Send a goal."""
         self._handle = None
         self._asked = self._live.clock()
         self._missed_since = math.inf
-        sent = self._client.send_goal_async(goal, feedback_callback=on_feedback)
+        sent = self._client.send_goal_async(goal, feedback_callback=self._on_feedback)
         sent.add_done_callback(self._on_response)
+
+    def _on_feedback(self, message: Any) -> None:
+        if self.state.phase == 'running':
+            now: RunSweep.Feedback = message.feedback
+            at = f'{now.frequency:g} Hz at {now.amplitude:g} V'
+            text = f'{at}, {now.seconds_left:.0f} s left'
+            self.write(replace(self.state, fraction=now.fraction, text=text))
 
     def _on_response(self, future: Any) -> None:
         handle = future.result()
         if not handle.accepted:
             self._unexplained = True
-            self.fail(f'{self._server} refused; see its log')
+            self.fail('excitation refused; see its log')
             self._explain()
             return
         self._handle = handle
@@ -95,16 +99,12 @@ class ActionJob:
         handle.get_result_async().add_done_callback(self._ended)
 
     def _ended(self, future: Any) -> None:
-        if not self.read().busy:
+        if not self.state.busy:
             return
-        result = future.result().result
-        why = result.message or f'{self._server} failed; see its log'
-        job = self.on_result(result) if result.success else BackgroundJob('failed', 1.0, why)
-        self.write(job)
-
-    def fail(self, reason: str) -> None:
-        """End the job with a reason."""
-        self.write(BackgroundJob('failed', 0.0, reason))
+        result: RunSweep.Result = future.result().result
+        why = result.message or 'excitation failed; see its log'
+        done = BackgroundJob('done', 1.0, result.message, records=tuple(result.names))
+        self.write(done if result.success else BackgroundJob('failed', 1.0, why))
 
     def cancel(self) -> None:
         """Cancel the goal."""
@@ -113,42 +113,39 @@ class ActionJob:
 
         def answered(future: Any) -> None:
             response: CancelGoal.Response = future.result()
-            if response.return_code != CancelGoal.Response.ERROR_NONE and self.read().busy:
-                text = f'{self.read().text}; it cannot be cancelled'
-                self.write(replace(self.read(), text=text))
+            if response.return_code != CancelGoal.Response.ERROR_NONE and self.state.busy:
+                self.write(replace(self.state, text=f'{self.state.text}; it cannot be cancelled'))
 
         self._handle.cancel_goal_async().add_done_callback(answered)
 
     def watch(self) -> None:
         """Check for an ended node and for the reason of a refusal; called about once a second."""
         self._explain()
-        if not self.read().busy or self.offered:
+        if not self.state.busy or self.offered:
             self._missed_since = math.inf
             return
         now = self._live.clock()
         self._missed_since = min(self._missed_since, now)
         if now - self._missed_since > TIMEOUT:
-            self.fail(f'{self._server} has gone; start it again')
+            self.fail('excitation has gone; start it again')
 
     def _explain(self) -> None:
         if not self._unexplained:
             return
         now = self._live.clock()
         lines = [
-            w for w in self._live.words if w.node == self._server and w.at >= self._asked - 0.1
+            w for w in self._live.words if w.node == 'excitation' and w.at >= self._asked - 0.1
         ]
         if lines:
-            self.write(replace(self.read(), text=lines[-1].text))
+            self.write(replace(self.state, text=lines[-1].text))
         self._unexplained = not lines and now - self._asked < EXPLAINED
 
 
-class VerbJob:
+class VerbJob(_Job):
     """A verb of the command line as a child process: its newest line, and its outcome."""
 
-    def __init__(
-        self, live: Live, read: Callable[[], BackgroundJob], write: Callable[[BackgroundJob], None]
-    ) -> None:
-        self._live, self._read, self._write = live, read, write
+    def __init__(self, live: Live, kind: str) -> None:
+        super().__init__(live, kind)
         self._process: subprocess.Popen[str] | None = None
         self._reader = threading.Thread()
         self._newest = ['']  # line
@@ -167,7 +164,7 @@ class VerbJob:
             target=self._follow, args=(process, self._newest), daemon=True
         )
         self._reader.start()
-        self._write(BackgroundJob('running', 0.0, 'starts', since=self._live.clock()))
+        self.write(BackgroundJob('running', 0.0, 'starts', since=self._live.clock()))
 
     @staticmethod
     def _follow(process: subprocess.Popen[str], newest: list[str]) -> None:
@@ -182,20 +179,16 @@ class VerbJob:
         code, line = process.poll(), self._newest[0]
         if code is None:
             found = _SHARE.match(line)
-            share = float(found[1]) / 100 if found else self._read().fraction
-            text = found[2] if found else line or self._read().text
+            share = float(found[1]) / 100 if found else self.state.fraction
+            text = found[2] if found else line or self.state.text
             share = share if fraction is None else fraction
-            self._write(replace(self._read(), fraction=share, text=text))
+            self.write(replace(self.state, fraction=share, text=text))
             return
         self._process = None
         self._reader.join(ENDED_WITHIN)
         line = self._newest[0]
         failed = BackgroundJob('failed', 1.0, line.removeprefix('error: ') or f'ended ({code})')
-        self._write(self._outcome() if code == 0 else failed)
-
-    def fail(self, reason: str) -> None:
-        """End the job with a reason."""
-        self._write(BackgroundJob('failed', 0.0, reason))
+        self.write(self._outcome() if code == 0 else failed)
 
     def cancel(self) -> None:
         """Interrupt the verb as Ctrl-C does."""
@@ -217,17 +210,9 @@ class Jobs:
         self._live, self._folder = live, folder.resolve()
         self._recorded, self._journal = '', Path()
         self._budget = math.inf
-        self.sweep = ActionJob(
-            node, live, RunSweep, 'run_sweep', 'excitation',
-            lambda: live.sweep, lambda job: setattr(live, 'sweep', job),
-        )  # fmt: skip
-        self.sweep.on_result = _swept
-        self.discovery = VerbJob(
-            live, lambda: live.discovery, lambda job: setattr(live, 'discovery', job)
-        )
-        self.investigation = VerbJob(
-            live, lambda: live.investigation, lambda job: setattr(live, 'investigation', job)
-        )
+        self.sweep = SweepJob(node, live)
+        self.discovery = VerbJob(live, 'discovery')
+        self.investigation = VerbJob(live, 'investigation')
 
     def watch(self) -> None:
         """Update the jobs and what is offered; called about once a second."""
@@ -262,7 +247,7 @@ class Jobs:
             pause=order.pause,
             bag=str(self._folder / SWEEPS / order.name),
         )
-        self.sweep.send(goal, _swept_so_far)
+        self.sweep.send(goal)
 
     def bags(self) -> list[str]:
         """Return the finished bags, the newest first."""
@@ -339,15 +324,6 @@ class Jobs:
     ) -> BackgroundJob:
         page = (report / 'report.html').relative_to(self._folder).as_posix()
         return BackgroundJob('done', 1.0, summary, effects, before, after, page)
-
-
-def _swept(result: RunSweep.Result) -> BackgroundJob:
-    return BackgroundJob('done', 1.0, result.message, records=tuple(result.names))
-
-
-def _swept_so_far(feedback: RunSweep.Feedback) -> str:
-    at = f'{feedback.frequency:g} Hz at {feedback.amplitude:g} V'
-    return f'{at}, {feedback.seconds_left:.0f} s left'
 
 
 def states_of(journal: Path) -> list[InvestigationState]:
