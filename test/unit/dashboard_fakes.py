@@ -35,15 +35,11 @@ class Backend:
         self.sent.append((node, name, value, answer))
         return answer
 
-    def start_sweep(self, actuator: Any, order: Any) -> None:
+    def start(self, actuator: Any, order: Any) -> None:
         self.orders.append(order)
 
-    start_discovery = start_investigation = start_sweep
-
-    def cancel_sweep(self, actuator: Any) -> None:
+    def cancel(self, actuator: Any, kind: str) -> None:
         self.orders.append('cancel')
-
-    cancel_discovery = cancel_investigation = cancel_sweep
 
     def bags(self, actuator: Any) -> list[Any]:
         return ['first']

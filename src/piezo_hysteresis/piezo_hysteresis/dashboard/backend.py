@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from piezo_hysteresis.dashboard.controls import Value
 from piezo_hysteresis.dashboard.live_state import Live
@@ -27,6 +27,7 @@ class Answer:
 class SweepOrder:
     """A sweep requested by the page."""
 
+    kind: ClassVar[str] = 'sweep'
     frequencies: tuple[float, ...]  # [Hz]
     amplitudes: tuple[float, ...]  # [V]
     seconds: float  # durations of each record [s]
@@ -39,6 +40,7 @@ class SweepOrder:
 class DiscoveryOrder:
     """A discovery requested by the page."""
 
+    kind: ClassVar[str] = 'discovery'
     data: tuple[str, ...]  # bags, as `Backend.bags` names them
     baseline: str  # named model
 
@@ -47,11 +49,15 @@ class DiscoveryOrder:
 class InvestigationOrder:
     """An investigation requested by the page."""
 
+    kind: ClassVar[str] = 'investigation'
     low: float  # range of the voltage [V]; both 0 for the range of the actuator
     high: float
     slew: float  # largest rate of the voltage [V/s], 0 for no limit
     budget: float  # actuator time [s], 0 for the default
     name: str  # folder of journal and bags, below ``investigations`` in the folder
+
+
+Order = SweepOrder | DiscoveryOrder | InvestigationOrder
 
 
 class Backend(Protocol):
@@ -69,23 +75,11 @@ class Backend(Protocol):
     def set_parameters(self, actuator: str, node: str, values: Mapping[str, Value]) -> Answer:
         """Set parameters of a node in sequence, until one is rejected."""
 
-    def start_sweep(self, actuator: str, order: SweepOrder) -> None:
-        """Run a sweep and record it; `Live.sweep` has its state."""
+    def start(self, actuator: str, order: Order) -> None:
+        """Start what is ordered; `Live` has its state under the kind of the order."""
 
-    def cancel_sweep(self, actuator: str) -> None:
-        """Cancel the sweep; the actuator returns to rest."""
-
-    def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
-        """Run a discovery on recorded data; `Live.discovery` has its state."""
-
-    def cancel_discovery(self, actuator: str) -> None:
-        """Cancel the discovery."""
-
-    def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
-        """Run an investigation of the active model; `Live.investigation` has its state."""
-
-    def cancel_investigation(self, actuator: str) -> None:
-        """Cancel the investigation; the actuator returns to rest."""
+    def cancel(self, actuator: str, kind: str) -> None:
+        """Cancel a job by its kind; a driven actuator returns to rest."""
 
     def bags(self, actuator: str) -> list[str]:
         """Return the recorded bags, the newest first."""

@@ -290,7 +290,7 @@ class Controls:
 
     def __init__(self, backend: Backend, actuator: str) -> None:
         self._live = backend.live(actuator)
-        send = partial(_send, backend, actuator)
+        send, start = partial(_send, backend, actuator), partial(backend.start, actuator)
         find = self._live.parameter
         self._drive = RowList(send, find, 'drive', 'No excitation or controller is running.')
         self._effects = RowList(send, find, 'effects', 'No simulator is running here.', brief=True)
@@ -298,17 +298,14 @@ class Controls:
         self._node = Select(title='node', options=[], name='all.node')
         self._group = Select(title='group', options=[], name='all.group')
         self._sweep = SweepForm(
-            partial(backend.start_sweep, actuator), partial(backend.cancel_sweep, actuator),
+            start, partial(backend.cancel, actuator, 'sweep'),
             _new_name, actuator,
         )  # fmt: skip
         self._discovery = DiscoveryForm(
-            partial(backend.start_discovery, actuator),
-            partial(backend.cancel_discovery, actuator),
-            partial(backend.bags, actuator),
+            start, partial(backend.cancel, actuator, 'discovery'), partial(backend.bags, actuator)
         )
         self._investigation = InvestigationForm(
-            partial(backend.start_investigation, actuator),
-            partial(backend.cancel_investigation, actuator),
+            start, partial(backend.cancel, actuator, 'investigation'),
             partial(_new_name, 'investigation'),
         )  # fmt: skip
         self._status = text_div('status')

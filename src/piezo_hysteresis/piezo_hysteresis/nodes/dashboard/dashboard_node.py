@@ -14,12 +14,7 @@ from rclpy.node import Node
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import CounterWatch, Health, Level, judge
-from piezo_hysteresis.dashboard.backend import (
-    Answer,
-    DiscoveryOrder,
-    InvestigationOrder,
-    SweepOrder,
-)
+from piezo_hysteresis.dashboard.backend import Answer, DiscoveryOrder, Order, SweepOrder
 from piezo_hysteresis.dashboard.controls import Value
 from piezo_hysteresis.dashboard.live_state import BackgroundJob, Live
 from piezo_hysteresis.dashboard.page_server import DashboardServer
@@ -228,10 +223,18 @@ class Dashboard(GuardedNode):
         self._request(actuator, lambda session: session.directory.set(node, values, answer))
         return answer
 
-    def start_sweep(self, actuator: str, order: SweepOrder) -> None:
-        """End the running experiment, then run and record a sweep."""
-        self.live(actuator).sweep = BackgroundJob('asked', 0.0, 'asking the excitation')
-        self._request(actuator, lambda session: self._rest_then_sweep(session, order))
+    def start(self, actuator: str, order: Order) -> None:
+        """Start a job; a sweep first ends the running experiment."""
+        setattr(self.live(actuator), order.kind, BackgroundJob('asked', 0.0, 'starts'))
+        self._request(actuator, lambda session: self._begin(session, order))
+
+    def _begin(self, session: ActuatorSession, order: Order) -> None:
+        if isinstance(order, SweepOrder):
+            self._rest_then_sweep(session, order)
+        elif isinstance(order, DiscoveryOrder):
+            session.jobs.run_discovery(order)
+        else:
+            session.jobs.run_investigation(order)
 
     def _rest_then_sweep(self, session: ActuatorSession, order: SweepOrder) -> None:
         mode = session.live.parameter('excitation', 'mode')
@@ -251,28 +254,9 @@ class Dashboard(GuardedNode):
 
         go_on()
 
-    def cancel_sweep(self, actuator: str) -> None:
-        """Return the actuator to rest."""
-        self._request(actuator, lambda session: session.jobs.sweep.cancel())
-
-    def start_discovery(self, actuator: str, order: DiscoveryOrder) -> None:
-        """Start a discovery: effects that the baseline lacks in recorded data."""
-        self.live(actuator).discovery = BackgroundJob('asked', 0.0, 'starts')
-        self._request(actuator, lambda session: session.jobs.run_discovery(order))
-
-    def cancel_discovery(self, actuator: str) -> None:
-        """Cancel the discovery."""
-        self._request(actuator, lambda session: session.jobs.discovery.cancel())
-
-    def start_investigation(self, actuator: str, order: InvestigationOrder) -> None:
-        """Start an investigation: effects that the model in use lacks."""
-        asking = BackgroundJob('asked', 0.0, 'starts')
-        self.live(actuator).investigation = asking
-        self._request(actuator, lambda session: session.jobs.run_investigation(order))
-
-    def cancel_investigation(self, actuator: str) -> None:
-        """Cancel the investigation."""
-        self._request(actuator, lambda session: session.jobs.investigation.cancel())
+    def cancel(self, actuator: str, kind: str) -> None:
+        """Cancel a job; a driven actuator returns to rest."""
+        self._request(actuator, lambda session: session.jobs.by_kind[kind].cancel())
 
     def bags(self, actuator: str) -> list[str]:
         """Return the recorded bags, the newest first."""

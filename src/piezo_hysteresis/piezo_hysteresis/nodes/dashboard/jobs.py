@@ -213,6 +213,9 @@ class Jobs:
         self.sweep = SweepJob(node, live)
         self.discovery = VerbJob(live, 'discovery')
         self.investigation = VerbJob(live, 'investigation')
+        self.by_kind: dict[str, SweepJob | VerbJob] = {
+            'sweep': self.sweep, 'discovery': self.discovery, 'investigation': self.investigation
+        }  # fmt: skip
 
     def watch(self) -> None:
         """Update the jobs and what is offered; called about once a second."""
