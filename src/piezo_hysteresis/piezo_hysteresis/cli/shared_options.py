@@ -15,16 +15,6 @@ if TYPE_CHECKING:
     from piezo_hysteresis.records.columns import ReadOptions
 
 
-__all__ = [
-    'SALVAGE_HELP',
-    'add_conditions',
-    'add_out',
-    'add_reading',
-    'add_statements',
-    'options_of',
-    'statements_of',
-]
-
 SALVAGE_HELP = 'use the readable part of damaged data'
 
 _START_HELP = (

@@ -202,20 +202,6 @@ def readable_decades(axis: Any, values: Iterable[float]) -> None:
     axis.formatter = BasicTickFormatter(power_limit_low=-4, power_limit_high=4)
 
 
-__all__ = [
-    'GREY',
-    'PALETTE',
-    'Curve',
-    'band_figure',
-    'bars_before_after',
-    'loop_figure',
-    'response_figure',
-    'spectrum_figure',
-    'trace_figure',
-    'xy_figure',
-]
-
-
 def loop_figure(curves: Sequence[Curve], title: str, caption: str, input_unit: str = 'V') -> Plot:
     """Draw displacement [m] over voltage [V] (or force [N], or reference [m])."""
     name, factor, unit = {

@@ -27,7 +27,7 @@ from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 
-__all__ = ['Pid', 'PidGains']
+__all__ = ['FuzzyPid', 'FuzzyRules', 'Pid', 'PidGains']
 
 # Places in the memory of the law: integral [V], filtered slope of the error [m/s], the last error
 # [m] and whether there was one.

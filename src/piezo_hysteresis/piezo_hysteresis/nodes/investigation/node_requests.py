@@ -23,7 +23,7 @@ LOOK = 0.02
 # Timeout of an answer and of the discovery of a node, which may have just been started on a slow
 # machine [s].
 TIMEOUT = 30.0
-# Time until a request is repeated: a node answers nobody whom it has not found yet [s].
+# Time until a request is repeated: a node cannot answer a client that it has not found yet [s].
 ASK_AGAIN = 5.0
 # Timeout for the use of a model, which may compile kernels [s].
 COMPILED_WITHIN = 120.0
