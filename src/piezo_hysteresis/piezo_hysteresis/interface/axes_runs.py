@@ -23,7 +23,7 @@ from piezo_hysteresis.axes.axes_tracking import AxesRun, PeriodicPlant, tracked
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
 from piezo_hysteresis.axes.modal_search import ModalIdentification
 from piezo_hysteresis.common.wording import Guided
-from piezo_hysteresis.compensation.model_plant import ProcessPlant, command_of
+from piezo_hysteresis.compensation.offline_loop import ProcessPlant, command_of
 from piezo_hysteresis.compensation.study import PRESET
 from piezo_hysteresis.errors import CompensationError, IdentificationError
 
