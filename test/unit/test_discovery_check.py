@@ -77,11 +77,22 @@ def test_no_effect_is_named_where_the_displacement_runs_ahead() -> None:
     assert not unsynchronised(scans(0.003)).entirely
 
 
-def test_a_delay_of_most_of_a_period_is_not_ahead() -> None:
-    """A sine of 100 Hz that is 8 ms late looks 2 ms early; a slower drive shows that."""
-    late = [Record(f'sine_{f}', 1e-4, u(f, 0.0), 1e-7 * u(f, 0.008)) for f in (5.0, 100.0)]
-    assert unsynchronised(late[1:]).entirely
-    assert not unsynchronised(late).entirely
+@pytest.mark.parametrize(
+    ('delays', 'ahead'),
+    [
+        ((-0.002, -0.002), True),
+        ((0.008, 0.008), False),  # 100 Hz that is 8 ms late looks 2 ms early
+        ((-0.01, -0.0005), False),  # a loop that turns the other way
+        ((0.0, 0.0), False),
+    ],
+)
+def test_one_time_at_all_frequencies_is_another_clock(
+    delays: tuple[float, float], ahead: bool
+) -> None:
+    drives = zip((5.0, 100.0), delays, strict=True)
+    given = [Record(f'sine_{f}', 1e-4, u(f, 0.0), 1e-7 * u(f, delay)) for f, delay in drives]
+    assert unsynchronised(given).entirely == ahead
+    assert not unsynchronised(given[1:]).entirely
 
 
 def u(frequency: float, delay: float) -> np.ndarray:

@@ -106,8 +106,8 @@ OTHER_MEANING = {
     'resonance': ('cli/compensate.py',),  # an option of the attenuation
     'bouc_wen': ('identification/rls_ud.py',),  # a kind of recursion
 }
-LABELS = {  # of a line in a figure
-    'mode': ('reporting/identification_report.py',),
+LABELS = {  # of a line in a figure or a text
+    'mode': ('reporting/identification_report.py', 'axes/modal_search.py'),
     'resonance': ('reporting/demo_report.py',),
 }
 

@@ -274,19 +274,30 @@ def _coherence(u: FloatArray, y: FloatArray) -> float:
     return float(np.sum(shared) / max(float(np.sum(np.abs(b) ** 2)), 1e-300))
 
 
-def time_ahead(record: Record) -> float:
-    """Return by how long the displacement runs ahead of its drive, which no actuator does [s].
+def phase_ahead(record: Record) -> tuple[float, float]:
+    """Return the main frequency [Hz] and the phase by which the displacement leads there [rad].
 
-    Negative if it lags, and 0 below two hundredths of a radian or 1.5 samples.
+    Both are 0 without a main frequency.
     """
     frequency = main_frequency(record)
     if not frequency > 0.0:
-        return 0.0
+        return 0.0, 0.0
     wave = np.exp(-2j * np.pi * frequency * record.time) * np.hanning(len(record))
     u, y = record.voltage, measured_without_outliers(record)
     lead = float(np.angle(np.sum((y - y.mean()) * wave) / np.sum((u - u.mean()) * wave)))
     # an actuator of inverted polarity has the opposite sign
     if abs(lead) > np.pi / 2:
         lead -= np.sign(lead) * np.pi
-    seconds = lead / (2 * np.pi * frequency)
-    return seconds if abs(seconds) > 1.5 * record.dt and abs(lead) > 0.02 else 0.0
+    return frequency, lead
+
+
+def time_ahead(record: Record) -> float:
+    """Return by how long the displacement runs ahead of its drive [s].
+
+    0 below two hundredths of a radian or 1.5 samples.
+    """
+    frequency, lead = phase_ahead(record)
+    if not lead > 0.02:
+        return 0.0
+    seconds = lead / (2.0 * np.pi * frequency)
+    return seconds if seconds > 1.5 * record.dt else 0.0

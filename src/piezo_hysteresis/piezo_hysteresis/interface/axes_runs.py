@@ -98,7 +98,8 @@ _OURS = {'dt', 'fs', 'workers', 'progress', 'modes', 'effects'}
 def is_several(data: object, model: object) -> bool:
     """Return whether a call is of several axes, by its model or by its records."""
     given = data if isinstance(data, (list, tuple)) else [data]
-    return model == MODES or any(isinstance(each, AxesRecord) for each in given)
+    of_axes = isinstance(model, str) and model == MODES
+    return of_axes or any(isinstance(each, AxesRecord) for each in given)
 
 
 def several_records(

@@ -14,7 +14,7 @@ import numpy as np
 from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.checks import require_usable, time_ahead
+from piezo_hysteresis.identification.checks import phase_ahead, require_usable, time_ahead
 from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
 from piezo_hysteresis.identification.model_discrepancy import waveform_of
 from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of, stroke_of
@@ -260,6 +260,7 @@ def _fastest(view: Target) -> int:
 _FEWEST_OF_A_RECORD = 200
 # Ratio of frequencies, and share of a voltage range, from which a drive is unlike another one.
 OCTAVE, BEYOND = 2.0, 0.1
+_APART = 1.5  # ratio of frequencies from which a time differs from a phase
 
 
 @dataclass(frozen=True)
@@ -311,14 +312,17 @@ class Outside:
 
 
 def unsynchronised(records: Sequence[Record]) -> Outside:
-    """Return which displacements run ahead of their drive: a model would take that for physics.
+    """Return which displacements run ahead of their drive by one time at all frequencies.
 
-    If others lag, these lag by most of a period.
+    A model would take that for physics. A loop that turns the other way leads by one phase.
     """
     driven = [each for each in records if np.ptp(each.voltage) > 0.0]
-    times = {each.name: time_ahead(each) for each in driven}
-    early = [name for name, time in times.items() if time > 0.0]
-    if not early or min(times.values()) < 0.0:
+    early = {each.name: time for each in driven if (time := time_ahead(each)) > 0.0}
+    phases = [(f, lead) for f, lead in map(phase_ahead, driven) if f > 0.0]
+    if not early or max(phases)[0] < _APART * min(phases)[0]:
+        return Outside()
+    expected = 2.0 * np.pi * float(np.median(list(early.values()))) * np.array(phases)[:, 0]
+    if np.any(np.abs(np.array(phases)[:, 1] - expected) > 0.02 + 0.2 * expected):
         return Outside()
     return Outside(
         f'The displacement of {", ".join(early)} runs ahead of its drive, which no actuator does: '
