@@ -124,6 +124,28 @@ def test_an_effect_that_was_rejected_is_tried_again_with_those_after_it() -> Non
     assert [s.name for s in steps].count('amplifier_lag') == 1  # it improved nothing
 
 
+class Masked(Rungs):
+    """A mode that explains 1 % of the squares, as long as creep is nine tenths of the error."""
+
+    def larger(self, before: Any, name: str) -> Any:
+        had = before.fit.model
+        if name == 'creep':
+            return rung(0.1 * before.trained, before.held_out, f'{had} creep')
+        if name == 'mode':
+            explained = min(0.006, 0.6 * before.trained**2)
+            left = (before.trained**2 - explained) ** 0.5
+            return rung(left, before.held_out, f'{had} mode')
+        return rung(before.trained, before.held_out, f'{had} {name}')
+
+
+def test_an_effect_that_a_larger_error_hid_is_tried_again() -> None:
+    steps: list[TriedModel] = []
+    best = climbed(cast(Any, Masked()), 'plays', steps, lambda name, share: None)
+    assert cast(Any, best.fit.model) == 'plays creep mode'
+    assert [s.kept for s in steps if s.name == 'mode'] == [False, True]
+    assert [s.name for s in steps].count('amplifier_lag') == 1  # it explained nothing
+
+
 def test_useless_records_are_refused() -> None:
     flat = Record('flat', DT, np.zeros(500), 1e-9 * np.arange(500.0))
     with pytest.raises(IdentificationError, match='constant'):

@@ -159,9 +159,14 @@ class Rung:
         trained = (before.trained, self.trained)
         return self.sure and predicts_better(trained, (before.held_out, self.held_out))
 
-    def fits_better(self, before: Rung) -> bool:
-        """Return whether the last effect is significant and improves the fitted part."""
-        return self.sure and predicts_better((before.trained, self.trained), (1.0, 1.0))
+    def would_improve(self, before: Rung, now: Rung) -> bool:
+        """Return whether what the last effect took away `before` is noticeable in the error `now`.
+
+        A large error of another cause hides a small effect: the squares that it explains count
+        for little then, and for much when that cause is in the model.
+        """
+        least = (1.0 - (1.0 - CHOICE.min_gain) ** 2) * now.trained**2
+        return self.sure and before.trained**2 - self.trained**2 >= least
 
     @property
     def useful_cost(self) -> float:
@@ -502,9 +507,10 @@ def choose_model(
     a bank of plays. Each further effect of `LADDER` is fitted to the first 70 % of every record
     jointly with all others. It is kept if it reduces the free-run error there or on the rest of
     the records by 2 %, does not increase the latter, and has parameters that the records
-    determine. An effect that only increased the error on the rest is tried once more with the
-    effects accepted after it. The plays are selected unless the other model is clearly better on
-    the rest, because their inner loops close, as those of ceramics do.
+    determine. A rejected effect is tried once more with the effects accepted after it, if what
+    it explained is noticeable in the error that these leave. The plays are selected unless the
+    other model is clearly better on the rest, because their inner loops close, as those of
+    ceramics do.
 
     Records of one amplitude contain no inner loop, and they determine only one static curve, but
     not whether it lies before or after the hysteresis. In this case the plays are selected
@@ -555,16 +561,16 @@ def climbed(
         kept = before is None or tried.improves(before)
         row = (memory, name, len(tried.fit.free), tried.trained, tried.held_out, kept)
         steps.append(TriedModel(*row))
-        if not kept and before is not None and tried.fits_better(before):
-            rejected[name] = before
+        if not kept and before is not None:
+            rejected[name] = before, tried
         return tried if kept else None
 
-    rejected: dict[str, Rung] = {}
+    rejected: dict[str, tuple[Rung, Rung]] = {}
     best = test(memory, None)
     assert best is not None
     for name in LADDER:
         best = test(name, best) or best
-    for name, before in list(rejected.items()):
-        if before is not best:
+    for name, (before, tried) in list(rejected.items()):
+        if before is not best and tried.would_improve(before, best):
             best = test(name, best) or best
     return best
