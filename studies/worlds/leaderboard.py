@@ -1,12 +1,13 @@
 """Measured records and one benchmark: this suite in three ways, and its peers at their best.
 
     python studies/study.py leaderboard --data ../shared/data --peers PYTHON [PYTHON ...]
+        --results studies/peers/leaderboard.json --page docs/leaderboard.md
 
 PYTHON are interpreters with `studies/peers/requirements.txt` and `requirements_jax.txt`, which do
 not fit together; a peer runs in the first that has it, and is left out where none has. Each model
-is run freely over what it was not fitted to, and no peer is given those samples. Rows are kept in
-`--results`, so that a run continues where an earlier one ended. The unknown zero of a test record
-(P-885) is subtracted from the error of every model.
+is run freely over what it was not fitted to, and no peer is given those samples. The unknown zero
+of a test record (P-885) is subtracted from the error of every model. `--results` is written anew;
+`--page` fills the tables of a page with its rows and with published figures.
 """
 
 from __future__ import annotations
@@ -14,12 +15,16 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
+import platform
+import re
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -40,8 +45,12 @@ from studies.worlds.stand_ins import records_in
 
 #: A model, its values, and the delay of its samples [s].
 Fit: TypeAlias = tuple[Model, Mapping[str, float], float]
-MIRROR = 'Mirror of three piezos: suite, `identify` with three axes'
-PEERS = Path(__file__).resolve().parents[1] / 'peers' / 'run.py'
+ROOT = Path(__file__).resolve().parents[2]
+PEERS = ROOT / 'studies' / 'peers' / 'run.py'
+RESULTS = PEERS.with_name('leaderboard.json')
+MIRROR, AXES = 'Mirror of three piezos', 'suite, `identify` with three axes'
+HARMONICS, CYCLES = 20, 3  # of the repetition of cycles
+SLOWEST = ('Bouc-Wen benchmark (simulated)', 'jax-sysid, network')
 
 
 @dataclass(frozen=True)
@@ -117,6 +126,30 @@ class Row:
     errors: dict[str, float] = field(default_factory=dict)
 
 
+def _published(errors: Mapping[str, float], words: str = '', parameters: int = 0) -> Row:
+    return Row(parameters, math.nan, words, dict(errors))
+
+
+#: Figures that others published, by title.
+PUBLISHED: dict[str, dict[str, Row]] = {
+    'Bouc-Wen benchmark (simulated)': {
+        'state-space network (published)': _published({'test_multisine': 7.5e-6}),
+        'PNLSS (published)': _published(
+            {'test_multisine': 1.2e-5}, '[arXiv 1610.09138](https://arxiv.org/abs/1610.09138)', 217
+        ),
+        'dynoNet (published)': _published({'test_multisine': 4.5e-5}),
+    },
+    MIRROR: {
+        f'{name} (published)': _published(
+            dict(zip(mirror.LEVELS, (1e-6 * each for each in errors), strict=True)),
+            'scored on the test sets',
+        )
+        for name, errors in mirror.PUBLISHED.items()
+        if name != 'noise floor'
+    },
+}
+
+
 @dataclass(frozen=True)
 class Records:
     """Records of a case: what is fitted, and the tests."""
@@ -150,6 +183,19 @@ def read(case: Case, data: Path) -> Records:
 
 
 # This suite
+
+
+def repeated(records: Records) -> Row:
+    """Repeat the last known cycles as a Fourier series: no model, and what a test must exceed."""
+    case, train = records.case, records.train
+    per = round(1.0 / (case.frequency * train.dt))
+    cycles = min(CYCLES, len(train) // per)
+    first = len(train) - cycles * per
+    lines = np.fft.rfft(np.mean(train.displacement[first:].reshape(cycles, per), 0))
+    lines[HARMONICS + 1 :] = 0.0
+    run = np.fft.irfft(lines, per)[(np.arange(len(records.whole)) - first) % per]
+    words = f'{HARMONICS} harmonics of the last {cycles} known cycles'
+    return Row(2 * HARMONICS + 1, 0.0, words, records.errors([run]))
 
 
 def free_run(test: Test, record: Record, fit: Fit) -> FloatArray:
@@ -194,6 +240,8 @@ def ours(records: Records, limit: float, seed: int) -> Iterator[tuple[str, Calla
         fit = search.model, search.values, search.sampling_offset
         return scored(fit, search.parameters, started)
 
+    if case.frequency and case.known < 1.0:
+        yield 'no model: the cycle repeated', partial(repeated, records)
     yield 'suite, automatic model', partial(identified, None)
     yield f'suite, `{case.by_name}`', partial(identified, case.by_name)
     yield f'suite, `{case.baseline}` alone', partial(identified, case.baseline)
@@ -222,8 +270,8 @@ def rival(records: Records, tool: str, asked: argparse.Namespace) -> Row:
     with tempfile.TemporaryDirectory() as folder:
         task, answer = Path(folder) / 'task.npz', Path(folder) / 'answer.npz'
         np.savez(task, dt=dt, period=period, **signals)
-        # a peer has no deadline of its own: the start of Python and its last round come on top
-        allowed = None if asked.time_limit == math.inf else 2.0 * asked.time_limit + 60.0
+        # a peer has no deadline of its own, and its documentation asks for long fits
+        allowed = None if asked.time_limit == math.inf else 10.0 * asked.time_limit + 60.0
         for interpreter in asked.peers:
             words = [interpreter, '-W', 'ignore', str(PEERS), tool, str(task), str(answer)]
             try:
@@ -265,21 +313,65 @@ def rivals(case: Case) -> list[str]:
 # Tables
 
 
-def table(case: Case, rows: Mapping[str, Row]) -> list[str]:
-    """Return rows as a table of a page, errors in micrometres."""
-    columns = [Path(test.file).stem for test in case.tests]
-    heads = [f'`{column}` [um rms]' for column in columns]
-    lines = [
-        f'### {case.title}',
-        '',
-        f'| tool | {" | ".join(heads)} | parameters | seconds | what |',
-    ]
+def table(title: str, rows: Mapping[str, Row]) -> list[str]:
+    """Return rows as a table of a page, the best first, errors in micrometres."""
+    rows = rows | PUBLISHED.get(title, {})
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row.errors))
+    lines = ['| tool | ' + ' | '.join(f'{each.replace("_", " ")} [µm rms]' for each in columns)]
+    lines[0] += ' | parameters | seconds | model and settings |'
     lines.append('|---|' + '---:|' * (len(columns) + 2) + '---|')
-    for tool, row in rows.items():
-        cells = [f'{1e6 * row.errors[c]:.3g}'.replace('inf', 'diverges') for c in columns]
-        cells += [str(row.parameters), f'{row.seconds:.0f}', row.words]
+    for tool, row in sorted(rows.items(), key=lambda each: each[1].errors[columns[0]]):
+        errors = [1e6 * row.errors[each] if each in row.errors else math.nan for each in columns]
+        cells = [figure(each) for each in errors]
+        cells += [str(row.parameters or ''), f'{row.seconds:.0f}'.replace('nan', ''), row.words]
         lines.append(f'| {tool} | {" | ".join(cells)} |')
-    return [*lines, '']
+    return lines
+
+
+def figure(error: float) -> str:
+    """Return an error with three digits; nothing if it was not published."""
+    if not math.isfinite(error):
+        return 'diverges' if math.isinf(error) else ''
+    return f'{error:.{max(0, 2 - math.floor(math.log10(error)))}f}'
+
+
+def rows_of(results: Mapping[str, Any]) -> dict[str, dict[str, Row]]:
+    """Return the rows of a file of results by title."""
+    return {
+        title: {tool: Row(**row) for tool, row in rows.items()}
+        for title, rows in results['rows'].items()
+    }
+
+
+def written(page: str, results: Mapping[str, Any]) -> str:
+    """Return a page with the tables of results between `<!-- rows: TITLE -->` and the end."""
+    parts = {f'rows: {title}': '\n'.join(table(title, rows))
+             for title, rows in rows_of(results).items()}  # fmt: skip
+    made = results['made']
+    parts['made'] = (
+        f'Measured on {made["date"]} by one call in {made["minutes"]:.0f} minutes, at commit '
+        f'{made["commit"]} with seed {made["seed"]}, on {made["machine"]}.'
+    )
+
+    def filled(match: re.Match[str]) -> str:
+        text = parts.get(match[1])
+        return match[0] if text is None else f'<!-- {match[1]} -->\n{text}\n<!-- end -->'
+
+    return re.sub(r'<!-- (rows: [^\n]*|made) -->\n.*?<!-- end -->', filled, page, flags=re.DOTALL)
+
+
+def made_with(asked: argparse.Namespace) -> dict[str, Any]:
+    """Return what figures depend on besides the records."""
+    git = ['git', '-C', str(ROOT), 'describe', '--always', '--dirty=+']
+    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    return {
+        'date': datetime.now(UTC).date().isoformat(),
+        'commit': commit or 'unknown',
+        'seed': asked.seed,
+        'time_limit': asked.time_limit,
+        'machine': f'{os.cpu_count()} {platform.machine()} cores, which were shared; Python '
+        f'{platform.python_version()}, NumPy {np.__version__}',
+    }
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -288,62 +380,82 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--data', type=Path, default=Path('../shared/data'))
     add('--peers', nargs='+', default=[sys.executable], metavar='PYTHON', help='with the peers')
     add('--rows', default='', metavar='TEXT', help='only rows whose record or tool contains this')
-    add('--results', type=Path, help='file of the rows; rows that it has are not run again')
+    add('--results', type=Path, help='file of the rows')
 
 
 QUICK = {'data': None, 'time_limit': 1.0}
 
 
 def run(asked: argparse.Namespace) -> str:
-    """Return the tables."""
-    kept: dict[str, dict[str, dict[str, object]]] = {}
-    if asked.results and asked.results.exists():
-        kept = json.loads(asked.results.read_text(encoding='utf-8'))
+    """Return the tables, or the page with them."""
+    began = time.monotonic()
+    made = made_with(asked)
+    rows: dict[str, dict[str, Row]] = {}
     cases = CASES[:1] if asked.quick else CASES
-    lines: list[str] = []
+    results: dict[str, Any] = {}
     with records_in(asked.data, [case.file for case in cases]) as data:
-        for case in cases:
-            if not (data / case.file).exists():
-                print(f'{case.file} is not in {data}: left out')
+        work = {
+            case.title: tools_of(read(case, data), asked)
+            for case in cases
+            if (data / case.file).exists()
+        }
+        if asked.data and (asked.data / 'fsm').exists():
+            work[MIRROR] = {AXES: partial(mirrored, asked)}
+        asks = [
+            (title, tool, ask)
+            for title, tools in work.items()
+            for tool, ask in tools.items()
+            if asked.rows in f'{title}: {tool}'
+        ]
+        # the slowest last: what is there can be read while it runs
+        for title, tool, ask in sorted(asks, key=lambda each: each[:2] == SLOWEST):
+            try:
+                row = ask()
+            except (RivalError, PiezoError) as error:
+                print(f'{title}: {tool} is left out: {error}', flush=True)
                 continue
-            rows = compared(read(case, data), asked, kept)
-            lines += table(case, rows) if rows else []
-    if asked.data and (asked.data / 'fsm').exists() and asked.rows in MIRROR:
-        lines += [f'### {MIRROR}', '', mirror.run(mirror_of(asked))]
+            rows.setdefault(title, {})[tool] = row
+            print(f'{title}: {tool}: {row}', flush=True)
+            made['minutes'] = (time.monotonic() - began) / 60.0
+            plain = {t: {n: asdict(r) for n, r in those.items()} for t, those in rows.items()}
+            results = {'made': made, 'rows': plain}
+            if asked.results:
+                asked.results.write_text(json.dumps(results, indent=1) + '\n', 'utf-8')
+    if asked.page and results:
+        return written(asked.page.read_text('utf-8'), results).removesuffix('\n') + '\n'
+    lines = [
+        line for title in rows for line in (f'### {title}', '', *table(title, rows[title]), '')
+    ]
     return '\n'.join(lines) + '\n'
 
 
-def mirror_of(asked: argparse.Namespace) -> argparse.Namespace:
-    """Return the options of the study `mirror`, which has a model of its own for three axes."""
-    parser = argparse.ArgumentParser()
-    mirror.configure(parser)
-    words = ['--train', str(asked.data / 'fsm')]
-    return parser.parse_args(words, argparse.Namespace(workers=asked.workers))
-
-
-def compared(
-    records: Records, asked: argparse.Namespace, kept: dict[str, dict[str, dict[str, object]]]
-) -> dict[str, Row]:
-    """Give the records of a case to every tool that is there."""
+def tools_of(records: Records, asked: argparse.Namespace) -> dict[str, Callable[[], Row]]:
+    """Return what is to be run on the records of a case."""
     case = records.case
-    rows = kept.setdefault(case.title, {})
     tools: dict[str, Callable[[], Row]] = {
         tool: partial(rival, records, RIVALS[tool], asked) for tool in rivals(case)
     }
-    own = list(ours(records, asked.time_limit, asked.seed))
-    # of this suite a quick run has the model by name: a fit of seconds
-    tools |= dict(own[1:2] if asked.quick else own)
-    tools = {tool: work for tool, work in tools.items() if asked.rows in f'{case.title}: {tool}'}
-    for tool, work in tools.items():
-        if tool not in rows:
-            try:
-                rows[tool] = asdict(work())
-            except (RivalError, PiezoError) as error:
-                print(f'{case.title}: {tool} is left out: {error}', flush=True)
-                continue
-            if asked.results:
-                asked.results.write_text(json.dumps(kept, indent=1), encoding='utf-8')
-        print(f'{case.title}: {tool}: {rows[tool]["errors"]}', flush=True)
-    found = {tool: Row(**rows[tool]) for tool in tools if tool in rows}  # type: ignore[arg-type]
-    first = Path(case.tests[0].file).stem
-    return dict(sorted(found.items(), key=lambda each: each[1].errors[first]))
+    own = dict(ours(records, asked.time_limit, asked.seed))
+    if asked.quick:  # of this suite the model by name alone: a fit of seconds
+        by_name = f'suite, `{case.by_name}`'
+        own = {name: work for name, work in own.items() if name.startswith(('no ', by_name))}
+    return own | tools
+
+
+def mirrored(asked: argparse.Namespace) -> Row:
+    """Identify the mirror, which has a model of its own for three axes."""
+    parser = argparse.ArgumentParser()
+    mirror.configure(parser)
+    words = ['--train', str(asked.data / 'fsm')]
+    began = time.perf_counter()
+    found, records = mirror.identified(
+        parser.parse_args(words, argparse.Namespace(workers=asked.workers))
+    )
+    held = [each for each in records if each.name in found.held_out]
+    errors = dict(zip(mirror.LEVELS, mirror.metric(found.model, held), strict=True))
+    count = sum(part.size for part in found.model.parameters.values())
+    steps = ', '.join(f'`{step.effect}`' for step in found.steps)
+    return Row(
+        count, time.perf_counter() - began,
+        f'scored on the held-out realisations on which its effects were chosen: {steps}', errors,
+    )  # fmt: skip

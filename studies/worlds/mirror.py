@@ -77,14 +77,20 @@ def floor(records: Sequence[AxesRecord]) -> list[float]:
     ]
 
 
-def run(asked: argparse.Namespace) -> str:
-    """Identify, and return the steps and errors as a page."""
-    began = time.process_time()
+def identified(asked: argparse.Namespace) -> tuple[ModalIdentification, list[AxesRecord]]:
+    """Identify, and return the records as well."""
     records = read(asked.train, asked.levels)
     found = identify_axes(
         records, modes=asked.modes, effects=asked.effects, workers=asked.workers,
         report=lambda line: print(line, flush=True),
     )  # fmt: skip
+    return found, records
+
+
+def run(asked: argparse.Namespace) -> str:
+    """Identify, and return the steps and errors as a page."""
+    began = time.process_time()
+    found, records = identified(asked)
     seconds = time.process_time() - began
     if asked.out:
         asked.out.mkdir(parents=True, exist_ok=True)
