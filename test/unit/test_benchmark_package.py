@@ -28,6 +28,16 @@ def test_page_and_results_are_of_this_version() -> None:
     assert f'piezo_benchmark {benchmark.VERSION}' in PAGE.read_text(encoding='utf-8')
 
 
+def test_the_page_is_written_from_the_results() -> None:
+    report: Any = importlib.import_module('piezo_benchmark.report')
+    results = json.loads(
+        (ROOT / 'studies/benchmark/results/practice.json').read_text(encoding='utf-8')
+    )
+    folder = '../studies/benchmark'
+    written = report.page(results, [], f'{folder}/pictures', f'{folder}/results/practice.md')
+    assert written == PAGE.read_text('utf-8')
+
+
 def example() -> str:
     """Return the entry of the page."""
     (code,) = re.findall(r'```python\n(# my_entry\.py\n.*?)```', PAGE.read_text('utf-8'), re.S)

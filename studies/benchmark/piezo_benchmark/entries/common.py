@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -242,13 +243,12 @@ class Library:
         run = linear_prediction(self.known.task, self.fit, self.parts, real, slopes)
         return run + self.known.held_out
 
-    def statement(self, weights: Array) -> Statement:
-        """Return which outcome a sparse combination of the columns states.
+    def named(self, weights: Array) -> tuple[str, list[str]]:
+        """Return which outcome a sparse combination of the columns states, and its names by worth.
 
         Columns count for the name of the effect they were computed with. The name without which
         most remains is the first; a second one joins it if it takes a tenth of that. Less than
-        5 % explained is `none`, less than 30 % is `unknown`. Names of the other columns are
-        further possibilities.
+        5 % explained is `none`, less than 30 % is `unknown`.
         """
         names = {s.name for s, w in zip(self.parts, weights, strict=True) if w}
         total = float(self.target @ self.target)
@@ -261,18 +261,31 @@ class Library:
             worth[name] = float(alone @ alone - whole @ whole)
         order = sorted(worth, key=lambda name: -worth[name])
         if not order or explained < 0.05:
-            outcome = NONE
-        elif explained < 0.3:
-            outcome = UNKNOWN
-        elif len(order) > 1 and worth[order[1]] > 0.1 * worth[order[0]]:
-            outcome = '+'.join(sorted(order[:2]))
-        else:
-            outcome = order[0]
+            return NONE, order
+        if explained < 0.3:
+            return UNKNOWN, order
+        if len(order) > 1 and worth[order[1]] > 0.1 * worth[order[0]]:
+            return '+'.join(sorted(order[:2])), order
+        return order[0], order
+
+    def statement(self, weights: Array, resampled: Sequence[Array] = ()) -> Statement:
+        """Return what a combination of the columns states; names of the others are possible.
+
+        Outcomes of `resampled` combinations, if there are any, count by their frequency.
+        """
+        outcome, order = self.named(weights)
+        found = [self.named(each) for each in resampled] or [(outcome, order)]
+        stated: dict[str, float] = {}
+        others = dict.fromkeys(order, 1.0)
+        for each, names in found:
+            stated[each] = stated.get(each, 0.0) + 1.0 / len(found)
+            for name in names:
+                others.setdefault(name, 0.0)
+                others[name] += 1.0 / len(found)
+        whole = self.target - self.columns @ weights
+        left = remains(whole.reshape(self.fit.residual.shape))
         return Statement(
-            kind_of(outcome, remains(whole.reshape(self.fit.residual.shape)), self.known.task),
-            {outcome: 1.0},
-            dict.fromkeys(order, 1.0),
-            self.prediction(weights),
+            kind_of(outcome, left, self.known.task), stated, others, self.prediction(weights)
         )
 
 
