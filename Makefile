@@ -3,7 +3,7 @@
 # make setup  only sets up;  make dev  with what tests need;  make clean  removes what was made
 # make site   builds the documentation as a site: out/site/index.html
 
-.PHONY: demo test studies scripts lint setup setup-demo build dev site clients clean
+.PHONY: demo test studies scripts peers lint setup setup-demo build dev site clients clean
 .DEFAULT_GOAL := help
 DATA ?=
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -54,6 +54,14 @@ studies: dev
 # Every script of bench/ and studies/, made small: evidence, not the product.
 scripts: dev
 	@$(run) $(pytest) --junitxml=out/tests/scripts.xml --dist worksteal test/scripts
+
+# The peers of the leaderboard made small, in environments of their own.
+peers: dev
+	@for set in requirements requirements_jax; do \
+	  test -x out/peers/$$set/bin/pip || python3 -m venv out/peers/$$set; \
+	  out/peers/$$set/bin/pip install -q --disable-pip-version-check -r studies/peers/$$set.txt; done
+	@$(run) python studies/study.py leaderboard --quick --peers out/peers/*/bin/python \
+	  | tee out/peers/quick.txt; ! grep 'left out' out/peers/quick.txt
 
 # In an environment of its own: nothing else needs these packages.
 site:
