@@ -70,5 +70,5 @@ def test_the_public_ci_and_the_container_run_targets_that_there_are() -> None:
     commands = '\n'.join(step.get('run', '') for step in steps)
     container = (ROOT / 'Dockerfile').read_text(encoding='utf-8').replace('", "', ' ')
     asked = re.findall(r'^make ([a-z]+)', commands, re.M)
-    assert set(asked) == {'demo', 'test', 'scripts', 'site'}
+    assert set(asked) == {'demo', 'test', 'scripts', 'site', 'peers'}
     assert {*asked, *re.findall(r'(?:RUN |")make ([a-z]+)', container)} <= targets
