@@ -125,7 +125,7 @@ def test_the_loop_serves_its_page_and_ends_whole(tmp_path: Path) -> None:
         page = urllib.request.urlopen(f'http://127.0.0.1:{port}/', timeout=30).read().decode()
         assert re.search('<title>', page)
         children = _children(process.pid)
-        assert len(children) == 5
+        assert len(children) == 4
     finally:
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
