@@ -134,7 +134,7 @@ def test_a_damaged_file_gives_no_other_number_without_a_word(
 @pytest.mark.parametrize('ending', WRITERS)
 @given(damage=DAMAGES)
 @settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_many_damaged_files(tmp_path: Path, ending: str, damage: tuple[str, float, int]) -> None:
     fuzzed(tmp_path, ending, damage)
