@@ -179,9 +179,18 @@ def with_input_error(fit: FitResult) -> FitResult:
 
 def _drawn(objective: Objective, generator: np.random.Generator) -> Objective:
     other = copy(objective)
-    converter = float(generator.standard_normal())  # one, so that its errors do not average out
-    other.targets = tuple(_with_error(each, generator, converter) for each in objective.targets)
+    converter: dict[str, float] = {}  # one error for each reach, which does not average out
+    for each in objective.targets:
+        converter.setdefault(_reach(each), float(generator.standard_normal()))
+    other.targets = tuple(
+        _with_error(each, generator, converter[_reach(each)]) for each in objective.targets
+    )
     return other
+
+
+def _reach(target: Target) -> str:
+    """Return the reach of a drive in two digits: equal ones are rounded alike."""
+    return f'{np.ptp(target.voltage):.2g}'
 
 
 def _with_error(target: Target, generator: np.random.Generator, converter: float) -> Target:
