@@ -159,10 +159,11 @@ def biases(name: str, seed: int, draws: int) -> Iterator[Bias]:
     hidden = _slow(next(null for null in nulls if null.world.name == name))
     exact = records_of(hidden)
     truth = identify(exact, hidden.world.baseline)
+    known = tuple(name for name in truth.names if name in truth.std)  # no clock
 
     def off(records: Sequence[Record]) -> list[float]:
         found = identify(records, hidden.world.baseline)
-        own = [n if n in found.std else None for n in truth.names]  # None: not determined
+        own = [n if n in found.std else None for n in known]  # None: not determined
         return [(found.values[n] - truth.values[n]) / found.std[n] if n else np.nan for n in own]
 
     for kind in KINDS:
@@ -176,8 +177,8 @@ def biases(name: str, seed: int, draws: int) -> Iterator[Bias]:
                 given = [replace(r, input_uncertainty=InputUncertainty(0)) for r in made]
                 with contextlib.suppress(IdentificationError):  # refused is nan
                     naive.append(off(given))
-        mean, without = (_mean(each, len(truth.names)) for each in (errors, naive))
-        yield Bias(name, kind, truth.names, mean, without, time.perf_counter() - began)
+        mean, without = (_mean(each, len(known)) for each in (errors, naive))
+        yield Bias(name, kind, known, mean, without, time.perf_counter() - began)
 
 
 def _mean(errors: Sequence[Sequence[float]], count: int) -> tuple[float, ...]:
