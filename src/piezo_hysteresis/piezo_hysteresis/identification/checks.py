@@ -12,7 +12,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import measured_without_outliers, stroke_of
-from piezo_hysteresis.identification.periods import main_frequency
+from piezo_hysteresis.identification.periods import cached_per_record, main_frequency
 from piezo_hysteresis.records import Record
 
 LARGEST_STROKE = 0.02  # largest displacement of any piezo actuator [m]
@@ -274,6 +274,7 @@ def _coherence(u: FloatArray, y: FloatArray) -> float:
     return float(np.sum(shared) / max(float(np.sum(np.abs(b) ** 2)), 1e-300))
 
 
+@cached_per_record
 def phase_ahead(record: Record) -> tuple[float, float]:
     """Return the main frequency [Hz] and the phase by which the displacement leads there [rad].
 

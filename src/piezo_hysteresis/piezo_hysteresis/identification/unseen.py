@@ -179,18 +179,16 @@ def with_input_error(fit: FitResult) -> FitResult:
 
 def _drawn(objective: Objective, generator: np.random.Generator) -> Objective:
     other = copy(objective)
-    converter: dict[str, float] = {}  # one error for each reach, which does not average out
-    for each in objective.targets:
-        converter.setdefault(_reach(each), float(generator.standard_normal()))
+    # one error of a converter for each reach in two digits, which does not average out
+    reaches = [f'{np.ptp(each.voltage):.2g}' for each in objective.targets]
+    drawn: dict[str, float] = {}
+    for reach in reaches:
+        drawn.setdefault(reach, float(generator.standard_normal()))
     other.targets = tuple(
-        _with_error(each, generator, converter[_reach(each)]) for each in objective.targets
+        _with_error(each, generator, drawn[reach])
+        for each, reach in zip(objective.targets, reaches, strict=True)
     )
     return other
-
-
-def _reach(target: Target) -> str:
-    """Return the reach of a drive in two digits: equal ones are rounded alike."""
-    return f'{np.ptp(target.voltage):.2g}'
 
 
 def _with_error(target: Target, generator: np.random.Generator, converter: float) -> Target:

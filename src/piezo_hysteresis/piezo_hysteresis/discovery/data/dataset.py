@@ -318,11 +318,11 @@ def unsynchronised(records: Sequence[Record]) -> Outside:
     """
     driven = [each for each in records if np.ptp(each.voltage) > 0.0]
     early = {each.name: time for each in driven if (time := time_ahead(each)) > 0.0}
-    phases = [(f, lead) for f, lead in map(phase_ahead, driven) if f > 0.0]
-    if not early or max(phases)[0] < _APART * min(phases)[0]:
+    phases = np.array([row for row in map(phase_ahead, driven) if row[0] > 0.0])
+    if not early or phases[:, 0].max() < _APART * phases[:, 0].min():
         return Outside()
-    expected = 2.0 * np.pi * float(np.median(list(early.values()))) * np.array(phases)[:, 0]
-    if np.any(np.abs(np.array(phases)[:, 1] - expected) > 0.02 + 0.2 * expected):
+    expected = 2.0 * np.pi * float(np.median(list(early.values()))) * phases[:, 0]
+    if np.any(np.abs(phases[:, 1] - expected) > 0.02 + 0.2 * expected):
         return Outside()
     return Outside(
         f'The displacement of {", ".join(early)} runs ahead of its drive, which no actuator does: '
