@@ -20,7 +20,8 @@ from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.rounds import better_of_both
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
-from piezo_hysteresis.discovery.verdict.naming import changes_of, summary_of
+from piezo_hysteresis.discovery.verdict.changes import changes_of
+from piezo_hysteresis.discovery.verdict.naming import summary_of
 from piezo_hysteresis.discovery.verdict.verdict import HeldOut, Number, Unexplained, Verdict
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.models import add_effect, described, named, shifted
@@ -198,15 +199,31 @@ def test_changes_are_stated_in_units_of_users_and_the_gain_once() -> None:
         if name in MODEL.free_names
     } | {'natural_frequency': 130.0}
     numbers = {name: Number(v, 1e-6 * abs(v), units[name]) for name, v in after.items()}
-    changes = changes_of(numbers, start, [multisine(VALUES)])
-    assert changes == ('natural_frequency 160 Hz to 130 Hz', 'gain +3 %')
+    changes = changes_of(numbers, start, start, [multisine(VALUES)])
+    moved = 'natural_frequency 160 Hz to 130 Hz'
+    assert changes == (f'{moved} ± 130 µHz', 'gain +3 %')
 
     # a time limit leaves no standard deviations, and the end of a range is no value
     bare = {name: Number(number.value, None, number.unit) for name, number in numbers.items()}
-    assert changes_of(bare, start, [multisine(VALUES)]) == changes
+    assert changes_of(bare, start, start, [multisine(VALUES)]) == (moved, 'gain +3 %')
     low = next(q.low for q in MODEL.parameters if q.name == 'natural_frequency')
     ended = bare | {'natural_frequency': Number(low, None, 'Hz')}
-    assert changes_of(ended, start, [multisine(VALUES)]) == ('gain +3 %',)
+    assert changes_of(ended, start, start, [multisine(VALUES)]) == ('gain +3 %',)
+
+
+@pytest.mark.parametrize('shape', [1.15, 0.8])
+def test_a_wider_loop_is_one_number_and_not_its_parameters(shape: float) -> None:
+    start = CandidateFit(MODEL, dict(VALUES))
+    units = {q.name: q.unit for q in MODEL.parameters}
+    after = {**VALUES, 'A': shape * VALUES['A']}  # of the part that is no line
+    numbers = {
+        name: Number(after[name], 1e-6 * abs(after[name]), units[name])
+        for name in MODEL.free_names
+    }
+    u = 2.0 * np.sin(2.0 * np.pi * 2.0 * DT * np.arange(round(1.0 / DT)))
+    slow = Record('slow', DT, u, np.zeros(u.size))
+    (loop, *_) = changes_of(numbers, start, start, [slow])
+    assert loop.startswith('loop width +' if shape > 1.0 else 'loop width -')
 
 
 @pytest.mark.parametrize('held', [True, False])

@@ -7,8 +7,6 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.discovery.detection.limits import LookAlike
 from piezo_hysteresis.discovery.detection.statements import in_prefixes
@@ -16,6 +14,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateF
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound
 from piezo_hysteresis.discovery.selection.screen import whole_delay
+from piezo_hysteresis.discovery.verdict.changes import LISTED, changes_of
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect, Number, Verdict
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.models import PARAMETER_SHIFT, described
@@ -29,15 +28,6 @@ if TYPE_CHECKING:
 MIN_PROBABILITY = 0.005
 # Probability from which an alternative is stated in the summary.
 MENTIONED = POLICY.alternative
-# Skipped steps that the summary names; the others are counted.
-LISTED = 3
-# Change in standard deviations from which a parameter counts as changed.
-CHANGED = POLICY.noise_deviations
-# Relative change of the gain from which it is stated.
-GAIN_CHANGED = 2e-3
-# Relative change from which a parameter without a standard deviation counts as changed: a time
-# limit leaves none. Chosen; it affects only this sentence.
-MOVED = 0.05
 # Relative distance of a drive harmonic from a mode up to which the drive is listed. Within 4 % a
 # lightly damped mode amplifies at least twelve times, 1 / (1 - (1 - 0.04)^2), and a harmonic of
 # one per cent reaches an eighth of the drive. Chosen; it affects only this sentence.
@@ -124,7 +114,7 @@ def _named(
     evidence = _evidence(step, variants[0], floor, further=further)
     changes: tuple[str, ...] = ()
     if winner == PARAMETER_SHIFT.name:
-        changes = changes_of(numbers, start, records)
+        changes = changes_of(numbers, start, final, records)
         what = ', '.join(changes) or 'none alone, all of them together'
         evidence.insert(1, f'Changes: {what}.')
     return NamedEffect(
@@ -163,69 +153,6 @@ def _numbers(
         for name in added.names.values()
         if name in free and _owner(name, final) is added
     }
-
-
-def changes_of(
-    numbers: Mapping[str, Number], start: CandidateFit, records: Sequence[Record]
-) -> tuple[str, ...]:
-    """Return the changes of a baseline in words: its parameters, most significant first, and gain.
-
-    Parameters of the displacement that only follow the gain are not listed, nor those without a
-    standard deviation that hardly changed or ended at a bound.
-    """
-    gain = _gain_ratio(numbers, start, records)
-    sure: dict[str, float] = {}
-    within = {
-        q.name: q.name not in numbers or q.low < numbers[q.name].value < q.high
-        for q in start.model.parameters
-    }
-    for name, number in numbers.items():
-        follows = number.unit.startswith('m')
-        change = abs(number.value - start.values[name] * (gain if follows else 1.0))
-        least = GAIN_CHANGED * abs(start.values[name]) if follows else 0.0
-        if number.std and change > max(CHANGED * number.std, least):
-            sure[name] = change / number.std
-        elif number.std is None and not follows and within[name]:
-            moved = change / max(abs(start.values[name]), 1e-300)
-            if moved > MOVED:
-                sure[name] = moved
-    found = [
-        f'{name} {_between(start.values[name], numbers[name])}'
-        for name in sorted(sure, key=lambda each: -sure[each])
-    ]
-    if len(found) > LISTED:
-        found[LISTED:] = [counted(len(found) - LISTED, 'further parameter')]
-    if abs(gain - 1.0) >= GAIN_CHANGED:
-        found.append(f'gain {100.0 * (gain - 1.0):+.2g} %')
-    return tuple(found)
-
-
-def _between(before: float, after: Number) -> str:
-    """Return two values with their unit."""
-    if after.unit in ('', '1'):
-        return f'{before:.4g} to {after.value:.4g}'
-    return f'{in_prefixes(before, after.unit)} to {in_prefixes(after.value, after.unit)}'
-
-
-def _gain_ratio(
-    numbers: Mapping[str, Number], start: CandidateFit, records: Sequence[Record]
-) -> float:
-    """Return the gain with the fitted displacements over that of the baseline, slowest drive.
-
-    Frequencies and damping stay those of the baseline.
-    """
-    driven = [each for each in records if np.ptp(each.voltage) > 0.0]
-    if not driven:
-        return 1.0
-    slow = min(driven, key=lambda each: each.info.frequency or np.inf)
-    fitted = start.values | {k: n.value for k, n in numbers.items() if n.unit.startswith('m')}
-    before, after = (
-        np.asarray(start.model.respond(slow.voltage, start.model.pack(values), slow.dt))
-        for values in (start.values, fitted)
-    )
-    before, after = (each[slow.warm_up_samples :] for each in (before, after))
-    before = before - before.mean()
-    return float(before @ after) / max(float(before @ before), 1e-300)
 
 
 def _owner(name: str, final: CandidateFit) -> Added:
