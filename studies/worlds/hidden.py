@@ -7,8 +7,8 @@ random size is put into the measured displacement, by code that shares nothing w
 `discover` gets the changed records and the ``model.yaml``. An untouched control must be ``none``.
 With ``--reference repeated`` the untouched records are the reference, and the effect hides in the
 same records with noise of their own; with ``--reference parts`` the reference is the beginning of
-a sine, and the effect hides in the rest of it. Records are those of
-`studies/worlds/measured.py`; what is not there is left out.
+a sine, and the effect hides in the rest of it. With ``--second`` a curve of the sensor or of the
+actuator is hidden, and the records have a second channel that the sensor does not bend.
 """
 
 from __future__ import annotations
@@ -152,6 +152,12 @@ HIDDEN: dict[str, tuple[Hide, str]] = {
     'drift': (drifting, 'drift'),
     'falling gain': (fading, 'gain_decay'),
 }
+#: With a second channel: a curve of one sensor, or of the actuator and thus in both channels.
+CURVED: dict[str, tuple[Hide, str]] = {
+    'nothing': HIDDEN['nothing'],
+    'curved sensor': HIDDEN['curved sensor'],
+    'curved actuator': (curved, 'stiffness'),
+}
 
 
 @dataclass(frozen=True)
@@ -161,6 +167,7 @@ class Search:
     workers: int = 1
     limit: float = math.inf
     effects: int = len(HIDDEN)
+    second: int = 0  # draws of each curve with a second channel
 
 
 @dataclass(frozen=True)
@@ -188,13 +195,15 @@ class Row:
     @property
     def truth(self) -> str:
         """Name of what is hidden, empty for nothing."""
-        return HIDDEN[self.hidden][1]
+        return (HIDDEN | CURVED)[self.hidden][1]
 
     @property
     def right(self) -> bool:
         """Whether the right name is ranked first; for no hidden effect, verdict `none`."""
         if not self.truth:
             return self.verdict.verdict == 'none'
+        if self.hidden == 'curved actuator':  # no sensor, whichever law of the actuator
+            return bool(self.names) and HIDDEN['curved sensor'][1] not in self.names
         return self.names[:1] == [self.truth]
 
     @property
@@ -226,7 +235,7 @@ def hide(records: Sequence[Record], kind: str, size: float, case: Case) -> list[
     """Return the records with an effect in their displacement."""
     stroke = max(float(np.ptp(r.displacement)) for r in records)
     middle = float(np.mean(records[0].displacement))
-    function = HIDDEN[kind][0]
+    function = (HIDDEN | CURVED)[kind][0]
     return [
         replace(
             r,
@@ -237,6 +246,30 @@ def hide(records: Sequence[Record], kind: str, size: float, case: Case) -> list[
             ),
         )
         for r in records
+    ]
+
+
+def with_second(
+    changed: Sequence[Record],
+    records: Sequence[Record],
+    kind: str,
+    case: Case,
+    generator: np.random.Generator,
+) -> list[Record]:
+    """Return changed records with a second channel [V], which only an actuator bends.
+
+    It has as much noise as the first one has at rest.
+    """
+    seen = changed if kind == 'curved actuator' else records
+    stroke = max(float(np.ptp(r.displacement)) for r in records)
+    return [
+        replace(
+            new,
+            second=10.0
+            * (old.displacement + case.noise * generator.standard_normal(len(old)))
+            / stroke,
+        )
+        for new, old in zip(changed, seen, strict=True)
     ]
 
 
@@ -281,10 +314,13 @@ def examined(
     generator = np.random.default_rng(seed)
     rows: list[Row] = []
     control = float('nan')
-    for kind in list(HIDDEN)[: how.effects]:
+    kinds = [*CURVED, *how.second * list(CURVED)[1:]][: 1 + 2 * how.second]
+    for kind in kinds if how.second else list(HIDDEN)[: how.effects]:
         size = float(np.exp(generator.uniform(np.log(0.25), 0.0)))
         started = time.perf_counter()
         changed = hide(records, kind, size, case)
+        if how.second:
+            changed = with_second(changed, records, kind, case, generator)
         found = discover(changed, known, workers=how.workers, time_limit=how.limit)
         verdict = found.verdict
         if kind == 'nothing':
@@ -327,6 +363,15 @@ REFERENCE_HEADS = {
         'drift and a loss reach their full size at its end.',
         '',
         '    python studies/study.py hidden --data DATA --seed {seed} --reference parts',
+    ),
+    'second': (
+        '## With a second channel',
+        '',
+        'A second sensor of the same noise follows the actuator. A curve of the first sensor',
+        'bends one channel, a curve of the actuator both; the latter is right with any name but',
+        'that of the sensor.',
+        '',
+        '    python studies/study.py hidden --data DATA --seed {seed} --second 3',
     ),
 }
 SIZES = (
@@ -380,7 +425,7 @@ def page(
 
 def everything(asked: argparse.Namespace, data: Path) -> list[Row]:
     """Examine every actuator whose records are there."""
-    how = Search(asked.workers, asked.time_limit, asked.effects)
+    how = Search(asked.workers, asked.time_limit, asked.effects, asked.second)
     rows: list[Row] = []
     for case in CASES:
         if all((data / file).exists() for file in (case.fitted, *case.evaluated)):
@@ -395,7 +440,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(seed=7)
     add = parser.add_argument
     add('--data', type=Path, default=Path('../shared/data'))
-    add('--reference', choices=sorted(REFERENCE_HEADS), default='')
+    add('--reference', choices=['parts', 'repeated'], default='')
+    add('--second', type=int, default=0, metavar='N', help='draws of each curve')
     add('--baselines', type=int, help='so many of each actuator')
     add('--effects', type=int, default=len(HIDDEN), help='so many, and none')
 
@@ -410,4 +456,5 @@ def run(asked: argparse.Namespace) -> str:
         rows = everything(asked, data)
     if not rows:
         sys.exit(f'no measured record in {asked.data}')
-    return page(rows, asked.seed, REFERENCE_HEADS.get(asked.reference, HEAD))
+    kind = 'second' if asked.second else asked.reference
+    return page(rows, asked.seed, REFERENCE_HEADS.get(kind, HEAD))

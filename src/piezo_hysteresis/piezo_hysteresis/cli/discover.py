@@ -76,6 +76,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         'steps [s]; 0 for no limit',
     )
     add('--actuator', help='actuator, if a bag holds several')
+    add(
+        '--second',
+        metavar='COLUMN[:UNIT]',
+        help='column of another sensor, of the charge or of the current: tells a curve of the '
+        'sensor from one of the actuator',
+    )
     add_statements(parser)
     add_axes_options(parser)
 
@@ -113,7 +119,7 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
         'warm_up': arguments.warm_up,
         'actuator': arguments.actuator,
         'salvage': arguments.salvage,
-        'reading': statements_of(arguments),
+        'reading': _reading(arguments),
         'reference': tuple(arguments.reference),
         'repeats': tuple(arguments.repeats),
         'begins': arguments.start,
@@ -121,6 +127,18 @@ def options_of(arguments: argparse.Namespace) -> dict[str, Any]:
         'policy': pairs(arguments.policy),
         'time_limit': arguments.time_limit,
     }
+
+
+def _reading(arguments: argparse.Namespace) -> Any:
+    """Return what is stated about the files, with the column of the second channel."""
+    from dataclasses import replace
+
+    from piezo_hysteresis.records.columns import second_column
+
+    options = statements_of(arguments)
+    if arguments.second is None:
+        return options
+    return replace(options, columns={**options.columns, **second_column(arguments.second)})
 
 
 def _print_result(verdict: Any, out: str) -> None:

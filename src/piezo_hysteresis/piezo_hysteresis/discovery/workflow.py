@@ -22,6 +22,7 @@ from piezo_hysteresis.discovery.data.dataset import (
     split,
     unsynchronised,
 )
+from piezo_hysteresis.discovery.data.second_channel import sensor_curve
 from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.detection.limits import (
     DetectionLimit,
@@ -332,6 +333,9 @@ def discover(
     if isinstance(baseline, ModelFile) and not unlike.entirely:
         unlike = outside_of(known, baseline)
     data = split(known, how.choices.start)
+    data = replace(data, second=sensor_curve(known, before))
+    if data.second is not None:
+        remarks = [*remarks, data.second.sentence()]
     if not isinstance(baseline, ModelFile):
         unit = known[0].info.input_unit
         remarks = [*remarks, *beyond_the_fit(data.training, data.held_out, unit)]

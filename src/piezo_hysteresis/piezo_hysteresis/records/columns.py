@@ -85,7 +85,12 @@ UNITS = {
     'force': {'N': 1.0, 'mN': 1e3, 'kN': 1e-3},
     'displacement': LENGTHS,
     'reference': LENGTHS,
+    # proportional to the displacement, in any unit; a current is that of a charge
+    'second': LENGTHS | {'V': 1.0, 'mV': 1e3},
+    'charge': {'C': 1.0, 'mC': 1e3, 'uC': 1e6, 'µC': 1e6, 'nC': 1e9, 'pC': 1e12},
+    'current': {'A': 1.0, 'mA': 1e3, 'uA': 1e6, 'µA': 1e6, 'nA': 1e9},
 }  # fmt: skip
+SECOND = ('second', 'charge', 'current')
 SPELLED = {
     'sec': 's', 'secs': 's', 'second': 's', 'seconds': 's', 'sekunden': 's', 'sekunde': 's',
     'msec': 'ms', 'millisecond': 'ms', 'milliseconds': 'ms', 'usec': 'us', 'microsecond': 'us',
@@ -466,6 +471,13 @@ def channels_of(
             "narrower patterns, as in --voltage 'u*' --displacement 'y*'"
         )
     return found
+
+
+def second_column(text: str) -> dict[str, str]:
+    """Return ``COLUMN[:UNIT]`` of a second channel by its quantity, which the unit states."""
+    bare, _, tail = text.rpartition(':')
+    unit = tail if bare else _parts(text.strip())[1]
+    return {next((what for what in SECOND if _unit(unit, what)), SECOND[0]): text}
 
 
 def pattern_of(text: str, what: str) -> tuple[str, str]:

@@ -15,7 +15,7 @@ from piezo_hysteresis.records.columns import UNITS, ReadOptions, meaning
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, column
 from piezo_hysteresis.records.record import Record
-from piezo_hysteresis.records.sampling import records_of
+from piezo_hysteresis.records.sampling import records_of, second_of
 from piezo_hysteresis.records.table_reader import track_of
 
 _WHERE = 'the data'
@@ -68,7 +68,8 @@ def frame_records(given: Columns, name: str, log: DamageLog, options: ReadOption
         values = track.columns
         return [
             Record(name, float(options.interval), values['voltage'], values['displacement'],
-                   reference=values.get('reference'), info=track.info)
+                   reference=values.get('reference'), info=track.info,
+                   second=second_of(values))
         ]  # fmt: skip
     return records_of(track, _WHERE, log)
 

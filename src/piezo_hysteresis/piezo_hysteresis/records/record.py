@@ -130,6 +130,8 @@ class Record(Plottable):
         of a record that starts by ``step`` are first run over it.
     input_uncertainty : InputUncertainty or None
         Error of the input, if it was measured; None for a command.
+    second : ndarray, shape (n,), or None
+        Second channel that follows the displacement, in any unit: another sensor, or the charge.
 
     Raises
     ------
@@ -161,6 +163,7 @@ class Record(Plottable):
     info: RecordInfo = field(default_factory=RecordInfo)
     before: FloatArray | None = None
     input_uncertainty: InputUncertainty | None = None
+    second: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.dt, Real):
@@ -178,6 +181,8 @@ class Record(Plottable):
         columns = {'voltage': self.voltage, 'displacement': self.displacement}
         if self.reference is not None:
             columns['reference'] = self.reference
+        if self.second is not None:
+            columns['second'] = self.second
         for key, column in columns.items():
             try:
                 array = np.ascontiguousarray(column, dtype=np.float64)
@@ -276,6 +281,7 @@ class Record(Plottable):
             voltage=self.voltage[cut],
             displacement=self.displacement[cut],
             reference=None if self.reference is None else self.reference[cut],
+            second=None if self.second is None else self.second[cut],
             start=self.start + first * self.dt,
             before=None
             if self.before is None

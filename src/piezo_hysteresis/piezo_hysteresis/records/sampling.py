@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import pairwise
@@ -12,6 +13,7 @@ from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.common.stamps import REORDERED
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
+from piezo_hysteresis.records.columns import SECOND
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.record import Record, RecordInfo
 
@@ -75,8 +77,17 @@ class SampledTrack:
             columns['displacement'],
             start=float(self.track.time[0]),
             reference=columns.get('reference'),
+            second=second_of(columns),
             info=self.track.info,
         )
+
+
+def second_of(columns: Mapping[str, FloatArray]) -> FloatArray | None:  # shape (n,)
+    """Return a second channel: another sensor, a charge, or a current summed to one."""
+    for what in SECOND:
+        if what in columns:
+            return np.cumsum(columns[what]) if what == 'current' else columns[what]
+    return None
 
 
 def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
@@ -511,6 +522,7 @@ def resampled(record: Record, rate: float) -> Record:  # rate [Hz]
         voltage=_at(record.voltage, record.dt, rate),
         displacement=_at(record.displacement, record.dt, rate),
         reference=None if reference is None else _at(reference, record.dt, rate),
+        second=None if record.second is None else _at(record.second, record.dt, rate),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, Coverage
+from piezo_hysteresis.discovery.data.second_channel import SensorCurve
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import phase_ahead, require_usable, time_ahead
 from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
@@ -52,6 +53,8 @@ class Dataset:
         Samples per period of the drive by record, 0 where it is not periodic.
     noise : Noise
         Noise of all records together; each view has its own.
+    second : SensorCurve or None
+        What a second channel shows of the sensor; None without one.
     """
 
     records: tuple[Record, ...]
@@ -59,6 +62,7 @@ class Dataset:
     held_out: tuple[Target, ...]
     periods: dict[str, int]
     noise: Noise
+    second: SensorCurve | None = None
 
     @property
     def amplitude(self) -> float:

@@ -20,9 +20,18 @@ from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
 from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, described
 
 
-def refined_candidates(evaluator: Evaluator, before: ModelSpec) -> tuple[Candidate, ...]:
-    """Return the model extended by each candidate, without simpler variants of its effects."""
-    return tuple(each for each in evaluator.candidates(before) if not _is_had(each, before))
+def refined_candidates(evaluator: Evaluator, before: CandidateFit) -> tuple[Candidate, ...]:
+    """Return the model extended by each candidate, without simpler variants of its effects.
+
+    A second channel of the records excludes a curve of the sensor, or what resembles it.
+    """
+    second, names = evaluator.data.second, {added.effect for added in before.added}
+    return tuple(
+        each
+        for each in evaluator.candidates(before)
+        if not _is_had(each, before)
+        and not (second is not None and second.excludes(each.effect.name, names, before.rms))
+    )
 
 
 def _is_had(candidate: Candidate, before: ModelSpec) -> bool:

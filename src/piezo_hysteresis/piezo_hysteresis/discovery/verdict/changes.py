@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 
 import numpy as np
 
@@ -138,7 +139,7 @@ class _Loop:
         """Return the relative change that a function states, and its standard deviation."""
         here, fitted = function({}), self._final.fitted
         free = () if fitted is None else fitted.free
-        names = [name for name in self._names if name in free and self._numbers[name].std]
+        names = [n for n in self._names if n in free and 0.0 < (self._numbers[n].std or 0.0) < inf]
         if fitted is None or not names:
             return here - 1.0, 0.0
         steps = {name: nudged(self._final, name)[name] for name in names}
