@@ -158,3 +158,31 @@ def test_finalists_of_equal_values_and_other_residuals_are_told_apart(
     assert chosen is evaluator
     assert round_.finalists[1] is renewed[0]
     assert round_.best is first.best
+
+
+@pytest.mark.parametrize('accepted', [True, False])
+def test_an_effect_that_would_not_be_added_to_the_others_does_not_stay(
+    scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit],
+    monkeypatch: pytest.MonkeyPatch,
+    accepted: bool,
+) -> None:
+    """A search that begins with an unlikely effect must not keep it because it fits somewhat."""
+    evaluator, start, delay, both = scene
+    lag = both.added[0]
+    middle = replace(both, added=both.added[:1])
+    close = replace(middle, added=(replace(lag, effect='creep'),))  # no clear win of the lag
+    first = SelectionRound(start, (middle, close), (0.0, 1.0), GAIN, 2)
+    last = SelectionRound(middle, (both,), (1.0,), GAIN, 2)
+    again = SelectionRound(delay, (both,), (1.0,), GAIN, 2, accepted)
+    again = replace(again, finalists=(replace(both, added=both.added[::-1]),))
+    monkeypatch.setattr(evaluator, 'is_as_good', lambda *_: False)
+    monkeypatch.setattr(evaluator, 'with_own_starts', lambda fit: (evaluator, fit))
+    monkeypatch.setattr(
+        'piezo_hysteresis.discovery.selection.elimination.select', lambda *_: again
+    )
+    _, steps, final = retested(evaluator, start, [Step(first, middle), Step(last, both)])
+    kept = ['amplifier_lag', 'transport_delay'] if accepted else ['transport_delay']
+    assert [step.fit.effect for step in steps] == kept
+    assert sorted(added.effect for added in final.added) == kept
+    if accepted:
+        assert steps[0].round.probabilities() == {'amplifier_lag': 1.0}

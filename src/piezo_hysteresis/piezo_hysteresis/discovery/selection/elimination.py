@@ -83,6 +83,8 @@ def retested(
         elif again.accepted and again.best.effect == name:
             here = next(k for k, step in enumerate(kept) if step.fit.effect == name)
             kept[here] = Step(again, again.best)
+        elif not again.accepted:  # with the others present it would not have been added
+            evaluator, kept, final, done = chosen, _less(kept, name), bare, set()
     return evaluator, kept, final
 
 
