@@ -19,6 +19,7 @@ from piezo_hysteresis.discovery.selection.baseline import fitted_baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import without_unfinished
 from piezo_hysteresis.discovery.selection.evaluator import Deadline
+from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import ModelFile, named
@@ -139,6 +140,6 @@ def test_an_effect_of_no_significance_is_not_listed_by_a_search_that_was_cut(
         probabilities=lambda: {'friction': 0.73}, gain=SimpleNamespace(p_value=p_value)
     )
     step: Any = SimpleNamespace(fit=SimpleNamespace(effect='friction'), round=won)
-    evaluator: Any = SimpleNamespace(fit=lambda spec, enough: spec)
+    evaluator: Any = SimpleNamespace(fit=lambda spec, enough: spec, policy=POLICY)
     kept, found = without_unfinished(evaluator, start, [step], final)
     assert (kept, found) == (([step], final) if stays else ([], start))

@@ -16,6 +16,7 @@ from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD as HELD_POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound, ranked, round_of, select
+from piezo_hysteresis.discovery.selection.rules import Improvement
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
 from piezo_hysteresis.discovery.selection.search import search
 from piezo_hysteresis.identification.initial_conditions.record_start import SETTLED
@@ -134,6 +135,21 @@ def test_a_better_model_without_new_deviation_needs_no_further_evidence(
     assert evaluator.is_significant(made.before, best, many) is adequate
     # nothing was known to be missing before
     assert not evaluator.is_significant(best, best, many)
+
+
+@pytest.mark.parametrize(('p_value', 'named'), [(0.2, False), (0.01, True)])
+def test_one_of_many_candidates_that_any_would_be_is_not_named(
+    first: dict[str, Round], monkeypatch: pytest.MonkeyPatch, p_value: float, named: bool
+) -> None:
+    """A record was flagged before and not afterwards, and the name had p 0.2 and 0.82."""
+    made = first['held delay']
+    evaluator, best = made.evaluator, made.evaluated().best
+    monkeypatch.setattr(evaluator, 'score', lambda fit: 2.0 if fit is made.before else 0.0)
+    monkeypatch.setattr(evaluator, 'has_significant_residual', lambda fit, _: fit is made.before)
+    monkeypatch.setattr(
+        evaluator, 'improvement', lambda *_: Improvement(1.0, 2.0, p_value)
+    )  # fmt: skip
+    assert evaluator.is_significant(made.before, best, 20) is named
 
 
 def test_each_name_beyond_the_first_has_a_price() -> None:

@@ -54,21 +54,11 @@ RIVALS = (
 
 @dataclass(frozen=True)
 class SensorCurve:
-    """Bend of the displacement over a second channel.
+    """Bend of the displacement over a second channel, beyond a straight line."""
 
-    Attributes
-    ----------
-    rms : float
-        Rms of the bend over the records [m], beyond a straight line.
-    std : float
-        Standard deviation of `rms` [m].
-    known : bool
-        Whether the bend of a reference was subtracted.
-    """
-
-    rms: float
-    std: float
-    known: bool = False
+    rms: float  # over the records [m]
+    std: float  # standard deviation of `rms` [m]
+    known: bool = False  # whether the bend of a reference was subtracted
 
     @property
     def seen(self) -> bool:
@@ -105,15 +95,10 @@ class SensorCurve:
 def sensor_curve(
     records: Sequence[Record], reference: Sequence[Record] = ()
 ) -> SensorCurve | None:
-    """Return the bend of the displacement over the second channel of records.
+    """Return the bend of the displacement over the second channel of records; None without one.
 
     Each record has its own zero and a drift, which a summed current has. Without a `reference`
     with the same channel the second one is proportional to the displacement.
-
-    Returns
-    -------
-    SensorCurve or None
-        None if the records have no second channel.
     """
     new = [each for each in records if _follows(each)]
     if sum(map(len, new)) < _FEWEST:

@@ -393,13 +393,15 @@ class HeldEvaluator(Evaluator):
 
         A residual of `before` beyond the known discrepancy is a sufficient proof that an effect is
         missing. A better model without such a residual explains the records, even if a few
-        harmonics contain all of the evidence.
+        harmonics contain all of the evidence; but not if one of so many candidates always would.
         """
+        if self.improvement(before, after, tried).p_value >= self.policy.chance:
+            return False
         gain = self.score(before) - self.score(after)
-        if gain >= self.policy.sure + float(np.log(tried)):
-            return True
         missing = self.has_significant_residual
-        return gain > 0.0 and not missing(after, before) and missing(before, before)
+        return gain >= self.policy.sure + float(np.log(tried)) or (
+            gain > 0.0 and not missing(after, before) and missing(before, before)
+        )
 
     def explains_enough(
         self, before: CandidateFit, after: CandidateFit, start: CandidateFit

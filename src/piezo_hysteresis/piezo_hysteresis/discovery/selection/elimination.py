@@ -18,9 +18,6 @@ from piezo_hysteresis.discovery.selection.rounds import SelectionRound, select
 
 # Probability below which an effect is not listed by a search that its time limit ended.
 _UNLIKELY = 0.005
-# p-value from which it is not listed there: residuals just within the known discrepancy suffice
-# for an effect only where the model without it is fitted to the end.
-_CHANCE = 0.05
 # Relative distance from an end of its range at which a parameter counts as limited by it.
 _AT_BOUND = 1e-3
 
@@ -83,7 +80,8 @@ def retested(
         elif again.accepted and again.best.effect == name:
             here = next(k for k, step in enumerate(kept) if step.fit.effect == name)
             kept[here] = Step(again, again.best)
-        elif not again.accepted:  # with the others present it would not have been added
+        elif not again.accepted and not evaluator.deadline.passed:
+            # with the others present it would not have been added
             evaluator, kept, final, done = chosen, _less(kept, name), bare, set()
     return evaluator, kept, final
 
@@ -100,7 +98,8 @@ def without_unfinished(
     for step in steps:
         name = step.fit.effect
         likely = step.round.probabilities()[name] >= _UNLIKELY
-        if likely and step.round.gain.p_value < _CHANCE and not _ends_at_a_bound(final, name):
+        sure = step.round.gain.p_value < evaluator.policy.chance
+        if likely and sure and not _ends_at_a_bound(final, name):
             continue
         bare = _without(evaluator, final, start, name, compared=False)
         if bare is None:

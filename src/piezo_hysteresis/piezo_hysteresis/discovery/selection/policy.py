@@ -327,6 +327,14 @@ class SelectionPolicy:
         'of candidates.',
         'derived: exp(-4) is 1 in 55, in records that are flagged',
     )
+    chance: float = number(
+        0.05,
+        '1',
+        'p-value from which an effect of a fixed baseline, or one of a search that its time limit '
+        'ended, is not named.',
+        'chosen: the usual level; of names with more than 0.001 one in seven was right (benchmark '
+        'seed 7001)',
+    )
 
     def __post_init__(self) -> None:
         """Reject invalid values."""
