@@ -98,7 +98,7 @@ build_stamp() {  # what is not a symbolic link in the install space; Python sour
 
 kernel_stamp() {  # machine code is for one kind of processor
   grep -m 2 -E '^(model name|flags)' /proc/cpuinfo | cksum
-  stamp_of $(find src/piezo_sim src/piezo_hysteresis -name '*.py' \
+  stamp_of tools/compile_kernels.py $(find src/piezo_sim src/piezo_hysteresis -name '*.py' \
     -not -path '*/nodes/*' | sort)
 }
 
@@ -124,9 +124,10 @@ build() {
   build_stamp >install/.built
 }
 
-compile_kernels() {  # from the sources, so that the build need not be awaited; see piezo_hysteresis.kernels
+compile_kernels() {  # from the sources, so that the build need not be awaited
   PYTHONPATH="src/piezo_sim:src/piezo_hysteresis${PYTHONPATH:+:$PYTHONPATH}" \
-    .venv/bin/python -m piezo_hysteresis.kernels $1
+    .venv/bin/python tools/compile_kernels.py $1
+  .venv/bin/python -m compileall -q -j 0 src  # the bytecode of what the first command imports
   kernel_stamp >"install/.compiled${1:+-for-demo}"
 }
 

@@ -15,6 +15,7 @@ import json
 import os
 import pkgutil
 import re
+import runpy
 import signal
 import sys
 import threading
@@ -26,9 +27,7 @@ from typing import Any, NoReturn
 import piezo_hysteresis.nodes
 import piezo_sim.nodes
 from piezo_hysteresis.common.registry import NODES
-from piezo_hysteresis.rehearsal import REHEARSALS, fit
 from piezo_hysteresis.ros.starting import ENDS, OWNER
-from piezo_sim.rehearsal import plant
 
 _TRACER = re.compile(r'/liblttng-ust(-[0-9a-f]{8})?\.so')
 
@@ -39,9 +38,12 @@ def prepare() -> dict[str, Callable[[], object]]:
         for module in pkgutil.walk_packages(package.__path__, f'{package.__name__}.'):
             if '.dashboard' not in module.name:  # bokeh is large, and few tests start a dashboard
                 importlib.import_module(module.name)
-    for rehearse in (plant, *REHEARSALS):
-        if rehearse is not fit:  # as long as all others together, and only a discovery needs it
-            rehearse()
+    calls = runpy.run_path(str(Path(__file__).parents[2] / 'tools' / 'compile_kernels.py'))[
+        'CALLS'
+    ]
+    del calls['fit']  # as long as all others together, and only a discovery needs it
+    for call in calls.values():
+        call()
     gc.collect()
     gc.freeze()  # nor do nodes copy the pages of these objects for each collection
     scripts = entry_points(group='console_scripts')

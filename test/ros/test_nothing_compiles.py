@@ -73,7 +73,7 @@ def test_a_loop_that_changes_everything_compiles_nothing(
     for name in ('effects.creep', 'effects.drift'):
         assert not listener.set_one('simulator', name, True)
         go_on()
-    assert compiled(kernels) == [], 'let a rehearsal module run these'
+    assert compiled(kernels) == [], 'let a call of tools/compile_kernels.py run these'
 
 
 @pytest.mark.parametrize('discovers', [False, pytest.param(True, marks=pytest.mark.slow)])
@@ -96,4 +96,4 @@ def test_verbs_compile_nothing(
     if discovers:
         verb('piezo_hysteresis', 'discover', sweep, '--baseline', 'classical',
              '--out', tmp_path / 'found')  # fmt: skip
-    assert compiled(kernels) == [], 'let a rehearsal module run these'
+    assert compiled(kernels) == [], 'let a call of tools/compile_kernels.py run these'

@@ -175,7 +175,6 @@ BY_NAME = {
     'common/interrupts.py': 'the command line that a program runs, named by its caller',
     'cli/main.py': 'only the verb that is asked for is loaded',
     'ros/starting.py': 'only the node that is asked for is loaded',
-    'kernels/rehearse.py': 'the rehearsals of all packages',
     'discovery/__init__.py': 'names of the room, loaded when they are used',
     'nodes/recording/listeners.py': 'messages of any package, by the name of their type',
 }

@@ -2,19 +2,16 @@
 
 The cache of numba reads only from writable folders, can confuse two signatures that two processes
 save simultaneously, and ignores changes of kernels in other files. This cache names an entry by
-all its dependencies, so that an entry is either valid or absent; if several processes need the
-same kernel, one compiles it while the others wait.
+all its dependencies, so that an entry is either valid or absent. Processes that need the same
+kernel at the same time compile it each; entries are complete or absent.
 """
 
 from __future__ import annotations
 
-import fcntl
 import functools
 import hashlib
 import os
 import sys
-import time
-import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -33,13 +30,26 @@ OURS = 'piezo_'
 
 
 def stamp(function: Callable[..., Any]) -> str:
-    """Return the digest of all source that goes into the machine code of `function`."""
-    files, values = set[str](), list[str]()
-    _follow(function, files, values, {})
-    digest = hashlib.sha256('\n'.join(sorted(values)).encode())
-    for file in sorted(files):
-        digest.update(_digest_of(file))
-    return digest.hexdigest()
+    """Return the digest of all source and constants in the machine code of `function`."""
+    parts = set[str]()
+    for each in within(function):
+        text = getattr(each, 'text', None)  # of one that was generated
+        parts.add(_digest_of(each.__code__.co_filename) if text is None else text)
+        for name, value in _named(each):
+            if (text := _constant(value)) is not None:
+                parts.add(f'{each.__qualname__} {name} = {text}')
+    return hashlib.sha256('\n'.join(sorted(parts)).encode()).hexdigest()
+
+
+def within(function: Callable[..., Any]) -> list[Any]:
+    """Return the kernel and all that it calls, as Python functions."""
+    found, ahead = dict[int, Any](), [function]
+    while ahead:
+        each = ahead.pop()
+        if id(each) not in found:
+            found[id(each)] = each
+            ahead += [v.py_func for _, v in _named(each) if hasattr(v, 'py_func')]
+    return list(found.values())
 
 
 def closure(function: Callable[..., Any]) -> str:
@@ -76,44 +86,15 @@ def _constant(value: Any) -> str | None:
     return repr(value) if isinstance(value, constants) else None
 
 
-def within(function: Callable[..., Any]) -> set[Callable[..., Any]]:
-    """Return the kernel and all that it calls, as Python functions."""
-    found: dict[int, Callable[..., Any]] = {}
-    _follow(function, set(), [], found)
-    return set(found.values())
-
-
-def _follow(
-    function: Callable[..., Any],
-    files: set[str],
-    values: list[str],
-    seen: dict[int, Callable[..., Any]],
-) -> None:
-    """Collect files and constants of a kernel and of those that it calls."""
-    if id(function) in seen:
-        return
-    seen[id(function)] = function
-    text = getattr(function, 'text', None)  # of one that was generated
-    if text is None:
-        files.add(function.__code__.co_filename)
-    else:
-        values.append(text)
-    for name, value in (*_bound(function), *_globals(function)):
-        kernel = getattr(value, 'py_func', None)
-        if kernel is not None:
-            _follow(kernel, files, values, seen)
-        elif (text := _constant(value)) is not None:
-            values.append(f'{name} = {text}')
-
-
 def _bound(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
     cells = function.__closure__ or ()
     for name, cell in zip(function.__code__.co_freevars, cells, strict=True):
         yield name, cell.cell_contents
 
 
-def _globals(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
+def _named(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
     """Return what a function names beyond itself, in modules of the suite that it names too."""
+    yield from _bound(function)
     names = set(_names(function.__code__))
     known = function.__globals__
     for name in sorted(names & known.keys()):
@@ -133,8 +114,8 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 @functools.cache
-def _digest_of(file: str) -> bytes:
-    return hashlib.sha256(Path(file).read_bytes()).digest()
+def _digest_of(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 # Where set-up leaves them, below the root of the workspace.
@@ -168,63 +149,6 @@ def _user() -> list[Path]:
         return [(Path(named) if named else Path.home() / '.cache') / 'piezo_kernels']
     except RuntimeError:
         return []  # a process without a home folder
-
-
-# Longest wait for another process that compiles [s]; if it hangs, all processes compile.
-TIMEOUT = 300.0
-LOOK = 0.05
-
-
-class Turns:
-    """Locks on single bytes of one file, one byte per kernel; a process that dies releases them.
-
-    A kernel waits only for those that it calls, so that two processes never wait for each other.
-    """
-
-    def __init__(self) -> None:
-        self._file: int | None = None
-        self._owner = 0
-        self._mine: set[int] = set()
-
-    def take(self, name: str) -> None:
-        """Acquire the lock for `name`; without locks there is no wait."""
-        file, place, started = self._opened(), _place(name), time.monotonic()
-        while file is not None and time.monotonic() - started < TIMEOUT:
-            try:
-                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
-            except BlockingIOError:
-                time.sleep(LOOK)
-                continue
-            except OSError:
-                return  # a file system without locks
-            self._mine.add(place)
-            return
-
-    def give_back(self, name: str) -> None:
-        """Release the lock for `name`."""
-        place = _place(name)
-        if self._owner == os.getpid() and self._file is not None and place in self._mine:
-            self._mine.discard(place)
-            fcntl.lockf(self._file, fcntl.LOCK_UN, 1, place)
-
-    def _opened(self) -> int | None:
-        """Return the file of the locks; those of a parent process are not ours."""
-        if self._owner != os.getpid():
-            self._owner, self._mine = os.getpid(), set()
-            self._file = next(filter(None, map(_open, folders())), None)
-        return self._file
-
-
-def _place(name: str) -> int:
-    return zlib.crc32(name.encode())
-
-
-def _open(folder: Path) -> int | None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return os.open(folder / 'turns', os.O_RDWR | os.O_CREAT, 0o666)
-    except OSError:
-        return None
 
 
 _BASE: Any = _Cache
@@ -264,22 +188,28 @@ class KernelCache(_BASE):
         defer_blas()
         target_context.refresh()
         name = self._file(sig, target_context.codegen())
-        found = self._read(name, sig, target_context)
-        if found is None:
-            TURNS.take(name)
-            found = self._read(name, sig, target_context)  # another process may have compiled it
-            if found is not None:
-                TURNS.give_back(name)
-        return found
+        for folder in folders():
+            try:
+                reduced = _entry(folder, name).load(sig)
+                if reduced is not None:
+                    return CompileResult._rebuild(target_context, *reduced)
+            except Exception:
+                continue  # a file that is damaged, or not ours to read, is as good as none
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel where that can be done, for the next process."""
+        """Keep a compiled kernel in the first folder that can be written."""
+        if data.library.has_dynamic_globals:
+            return
         name = self._file(sig, data.codegen)
-        try:
-            if not data.library.has_dynamic_globals:
-                _write(name, sig, data._reduce())
-        finally:
-            TURNS.give_back(name)
+        for folder in folders():
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                _entry(folder, name).save(sig, data._reduce())
+            except OSError:
+                continue
+            return
+        _warn_once()
 
     def _file(self, sig: Any, codegen: Any) -> str:
         """Return the name of the file, which holds everything that the machine code depends on."""
@@ -290,45 +220,17 @@ class KernelCache(_BASE):
         digest = hashlib.sha256('\0'.join(parts).encode()).hexdigest()
         return f'{self._name}-{digest[:24]}'
 
-    def _read(self, name: str, sig: Any, target_context: Any) -> Any:
-        for folder in folders():
-            try:
-                reduced = _entry(folder, name).load(sig)
-                if reduced is not None:
-                    return CompileResult._rebuild(target_context, *reduced)
-            except Exception:
-                continue  # a file that is damaged, or not ours to read, is as good as none
-        return None
-
-
-TURNS = Turns()
-_warned = False
-
 
 def _entry(folder: Path, name: str) -> Any:
     """Return the path of a kernel in a folder; the name contains all its dependencies."""
     return IndexDataCacheFile(str(folder), name, source_stamp='')
 
 
-def _write(name: str, sig: Any, reduced: Any) -> None:
-    """Keep a kernel in the first folder that can be written."""
-    for folder in folders():
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            _entry(folder, name).save(sig, reduced)
-        except OSError:
-            continue
-        return
-    _warn_once()
-
-
+@functools.cache
 def _warn_once() -> None:
-    global _warned
-    if not _warned:
-        _warned = True
-        tried = ' nor '.join(str(folder) for folder in folders())
-        print(
-            f'note: compiled kernels cannot be kept in {tried}: every process compiles its own; '
-            'name a folder that can be written in NUMBA_CACHE_DIR',
-            file=sys.stderr,
-        )
+    tried = ' nor '.join(str(folder) for folder in folders())
+    print(
+        f'note: compiled kernels cannot be kept in {tried}: every process compiles its own; '
+        'name a folder that can be written in NUMBA_CACHE_DIR',
+        file=sys.stderr,
+    )

@@ -54,7 +54,7 @@ else:
 
         def on_start(self, found: Any) -> None:
             """Report the start of a compilation."""
-            watch.begin(found.data['dispatcher'].py_func.__qualname__)
+            watch.begin()
 
         def on_end(self, found: Any) -> None:
             """Report the end of a compilation."""

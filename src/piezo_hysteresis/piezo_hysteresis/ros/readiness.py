@@ -49,7 +49,7 @@ class HeartbeatPublisher:
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._started = time.monotonic()
-        self._leave = watch.listen(self._start)
+        watch.LISTENERS.append(self._start)
         self._publish()
         self._start()
 
@@ -61,7 +61,8 @@ class HeartbeatPublisher:
     def close(self) -> None:
         """Stop publishing."""
         self._closed = True
-        self._leave()
+        if self._start in watch.LISTENERS:
+            watch.LISTENERS.remove(self._start)
         self._wake.set()
 
     def _start(self) -> None:
@@ -82,15 +83,15 @@ class HeartbeatPublisher:
             self._wake.wait(PERIOD)
 
     def _publish(self) -> None:
-        kernel, seconds = watch.compiling(), time.monotonic() - self._started
-        if kernel and not self._reported:
+        compiles, seconds = watch.compiling(), time.monotonic() - self._started
+        if compiles and not self._reported:
             self._reported = True
             # rclpy searches all modules for the caller of a logger: while another
             # thread compiles, this takes seconds and must not delay the heartbeats
             threading.Thread(target=self._log, name='heartbeat log', daemon=True).start()
         state = Readiness.COMPILING if self._ready else Readiness.STARTING
         values = [state.value] if state is Readiness.STARTING else []
-        values += ['compiles its kernels (first start only)'] if kernel else []
+        values += ['compiles its kernels (first start only)'] if compiles else []
         self._publish_state(state, f'{": ".join(values)} ({seconds:.0f} s)')
 
     def _log(self) -> None:

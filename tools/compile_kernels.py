@@ -1,15 +1,24 @@
-"""Runs every compiled kernel once and briefly, so that set-up compiles it.
+"""Compiles all kernels in advance, so that no command waits: part of set-up.
 
-The kernels come from the registries of blocks, models, methods and laws.
-`kernels.rehearse.not_rehearsed` returns kernels that none of these reaches; a test requires none.
+Run from the root as `tools/setup.sh` does::
+
+    python tools/compile_kernels.py [CALL ...]
+
+Each call of the list does briefly what commands and nodes do at length, so that every kernel is
+compiled with the signatures that are really called; a test finds kernels that none reaches.
 """
 
 from __future__ import annotations
 
 import contextlib
+import gc
 import math
+import multiprocessing
+import os
+import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -23,6 +32,23 @@ if TYPE_CHECKING:
     from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
 
 DT = 1e-3
+
+
+def plant() -> None:
+    """Run a plant and change it during the run; one kernel serves all actuators and effects."""
+    from piezo_sim.plant import Plant
+
+    simulated = Plant()
+    simulated.exchange(0.0)
+    simulated.run(np.zeros(4))
+    simulated.switch('creep')
+
+
+def plants_of_axes() -> None:
+    """Run the plants of several axes."""
+    from piezo_sim.axes_plant import AxesPlant
+
+    AxesPlant.from_preset('xy_scanner').run(np.zeros((4, 2)))
 
 
 def blocks() -> None:
@@ -262,24 +288,6 @@ def several_axes() -> None:
     ModalModel(layout, vector, output, 1.0, DT).simulate(record)
 
 
-# longest first, so that processes end at about the same time
-REHEARSALS = (
-    derivatives,
-    inverses,
-    more_derivatives,
-    laws,
-    blocks,
-    fit,
-    online_methods,
-    errors,
-    recorded_input,
-    between_ticks,
-    demo,
-    screening,
-    several_axes,
-)
-
-
 def _records() -> Iterator[Record]:
     """Return two short records of a lagging actuator."""
     for k, frequency in enumerate((5.0, 20.0)):
@@ -288,3 +296,49 @@ def _records() -> Iterator[Record]:
         answer = 1e-6 * np.sin(phase - 0.2) + noise
         info = RecordInfo(excitation='sine', frequency=frequency, amplitude=1.0)
         yield Record(f'rehearsal {k}', DT, np.sin(phase), answer, info=info)
+
+
+# Longest first, so that processes end at about the same time.
+CALLS: dict[str, Callable[[], None]] = {
+    call.__name__: call
+    for call in (
+        derivatives, inverses, more_derivatives, laws, blocks, fit, online_methods, errors,
+        recorded_input, between_ticks, demo, plant, screening, several_axes, plants_of_axes,
+    )
+}  # fmt: skip
+
+
+def run(name: str) -> tuple[str, str]:
+    """Run one call; return its name and why it failed, empty if it did not."""
+    try:
+        CALLS[name]()
+    except Exception as error:  # its kernels are compiled on first use
+        return name, f'{type(error).__name__}: {error}'
+    return name, ''
+
+
+def collect_rarely() -> None:
+    """Look for garbage less often: a compiler makes many objects that refer to each other."""
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 100)
+
+
+def main(arguments: list[str]) -> None:
+    """Compile the kernels of the named calls, or of all, several at a time."""
+    names = arguments or list(CALLS)
+    started, live = time.perf_counter(), sys.stderr.isatty()
+    workers = max(1, min(4, len(os.sched_getaffinity(0))))
+    # forked: nothing has been started that a fork would break
+    with multiprocessing.get_context('fork').Pool(workers, collect_rarely) as pool:
+        for k, (name, failed) in enumerate(pool.imap_unordered(run, names), 1):
+            if failed:
+                print(f'note: {name} could not be run: {failed}', file=sys.stderr)
+            if live:
+                print(f'\r  kernels: {k} of {len(names)}, {name}\x1b[K', end='', file=sys.stderr)
+    if live:
+        print('\r\x1b[K', end='', file=sys.stderr)
+    print(f'kernels compiled in {time.perf_counter() - started:.0f} s')
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])
