@@ -8,8 +8,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,83 +17,16 @@ from piezo_hysteresis.errors import IdentificationError, PiezoError
 from piezo_hysteresis.identification.method_settings import pairs
 from piezo_hysteresis.identification.online import online, settled
 from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod
-from piezo_hysteresis.identification.rls import RlsByOrder, RlsSettings, by_order
+from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
 from piezo_hysteresis.models import Model, ModelFile, Provenance, named
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
 from piezo_hysteresis.numerics.harmonics import odd_oscillation
 
-# Samples between two memories, and how many memories are kept: seconds of a loop at 1 kHz.
+# Samples between two copies of the state, and how many are kept: seconds of a loop at 1 kHz.
 EVERY = 1024
 KEPT = 6
-
-State = TypeVar('State')
-
-
-class Sample(NamedTuple):
-    """A sample of an actuator as received."""
-
-    number: int
-    nanoseconds: int
-    voltage: float
-    displacement: float
-
-
-@dataclass(frozen=True)
-class Checkpoint(Generic[State]):
-    """The state of a recursion before the sample with arrival number `count`."""
-
-    count: int
-    nanoseconds: int
-    state: State
-
-
-class RollbackBuffer(Generic[State]):
-    """Remembers the last samples, and now and then the state that they acted on."""
-
-    def __init__(self, remember: Callable[[], State]) -> None:
-        self._remember = remember
-        self._memories: deque[Checkpoint[State]] = deque(maxlen=KEPT)
-        self._samples: deque[Sample] = deque(maxlen=EVERY * KEPT)
-        self._count = 0
-
-    @property
-    def newest(self) -> int:
-        """Time of the newest sample [ns], -1 if there is none."""
-        return self._samples[-1].nanoseconds if self._samples else -1
-
-    def note(self, sample: Sample) -> None:
-        """Remember a sample; call it before the sample acts."""
-        if self._count % EVERY == 0:
-            self._memories.append(Checkpoint(self._count, self.newest, self._remember()))
-        self._samples.append(sample)
-        self._count += 1
-
-    def clear(self) -> None:
-        """Clear the buffer; earlier samples cannot be rolled back."""
-        self._memories.clear()
-        self._samples.clear()
-        self._count = 0
-
-    def back_to(self, nanoseconds: int) -> tuple[Checkpoint[State], list[Sample]] | None:
-        """Return the newest checkpoint before a time and the samples since; None if too old.
-
-        Later checkpoints are discarded with their samples; store the samples again.
-        """
-        while self._memories and self._memories[-1].nanoseconds >= nanoseconds:
-            self._memories.pop()
-        if not self._memories:
-            self.clear()
-            return None
-        memory = self._memories.pop()
-        first = len(self._samples) - (self._count - memory.count)
-        since = list(islice(self._samples, first, None))
-        for _ in since:
-            self._samples.pop()
-        self._count = memory.count
-        return memory, since
-
 
 # Free runs of `rls` start at the beginning of the record; longer records have none [s].
 LONGEST_RUN = 60.0
@@ -107,6 +39,9 @@ _ALL = (0.0, 0.0)
 
 # Edges that are remembered; more never lie within the samples that are.
 MOST_EDGES = 4096
+
+# Harmonic orders of the papers' RLS.
+_ORDERS = (3, 5)
 
 # Where the forgetting factor is left to the method.
 FORGETTING = {'rls': 1.0, 'rls_ud': 0.9999, 'pi_bank': 0.9999}
@@ -154,80 +89,127 @@ class SegmentEdge:
     warm_up: float = 0.0
 
 
-@dataclass
 class DriveEstimate:
-    """The estimate of one drive, or of all."""
+    """The estimate of one drive, or of all.
 
-    method: OnlineMethod
-    frequency: float = 0.0  # of the drive [Hz]
-    amplitude: float = 0.0  # [V]; 0 for all drives
-    low: float = math.inf  # [m]
-    high: float = -math.inf  # [m]
-    order: int = 0  # its harmonic order, see `odd_oscillation`
-    before: Estimate | None = None  # the last published estimate
-    converged: bool = False  # whether that was stationary and usable
+    Which harmonic order a drive has is known only from its record: with `by_order`, the papers'
+    RLS also runs with the third and the fifth, so that the estimate is the one of `identify`
+    whenever the order becomes known.
+    """
+
+    def __init__(
+        self, method: OnlineMethod, frequency: float = 0.0, amplitude: float = 0.0
+    ) -> None:
+        self.rows = {0: method}  # by harmonic order
+        self.frequency = frequency  # of the drive [Hz]
+        self.amplitude = amplitude  # [V]; 0 for all drives
+        self.low, self.high = math.inf, -math.inf  # [m]
+        self.order = 0  # its harmonic order, see `odd_oscillation`
+        self.before: Estimate | None = None  # the last published estimate
+        self.converged = False  # whether that was stationary and usable
+
+    @property
+    def method(self) -> OnlineMethod:
+        """The recursion of the harmonic order of the drive."""
+        return self.rows.get(self.order, self.rows[0])
 
     @property
     def travel(self) -> float:
         """Half the range of the displacement [m]."""
         return max(0.5 * (self.high - self.low), 0.0)
 
-
-class RunSinceRest(NamedTuple):
-    """Samples since the actuator was last at rest."""
-
-    voltage: list[float]
-    displacement: list[float]
-
-    def cut(self, length: int) -> RunSinceRest:
-        """Return its beginning."""
-        return RunSinceRest(self.voltage[:length], self.displacement[:length])
-
-
-class MethodState(NamedTuple):
-    """What samples act on; the run is shared, and only its beginning belongs to the state."""
-
-    drives: dict[tuple[float, float], DriveEstimate]
-    key: tuple[float, float]
-    refused: int
-    taken: int
-    open: bool
-    warm_up: float
-    run: RunSinceRest
-    length: int
+    def by_order(self) -> None:
+        """Add the harmonics of the drive where RLS has a named model for each."""
+        method = self.rows[0]
+        if not isinstance(method, OnlineRls):
+            return
+        plain = method.settings
+        if plain.variant == 'V1' and plain.harmonic == 0 and not plain.start:
+            for order in _ORDERS:
+                with suppress(IdentificationError):  # above half the rate
+                    settings = replace(plain, harmonic=order, frequency=self.frequency)
+                    self.rows[order] = OnlineRls(settings)
 
 
 @dataclass
+class SegmenterState:
+    """What samples and markers act on; lists of the run since rest only grow."""
+
+    drives: dict[tuple[float, float], DriveEstimate]
+    key: tuple[float, float] = _ALL
+    open: bool = True
+    warm_up: float = 0.0  # [s]
+    refused: int = 0
+    taken: int = 0
+    voltage: list[float] = field(default_factory=list)  # since the actuator was at rest [V]
+    displacement: list[float] = field(default_factory=list)  # [m]
+
+
+class ReceivedSample(NamedTuple):
+    """A sample of an actuator as received."""
+
+    number: int
+    nanoseconds: int
+    voltage: float  # [V]
+    displacement: float  # [m]
+
+
+class Checkpoint(NamedTuple):
+    """A copy of the state, and the samples that came after it."""
+
+    before: int  # time of the last sample before [ns]
+    state: SegmenterState
+    length: int  # of the run since rest at that time
+    samples: list[ReceivedSample]
+
+
 class RecordSegmenter:
     """Passes the samples within records to an online method; each record starts from rest.
 
     Without markers all samples are one record. Samples between records are omitted, as in the
     reader of bags. Markers have their own topic and may arrive after the samples that they mark;
-    the estimate is then rolled back and recomputed. Markers cut by time. The time of a sample
-    follows from its index if its stamp is inconsistent with the previous stamps.
+    the state is then the copy from before them, and the samples since are processed again.
+    Markers cut by time. The time of a sample follows from its index if its stamp is inconsistent
+    with the previous stamps.
     """
 
-    method: OnlineMethod  # the online method
-    rate: float  # sampling rate [Hz]
-    only_records: bool = True  # whether samples between records are omitted
-    renew: Callable[[], OnlineMethod] | None = None  # returns a method without prior information
-    refused: int = 0  # samples omitted because a value is not finite
-    taken: int = 0  # samples passed to the method
-    late: int = 0  # markers that arrived too late for a rollback
-    unseen: int = 0  # records whose harmonic exceeds half the sampling rate
-    intake: SequenceFilter = field(default_factory=SequenceFilter)  # checks the sample indices
-    _edges: deque[SegmentEdge] = field(default_factory=deque)
-    _passed: deque[SegmentEdge] = field(default_factory=lambda: deque(maxlen=MOST_EDGES))
-    _open: bool = True
-    _run: RunSinceRest = field(default_factory=lambda: RunSinceRest([], []))
-    _useless: bool = False
-    _warm_up: float = 0.0
+    def __init__(
+        self,
+        method: OnlineMethod,
+        rate: float,  # sampling rate [Hz]
+        only_records: bool = True,  # whether samples between records are omitted
+        renew: Callable[[], OnlineMethod] | None = None,  # returns a method without prior
+    ) -> None:
+        self.rate, self.only_records, self.renew = rate, only_records, renew
+        self.late = 0  # markers that arrived too late
+        self.unseen = 0  # records whose harmonic exceeds half the sampling rate
+        self.intake = SequenceFilter()  # checks the sample indices
+        self.stamps = StampValidator(1.0 / rate)
+        self._edges: deque[SegmentEdge] = deque()
+        self._passed: deque[SegmentEdge] = deque(maxlen=MOST_EDGES)
+        self._past: deque[Checkpoint] = deque(maxlen=KEPT)
+        self._useless = False
+        self._state = SegmenterState({_ALL: DriveEstimate(method)})
 
-    def __post_init__(self) -> None:
-        self._key = _ALL
-        self._drives = {_ALL: DriveEstimate(self.method)}
-        self.stamps = StampValidator(1.0 / self.rate)
-        self._rollback: RollbackBuffer[MethodState] = RollbackBuffer(self._remember)
+    @property
+    def drive(self) -> DriveEstimate:
+        """The present estimate with its drive."""
+        return self._state.drives[self._state.key]
+
+    @property
+    def method(self) -> OnlineMethod:
+        """The recursion of the present drive."""
+        return self.drive.method
+
+    @property
+    def taken(self) -> int:
+        """Number of samples passed to the method."""
+        return self._state.taken
+
+    @property
+    def refused(self) -> int:
+        """Number of samples omitted because a value is not finite."""
+        return self._state.refused
 
     def mark(self, edge: SegmentEdge) -> None:
         """Note an edge; it acts on the samples from its time on, had they come already or not."""
@@ -235,7 +217,7 @@ class RecordSegmenter:
         # Edges arrive in order; an earlier one belongs to a restarted actuator.
         follows = not known or (edge.nanoseconds >= known[-1].nanoseconds and edge != known[-1])
         self._edges.append(edge)
-        if follows and edge.nanoseconds <= self._rollback.newest:
+        if follows and edge.nanoseconds <= self._newest:
             self._take_back(edge)
 
     def take(self, sample: int, nanoseconds: int, voltage: float, displacement: float) -> bool:
@@ -246,16 +228,30 @@ class RecordSegmenter:
             self.stamps.begin()
         if not self.intake.take(sample):
             return False
-        came = Sample(sample, self.stamps.true_time(sample, nanoseconds), voltage, displacement)
-        if sample < known or came.nanoseconds < self._rollback.newest:
-            self._reset_samples()
-        self._rollback.note(came)
+        came = ReceivedSample(
+            sample, self.stamps.true_time(sample, nanoseconds), voltage, displacement
+        )
+        if sample < known or came.nanoseconds < self._newest:
+            self._forget_past()
         return self._feed(came, restarts=sample < known)
+
+    @property
+    def _newest(self) -> int:
+        """Time of the newest sample that can be processed again [ns], -1 if there is none."""
+        return self._past[-1].samples[-1].nanoseconds if self._past else -1
+
+    def _remember(self, sample: ReceivedSample) -> None:
+        """Keep a sample before it acts, and every so often the state."""
+        if not self._past or len(self._past[-1].samples) == EVERY:
+            state = replace(self._state, drives=copy.deepcopy(self._state.drives))
+            self._past.append(Checkpoint(self._newest, state, len(state.voltage), []))
+        self._past[-1].samples.append(sample)
 
     def _edge_due(self, nanoseconds: int) -> bool:
         return bool(self._edges) and self._edges[0].nanoseconds <= nanoseconds
 
-    def _feed(self, sample: Sample, restarts: bool = False) -> bool:
+    def _feed(self, sample: ReceivedSample, restarts: bool = False) -> bool:
+        self._remember(sample)
         _, nanoseconds, voltage, displacement = sample
         if restarts and not self._edge_due(nanoseconds):
             self._rest()
@@ -263,94 +259,85 @@ class RecordSegmenter:
             edge = self._edges.popleft()
             self._passed.append(edge)
             self._note_order()
-            self._open, self._warm_up = bool(edge.record), edge.warm_up
+            self._state.open, self._state.warm_up = bool(edge.record), edge.warm_up
             self._rest()
             self._follow(edge)
-        if self.only_records and not self._open:
+        state = self._state
+        if self.only_records and not state.open:
             return False
         if not (math.isfinite(voltage) and math.isfinite(displacement)):
-            self.refused += 1
+            state.refused += 1
             return False
-        self.method.update(voltage, displacement)
-        self.taken += 1
         drive = self.drive
+        for method in drive.rows.values():
+            method.update(voltage, displacement)
+        state.taken += 1
         drive.low, drive.high = min(drive.low, displacement), max(drive.high, displacement)
-        if len(self._run.voltage) < LONGEST_RUN * self.rate:
-            self._run.voltage.append(voltage)
-            self._run.displacement.append(displacement)
+        if len(state.voltage) < LONGEST_RUN * self.rate:
+            state.voltage.append(voltage)
+            state.displacement.append(displacement)
         return True
 
     def _follow(self, edge: SegmentEdge) -> None:
         """Use estimate and harmonic of the drive of a record, if its marker states one."""
-        if edge.record and edge.frequency > 0.0:
-            if self.renew is not None:
-                self._key = edge.frequency, edge.amplitude
-                if self._key not in self._drives:
-                    method = by_order(self.renew())
-                    self._drives[self._key] = DriveEstimate(method, *self._key)
-                self.method = self.drive.method
-                self.method.rest()
-            try:
-                self.method.drive_at(edge.frequency)
-            except IdentificationError:
-                self.unseen += 1
+        if not edge.record or edge.frequency <= 0.0:
+            return
+        if self.renew is not None:
+            key = self._state.key = edge.frequency, edge.amplitude
+            if key not in self._state.drives:
+                self._state.drives[key] = DriveEstimate(self.renew(), *key)
+                self.drive.by_order()
+            self._rest_drive()
+        try:
+            for method in self.drive.rows.values():
+                method.drive_at(edge.frequency)
+        except IdentificationError:
+            self.unseen += 1
 
     def _take_back(self, edge: SegmentEdge) -> None:
-        """Recompute the estimate from the samples since an edge."""
-        found = self._rollback.back_to(edge.nanoseconds)
-        if found is None:
+        """Return to the state before an edge, and process the samples since again."""
+        samples: list[ReceivedSample] = []
+        past = None
+        while self._past and (past is None or past.before >= edge.nanoseconds):
+            past = self._past.pop()
+            samples = past.samples + samples
+        if past is None or past.before >= edge.nanoseconds:
             self.late += 1
             self._passed.clear()
             return
-        memory, samples = found
-        state = memory.state
-        self._drives, self._key = state.drives, state.key
-        self.method = self.drive.method
-        self.refused, self.taken, self._open = state.refused, state.taken, state.open
-        self._warm_up = state.warm_up
-        self._run = state.run.cut(state.length)
-        again = [each for each in self._passed if each.nanoseconds > memory.nanoseconds]
+        voltage, displacement = past.state.voltage, past.state.displacement
+        self._state = replace(
+            past.state, voltage=voltage[: past.length], displacement=displacement[: past.length]
+        )
+        again = [each for each in self._passed if each.nanoseconds > past.before]
         for each in again:
             self._passed.remove(each)
         self._edges.extendleft(reversed(again))
         for sample in samples:
-            self._rollback.note(sample)
             self._feed(sample)
 
-    def _remember(self) -> MethodState:
-        run = self._run
-        return MethodState(
-            copy.deepcopy(self._drives),
-            self._key,
-            self.refused,
-            self.taken,
-            self._open,
-            self._warm_up,
-            run,
-            len(run.voltage),
-        )
-
-    def _reset_samples(self) -> None:
-        self._rollback.clear()
+    def _forget_past(self) -> None:
+        self._past.clear()
         self._passed.clear()
 
     def set_forgetting(self, forgetting: float) -> None:
         """Continue with another forgetting factor."""
-        self.method.forgetting = forgetting
-        self._reset_samples()
+        for method in self.drive.rows.values():
+            method.forgetting = forgetting
+        self._forget_past()
 
     def change(self, method: OnlineMethod) -> None:
         """Continue with another method, without prior information."""
-        self.method = method
-        self._key, self._drives = _ALL, {_ALL: DriveEstimate(method)}
-        self._reset_samples()
+        state = self._state
+        state.key, state.drives = _ALL, {_ALL: DriveEstimate(method)}
+        self._forget_past()
 
     def reset(self) -> None:
         """Reset the estimates and the records."""
-        self.method = self._drives[_ALL].method
-        self.method.reset()
-        self._open = True
-        self.change(self.method)
+        method = self._state.drives[_ALL].method
+        method.reset()
+        self._state.open = True
+        self.change(method)
 
     def settled(self, estimate: Estimate, free_run: float = math.nan) -> bool:
         """Return whether the estimate has converged since the last call and is usable.
@@ -360,7 +347,7 @@ class RecordSegmenter:
         """
         drive = self.drive
         if not math.isnan(free_run):
-            motion = float(np.std(self._run.displacement or [0.0]))
+            motion = float(np.std(self._state.displacement or [0.0]))
             self._useless = not free_run <= _EXPLAINED * motion
         self._note_order()
         before, drive.before = drive.before, estimate
@@ -374,29 +361,22 @@ class RecordSegmenter:
 
     def _note_order(self) -> None:
         """Take the harmonic order of the drive from the record so far, once it has a period."""
-        drive, moved = self.drive, self._run.displacement
-        seen = np.array(moved[round(self._warm_up * self.rate) :])
+        drive = self.drive
+        seen = np.array(self._state.displacement[round(self._state.warm_up * self.rate) :])
         if drive.frequency > 0.0 and seen.size * drive.frequency >= self.rate:
             drive.order = odd_oscillation(seen, drive.frequency, 1.0 / self.rate)
-            if isinstance(drive.method, RlsByOrder):
-                drive.method.order = drive.order
-
-    @property
-    def drive(self) -> DriveEstimate:
-        """The present estimate with its drive."""
-        return self._drives[self._key]
 
     def free_run_rms(self, estimate: Estimate) -> float:
         """Return the rms free-run error over the last second [m], NaN where it is not known."""
         if isinstance(self.method, OnlineUd):
             return estimate.one_step_rms  # its predictions are those of the free run
-        count = len(self._run.voltage)
+        count = len(self._state.voltage)
         if count < 2 or count >= LONGEST_RUN * self.rate:
             return math.nan
         with np.errstate(all='ignore'):
-            free = self.method.free_run(np.array(self._run.voltage))
+            free = self.method.free_run(np.array(self._state.voltage))
             last = slice(-round(self.rate), None)
-            error = free[last] - np.array(self._run.displacement[last])
+            error = free[last] - np.array(self._state.displacement[last])
             rms = float(np.sqrt(np.nanmean(error**2)))
         return rms if math.isfinite(rms) else math.inf
 
@@ -413,7 +393,7 @@ class RecordSegmenter:
         """
         self._note_order()
         points = []
-        for drive in self._drives.values():
+        for drive in self._state.drives.values():
             if drive.frequency > 0.0 and drive.amplitude > 0.0:
                 with suppress(PiezoError):
                     own = self._model_of(drive, fit)
@@ -445,5 +425,9 @@ class RecordSegmenter:
         return ModelFile(model, values, deviations, provenance)
 
     def _rest(self) -> None:
-        self.method.rest()
-        self._run = RunSinceRest([], [])
+        self._rest_drive()
+        self._state.voltage, self._state.displacement = [], []
+
+    def _rest_drive(self) -> None:
+        for method in self.drive.rows.values():
+            method.rest()
