@@ -9,7 +9,7 @@ import pytest
 from dashboard_fakes import live_at
 
 from piezo_hysteresis.dashboard.controls import ParameterState
-from piezo_hysteresis.dashboard.forms import JobBox
+from piezo_hysteresis.dashboard.forms import Form
 from piezo_hysteresis.dashboard.live_state import (
     BackgroundJob,
     Counters,
@@ -145,12 +145,13 @@ def test_a_job_shows_elapsed_and_remaining_time() -> None:
     assert time_text(BackgroundJob('running', 0.0, 'reads', since=100.0), 103.0) == 'since 3 s'
     assert time_text(BackgroundJob('done', 1.0, 'fine', since=100.0), 130.0) == ''
     assert time_text(BackgroundJob('asked'), 1.0) == ''
-    box = JobBox('sweep', lambda: None, lambda: None)
-    box.refresh(job, True, 'hint', 130.0)
-    assert '1 min 30 s left' in box.words.text
-    assert math.isclose(box.bar.value, 25)
-    box.refresh(BackgroundJob(), False, '<p>hint</p>', 140.0)
-    assert box.words.text == '<p>hint</p>'
+    form = Form('sweep', (), lambda: None, lambda: None)
+    _, bar, shown = form.root.children
+    assert not form.show_job(job, 130.0)
+    assert '1 min 30 s left' in shown.text
+    assert math.isclose(bar.value, 25)
+    assert form.show_job(BackgroundJob(), 140.0, '<p>hint</p>')
+    assert shown.text == '<p>hint</p>'
 
 
 @pytest.mark.parametrize(

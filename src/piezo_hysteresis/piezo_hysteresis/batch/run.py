@@ -16,14 +16,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import wait as wait_for_end
@@ -95,13 +88,17 @@ class _Job:
 
     def finished(self) -> Row | None:
         """Return the row of a valid earlier run, None if there is none."""
+        row = self.noted(self.fingerprint) or {}
+        # rejected data are a result; any other failure may be one of the machine
+        return row if row.get('state') in ('done', 'refused') else None
+
+    def noted(self, fingerprint: str | None) -> Row | None:
+        """Return the row of a note with the fingerprint, None for work that has started."""
         try:
             note = json.loads((Path(self.folder) / NOTE).read_text(encoding='utf-8'))
-            row, known = note['row'], note['fingerprint'] == self.fingerprint
+            return dict(note['row']) if note['fingerprint'] == fingerprint else None
         except (OSError, ValueError, LookupError, TypeError):
             return None
-        # rejected data are a result; any other failure may be one of the machine
-        return row if known and row.get('state') in ('done', 'refused') else None
 
     def note(self, row: Row) -> None:
         """Store the result; an empty row states that the work has started."""
@@ -178,7 +175,7 @@ def run_batch(
     progress(resumed / len(jobs), f'{resumed} of {len(jobs)} were finished before')
     count = number_of_workers(processes)
     if executor is not None:
-        if any(_in_parallel(executor, left, len(left), (work, name, options), collect)):
+        if _in_parallel(executor, left, (work, name, options), collect):
             raise PiezoError('the executor broke down; restart it and run the batch again')
     elif count == 1:
         for job in left:
@@ -212,46 +209,40 @@ def _do(job: _Job, work: Work, verb: str, options: Mapping[str, Any]) -> Row:
 
 
 def _in_parallel(
-    executor: Executor,
-    jobs: Sequence[_Job],
-    at_once: int,
-    task: tuple[Any, ...],
-    collect: Callable[[_Job, Row], None],
-) -> tuple[list[_Job], list[_Job]]:
-    """Work until the executor breaks; return the jobs that were in work then, and the rest."""
-    waiting, running, lost = list(reversed(jobs)), dict[Future[Row], _Job](), list[_Job]()
-    while (waiting and not lost) or running:
-        while waiting and not lost and len(running) < at_once:
-            job = waiting.pop()
-            try:
-                running[executor.submit(_do, job, *task)] = job
-            except (BrokenExecutor, OSError):  # a further process may be one too many
-                lost.append(job)
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
-            job = running.pop(future)
-            try:
-                collect(job, future.result())
-            except BrokenExecutor:
-                lost.append(job)
-            except Exception as error:  # of a cluster that gave the job up
-                collect(
-                    job, job.row('failed', f'{type(error).__name__}: {error}', time.perf_counter())
-                )
-    return lost, list(reversed(waiting))
+    executor: Executor, jobs: Sequence[_Job], task: Any, collect: Callable[[_Job, Row], None]
+) -> list[_Job]:
+    """Work on all jobs; return those that an executor that broke down has left."""
+    running, lost = {}, []
+    for job in jobs:
+        try:
+            running[executor.submit(_do, job, *task)] = job
+        except (BrokenExecutor, OSError):  # a further process may be one too many
+            lost.append(job)
+    for future in as_completed(running):
+        job = running[future]
+        try:
+            row = future.result()
+        except BrokenExecutor:
+            lost.append(job)
+            continue
+        except Exception as error:  # of a cluster that gave the job up
+            row = job.row('failed', f'{type(error).__name__}: {error}', time.perf_counter())
+        collect(job, row)
+    return lost
 
 
 def _in_processes(jobs: Sequence[_Job], count: int, task: Any, collect: Any) -> None:
-    """Work in processes; if one dies, the jobs that were in work are repeated one by one."""
-    suspects: list[_Job] = []
+    """Work in processes; if one dies, the jobs that had started are repeated one by one."""
     while jobs:
         with _processes(count, task[0]) as pool:
-            lost, jobs = _in_parallel(pool, jobs, count, task, collect)
-            suspects += lost
-    for job in suspects:
-        with _processes(1, task[0]) as pool:
-            if any(_in_parallel(pool, [job], 1, task, collect)):
-                reason = 'the process that worked on it died; is there memory enough?'
-                collect(job, job.row('failed', reason, time.perf_counter()))
+            lost = _in_parallel(pool, jobs, task, collect)
+        alone = [job for job in lost if job.noted(None) is not None] or lost
+        for job in alone:
+            with _processes(1, task[0]) as pool:
+                if _in_parallel(pool, [job], task, collect):
+                    reason = 'the process that worked on it died; is there memory enough?'
+                    collect(job, job.row('failed', reason, time.perf_counter()))
+        jobs = [job for job in lost if job not in alone]
 
 
 @contextmanager

@@ -11,7 +11,6 @@ from bokeh.models import (
     Button,
     Column,
     ColumnDataSource,
-    Div,
     Legend,
     LegendItem,
     MultiSelect,
@@ -27,18 +26,12 @@ from piezo_hysteresis.common.parameter_table import range_refusal
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, InvestigationOrder, SweepOrder
 from piezo_hysteresis.dashboard.live_plots import live_axes
 from piezo_hysteresis.dashboard.live_state import BackgroundJob, InvestigationState
-from piezo_hysteresis.dashboard.texts import (
-    WIDGET_STYLE,
-    job_text,
-    set_text,
-    start_text,
-    text_div,
-    time_text,
-)
+from piezo_hysteresis.dashboard.texts import job_text, set_text, start_text, text_div, time_text
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import NAMES
 from piezo_hysteresis.reporting.plots import PALETTE
 
+WIDE = {'sizing_mode': 'stretch_width'}
 _NAME = re.compile(r'^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$')
 
 
@@ -53,52 +46,58 @@ def numbers(text: str, what: str) -> tuple[float, ...]:
         raise PiezoError(f'{what}: {text!r} is no list of numbers, such as 1, 5, 10') from None
 
 
-class JobBox:
-    """Progress, cancel button and message of one job."""
+def _number(name: str, title: str, value: float | None = None) -> NumericInput:
+    """Return a field for a number; empty is the range of the actuator, or no limit."""
+    return NumericInput(
+        title=title, value=value, placeholder='auto', mode='float', name=name, min_width=60, **WIDE
+    )
 
-    def __init__(self, name: str, start: Callable[[], None], cancel: Callable[[], None]) -> None:
-        self._start = start
+
+class Form:
+    """Fields of a job with its buttons, its progress and its message."""
+
+    def __init__(
+        self, kind: str, fields: Sequence[Any], send: Callable[[], None],
+        cancel: Callable[[], None], *below: Any,
+    ) -> None:  # fmt: skip
+        self._send = send
         self._shown: tuple[BackgroundJob, bool, str] | None = None
-        self.start = Button(label=f'Start {name}', button_type='primary', name=f'{name}.start')
-        self.cancel = Button(label='Cancel', disabled=True, name=f'{name}.cancel')
-        self.bar = Progress(
-            value=0, max=100, name=f'{name}.bar', sizing_mode='stretch_width', visible=False
+        self._start = Button(label=f'Start {kind}', button_type='primary', name=f'{kind}.start')
+        self._cancel = Button(label='Cancel', disabled=True, name=f'{kind}.cancel')
+        self._bar = Progress(value=0, max=100, name=f'{kind}.bar', visible=False, **WIDE)
+        self._words = text_div(f'{kind}.words')
+        self._words.visible = False
+        self._start.on_click(self._press)
+        self._cancel.on_click(cancel)
+        buttons = Row(self._start, self._cancel)
+        self.root: Any = Column(
+            *fields, buttons, self._bar, self._words, *below, name=kind, **WIDE
         )
-        self.words = Div(
-            text='',
-            visible=False,
-            name=f'{name}.words',
-            stylesheets=[WIDGET_STYLE],
-            sizing_mode='stretch_width',
-        )
-        self.start.on_click(self._press)
-        self.cancel.on_click(cancel)
-        self.parts = [Row(self.start, self.cancel), self.bar, self.words]
 
     def _press(self) -> None:
         try:
-            self._start()
+            self._send()
         except PiezoError as error:
             self._show(f'<p class="error">{escape(str(error))}</p>')
 
-    def refresh(self, job: BackgroundJob, offered: bool, hint: str, now: float) -> None:
-        """Show the state at `now`; `hint` (HTML) if no node provides the job."""
+    def show_job(self, job: BackgroundJob, now: float, hint: str = '') -> bool:
+        """Show the state at `now`, or `hint` (HTML) without a node; return whether it ended."""
         spent = time_text(job, now)
-        if self._shown == (job, offered, spent):
-            return
-        self._shown = (job, offered, spent)
-        self.start.disabled = job.busy or not offered
-        self.cancel.disabled = not job.busy
-        self.bar.visible = job.busy
-        self.bar.value = round(100 * job.fraction)
-        text = job_text(job) + (f'<p class="soft">{spent}</p>' if spent else '')
-        self._show(text or ('' if offered else hint))
+        if self._shown == (job, bool(hint), spent):
+            return False
+        ended = bool(self._bar.visible) and not job.busy
+        self._shown = (job, bool(hint), spent)
+        self._start.disabled = job.busy or bool(hint)
+        self._cancel.disabled = not job.busy
+        self._bar.update(visible=job.busy, value=round(100 * job.fraction))
+        self._show(job_text(job) + (f'<p class="soft">{spent}</p>' if spent else '') or hint)
+        return ended
 
     def _show(self, text: str) -> None:
-        self.words.update(text=text, visible=bool(text))
+        self._words.update(text=text, visible=bool(text))
 
 
-class SweepForm:
+class SweepForm(Form):
     """Frequencies and amplitudes of a sweep, and the bag of its records."""
 
     def __init__(
@@ -109,63 +108,48 @@ class SweepForm:
         actuator: str = '',
     ) -> None:
         self._hint = start_text('No excitation offers sweeps.', 'excitation', actuator)
-        self._order = start
         self._next_name = next_name
-        wide = {'sizing_mode': 'stretch_width'}
-        self._frequencies = TextInput(
-            title='frequencies [Hz]', value='1, 5, 10, 15, 20, 23, 40', name='sweep.frequencies',
-            **wide,
-        )  # fmt: skip
-        self._amplitudes = TextInput(
-            title='amplitudes [V]', value='1.0, 0.5', name='sweep.amplitudes', **wide
+        texts = {
+            'frequencies': ('frequencies [Hz]', '1, 5, 10, 15, 20, 23, 40'),
+            'amplitudes': ('amplitudes [V]', '1.0, 0.5'),
+            'name': ('name of the bag', next_name()),
+        }
+        frequencies, amplitudes, name = [
+            TextInput(title=title, value=value, name=f'sweep.{key}', **WIDE)
+            for key, (title, value) in texts.items()
+        ]
+        self._name = name
+        times = (
+            _number('sweep.seconds', 'record length [s]', 3.0),
+            _number('sweep.warm_up', 'warm-up [s]', 1.0),
+            _number('sweep.pause', 'pause [s]', 0.0),
         )
-        self._seconds = self._number('record length [s]', 3.0, 'sweep.seconds')
-        self._warm_up = self._number('warm-up [s]', 1.0, 'sweep.warm_up')
-        self._pause = self._number('pause [s]', 0.0, 'sweep.pause')
-        self._name = TextInput(
-            title='name of the bag', value=next_name(), name='sweep.name', **wide
-        )
-        self.box = JobBox('sweep', self._start, cancel)
-        self.root = Column(
-            self._frequencies,
-            self._amplitudes,
-            Row(self._seconds, self._warm_up, self._pause, **wide),
-            self._name,
-            *self.box.parts,
-            name='sweep', **wide,
-        )  # fmt: skip
 
-    def _number(self, title: str, value: float, name: str) -> NumericInput:
-        return NumericInput(
-            title=title, value=value, mode='float', name=name, sizing_mode='stretch_width',
-            min_width=60,
-        )  # fmt: skip
+        def send() -> None:
+            if not _NAME.match(name.value):
+                raise PiezoError(
+                    f'{name.value!r} is no name of a bag: letters, digits, dots, dashes'
+                )
+            seconds, warm_up, pause = (float(each.value or 0.0) for each in times)
+            start(
+                SweepOrder(
+                    numbers(frequencies.value, 'frequencies'),
+                    numbers(amplitudes.value, 'amplitudes'),
+                    seconds, warm_up, pause, name.value,
+                )
+            )  # fmt: skip
 
-    def _start(self) -> None:
-        if not _NAME.match(self._name.value):
-            raise PiezoError(
-                f'{self._name.value!r} is no name of a bag: letters, digits, dots, dashes'
-            )
-        self._order(
-            SweepOrder(
-                numbers(self._frequencies.value, 'frequencies'),
-                numbers(self._amplitudes.value, 'amplitudes'),
-                float(self._seconds.value or 0.0),
-                float(self._warm_up.value or 0.0),
-                float(self._pause.value or 0.0),
-                self._name.value,
-            )
+        super().__init__(
+            'sweep', (frequencies, amplitudes, Row(*times, **WIDE), name), send, cancel
         )
 
     def refresh(self, job: BackgroundJob, offered: bool, now: float) -> None:
         """Show the state of the sweep; a new one gets a new name."""
-        ended = self.box.bar.visible and not job.busy
-        self.box.refresh(job, offered, self._hint, now)
-        if ended:
+        if self.show_job(job, now, '' if offered else self._hint):
             self._name.value = self._next_name()
 
 
-class DiscoveryForm:
+class DiscoveryForm(Form):
     """Records and baseline of a discovery."""
 
     def __init__(
@@ -174,27 +158,23 @@ class DiscoveryForm:
         cancel: Callable[[], None],
         bags: Callable[[], list[str]],
     ) -> None:
-        self._order = start
         self._bags = bags
         found = bags()
-        self._data = MultiSelect(
-            title='recorded data', options=found, value=found[:1], name='discovery.data',
-            sizing_mode='stretch_width', size=3,
+        self._data = data = MultiSelect(
+            title='recorded data', options=found, value=found[:1], name='discovery.data', size=3,
+            **WIDE,
         )  # fmt: skip
-        self._baseline = Select(
+        baseline = Select(
             title='baseline model', value='classical', options=list(NAMES),
-            name='discovery.baseline', sizing_mode='stretch_width',
-        )  # fmt: skip
-        self.box = JobBox('discovery', self._start, cancel)
-        self.root: Any = Column(
-            self._data, self._baseline, *self.box.parts, name='discovery',
-            sizing_mode='stretch_width',
+            name='discovery.baseline', **WIDE,
         )  # fmt: skip
 
-    def _start(self) -> None:
-        if not self._data.value:
-            raise PiezoError('choose recorded data first; a sweep makes them')
-        self._order(DiscoveryOrder(tuple(self._data.value), self._baseline.value))
+        def send() -> None:
+            if not data.value:
+                raise PiezoError('choose recorded data first; a sweep makes them')
+            start(DiscoveryOrder(tuple(data.value), baseline.value))
+
+        super().__init__('discovery', (data, baseline), send, cancel)
 
     def look(self) -> None:
         """Update the list of recorded bags; the newest is selected automatically."""
@@ -205,10 +185,6 @@ class DiscoveryForm:
         kept = [bag for bag in self._data.value if bag in found]
         self._data.update(options=found, value=new[:1] or kept)
 
-    def refresh(self, job: BackgroundJob, now: float) -> None:
-        """Show the state of the discovery."""
-        self.box.refresh(job, True, '', now)
-
 
 NO_MODEL = (
     '<p class="soft">No node uses a model: give the feedforward or the '
@@ -218,7 +194,7 @@ NO_MODEL = (
 SHOWN = 5
 
 
-class InvestigationForm:
+class InvestigationForm(Form):
     """Limits and budget of an investigation, its steps, and probabilities."""
 
     def __init__(
@@ -227,49 +203,39 @@ class InvestigationForm:
         cancel: Callable[[], None],
         next_name: Callable[[], str],
     ) -> None:
-        self._order, self._next_name = start, next_name
-        self._low = _number('low limit [V]', 'investigation.low')
-        self._high = _number('high limit [V]', 'investigation.high')
-        self._slew = _number('slew limit [V/s]', 'investigation.slew')
-        self._budget = _number('budget [s]', 'investigation.budget', 200.0)
-        self.box = JobBox('investigation', self._start, cancel)
+        fields = (
+            _number('investigation.low', 'low limit [V]'),
+            _number('investigation.high', 'high limit [V]'),
+            _number('investigation.slew', 'slew limit [V/s]'),
+            _number('investigation.budget', 'budget [s]', 200.0),
+        )
         self._drawn: tuple[InvestigationState, ...] | None = None
         self._steps = text_div('investigation.steps')
         self._chances = ChancesPlot()
-        wide = {'sizing_mode': 'stretch_width'}
-        self.root: Any = Column(
-            Row(self._low, self._high, self._slew, self._budget, **wide),
-            *self.box.parts, self._steps, self._chances.figure,
-            name='investigation', **wide,
-        )  # fmt: skip
 
-    def _start(self) -> None:
-        low, high = self._low.value, self._high.value
-        if reason := range_refusal(low, high):
-            raise PiezoError(reason)
-        slew, budget = float(self._slew.value or 0.0), float(self._budget.value or 0.0)
-        if slew < 0.0 or budget < 0.0:
-            raise PiezoError('neither the speed nor the budget can be below 0')
-        self._order(InvestigationOrder(low or 0.0, high or 0.0, slew, budget, self._next_name()))
+        def send() -> None:
+            if reason := range_refusal(fields[0].value, fields[1].value):
+                raise PiezoError(reason)
+            low, high, slew, budget = (float(each.value or 0.0) for each in fields)
+            if slew < 0.0 or budget < 0.0:
+                raise PiezoError('neither the speed nor the budget can be below 0')
+            start(InvestigationOrder(low, high, slew, budget, next_name()))
+
+        super().__init__(
+            'investigation', (Row(*fields, **WIDE),), send, cancel, self._steps,
+            self._chances.figure,
+        )  # fmt: skip
 
     def refresh(
         self, job: BackgroundJob, states: Sequence[InvestigationState], offered: bool, now: float
     ) -> None:
         """Show the state of the investigation."""
-        self.box.refresh(job, offered, NO_MODEL, now)
+        self.show_job(job, now, '' if offered else NO_MODEL)
         every = tuple(states)
         if every != self._drawn:
             self._drawn = every
             set_text(self._steps, steps_text(every))
             self._chances.show(every)
-
-
-def _number(title: str, name: str, value: float | None = None) -> NumericInput:
-    """Return an optional field; empty is the range of the actuator, or no limit."""
-    return NumericInput(
-        title=title, value=value, placeholder='auto', mode='float', name=name,
-        sizing_mode='stretch_width', min_width=60,
-    )  # fmt: skip
 
 
 def steps_text(states: Sequence[InvestigationState]) -> str:

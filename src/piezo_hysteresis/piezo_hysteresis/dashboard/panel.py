@@ -324,7 +324,7 @@ class Controls:
         self._effects.refresh(effect_parameters(parameters), parameters)
         self._choose(parameters)
         self._sweep.refresh(live.sweep, live.sweeps_offered, live.clock())
-        self._discovery.refresh(live.discovery, live.clock())
+        self._discovery.show_job(live.discovery, live.clock())
         offered = live.investigations_offered
         self._investigation.refresh(live.investigation, tuple(live.states), offered, live.clock())
 
