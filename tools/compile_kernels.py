@@ -54,14 +54,14 @@ def plants_of_axes() -> None:
 def blocks() -> None:
     """Let every block answer a few samples, and two side by side."""
     from piezo_hysteresis.blocks import BLOCKS
-    from piezo_hysteresis.blocks.parallel import side_by_side
+    from piezo_hysteresis.blocks.parallel import parallel_block
     from piezo_hysteresis.models.named import PARALLEL
     from piezo_hysteresis.models.simulation.compiled import kernel_of
 
     for block in BLOCKS.values():
         values = block.pack(block.defaults())
         block.respond(np.linspace(0.0, 1.0, 4), values, DT, state=block.initial_state(DT))
-    both = side_by_side(*(BLOCKS[name] for name in PARALLEL))
+    both = parallel_block(*(BLOCKS[name] for name in PARALLEL))
     x, values, state = np.zeros(2), both.pack(both.defaults()), both.initial_state(DT)
     kernel_of(both, DT)(x, x.copy(), state, values, DT, 0.0)
 

@@ -11,7 +11,7 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.base import Between, Block, Slot
-from piezo_hysteresis.blocks.parallel import side_by_side
+from piezo_hysteresis.blocks.parallel import parallel_block
 from piezo_hysteresis.models import Model
 
 DT = 1e-3
@@ -82,7 +82,8 @@ def lively(block: Any, ticks: float, u: Any) -> dict[Any, Any]:
 def chain_of(first: Any, second: Any) -> Model:
     # what stands beside a hysteresis is next to nothing alone
     blocks = [
-        side_by_side(BLOCKS['bouc_wen_exact'], b) if b.in_parallel else b for b in (first, second)
+        parallel_block(BLOCKS['bouc_wen_exact'], b) if b.in_parallel else b
+        for b in (first, second)
     ]
     if Slot.HYSTERESIS not in (first.slot, second.slot):
         electrical = [b for b in blocks if b.slot is Slot.INPUT]

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from piezo_hysteresis.blocks import BLOCKS
-from piezo_hysteresis.blocks.parallel import side_by_side
+from piezo_hysteresis.blocks.parallel import parallel_block
 from piezo_hysteresis.compensation.feedback import hinf
 from piezo_hysteresis.compensation.feedback.feedback_link import HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf import HInfinity
@@ -75,7 +75,7 @@ def models() -> Iterator[Model]:
     covered = {block.name for name in NAMES for block in named(name).blocks}.union(*CHAINS)
     yield from (Model(f'block {k}', (b,)) for k, b in BLOCKS.items() if k not in covered)
     yield from (Model('+'.join(names), tuple(BLOCKS[name] for name in names)) for names in CHAINS)
-    both = side_by_side(BLOCKS['bouc_wen_exact'], BLOCKS['electrostriction'])
+    both = parallel_block(BLOCKS['bouc_wen_exact'], BLOCKS['electrostriction'])
     yield Model('side by side', (both, BLOCKS['mode']))
 
 

@@ -13,7 +13,10 @@ from scipy.signal import cont2discrete
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.models.simulation.substep_sensitivities import At, through
+from piezo_hysteresis.models.simulation.substep_sensitivities import (
+    BlockPoint,
+    propagate_derivatives,
+)
 
 DT = 1e-3
 
@@ -139,8 +142,8 @@ def test_tangents_of_a_nonlinear_mode_respond_with_the_bits_of_its_kernel(fricti
     p = block.pack({**block.defaults(), **values})
     x = np.cumsum(np.random.default_rng(3).normal(0.0, 2e-6, 800))  # turns round all the time
     moved = np.zeros((len(p) + 1, 3))
-    y, rows = through(
-        block.kernel, x, np.ones((1, x.size)), At(block, p, list(range(len(p)))),
+    y, rows = propagate_derivatives(
+        block.kernel, x, np.ones((1, x.size)), BlockPoint(block, p, list(range(len(p)))),
         np.zeros(3), moved, dt, 0.0,
     )  # fmt: skip
     np.testing.assert_array_equal(y, respond('nonlinear_mode', x, values, dt))

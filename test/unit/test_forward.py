@@ -14,7 +14,10 @@ from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.blocks.base import Block, Slot
 from piezo_hysteresis.jit import jit, scratch
 from piezo_hysteresis.kernels.forward import NotDifferentiable, directions_of, jacobian
-from piezo_hysteresis.models.simulation.substep_sensitivities import At, through
+from piezo_hysteresis.models.simulation.substep_sensitivities import (
+    BlockPoint,
+    propagate_derivatives,
+)
 
 DT = 1e-3
 
@@ -151,7 +154,9 @@ def test_derivatives_of_every_block_equal_central_differences(name: str, kind: s
 
     state, columns = block.initial_state(DT), list(range(p.size))
     moved = np.zeros((1 + p.size, state.size))
-    y, rows = through(law, x, row[None], At(block, p, columns), state, moved, *clock)
+    y, rows = propagate_derivatives(
+        law, x, row[None], BlockPoint(block, p, columns), state, moved, *clock
+    )
     np.testing.assert_array_equal(y, respond(x, p))
     for place in range(1 + p.size):
         missed = []

@@ -17,8 +17,8 @@ from piezo_hysteresis.investigation.runner import (
     InvestigationProgress,
     Journal,
     Setup,
-    conduct,
     repeated,
+    run_investigation,
 )
 from piezo_hysteresis.investigation.session import Rules
 from piezo_hysteresis.models import named
@@ -67,11 +67,11 @@ def test_it_resumes_after_a_breakdown_and_is_repeated_from_its_bags(
 ) -> None:
     folder = tmp_path / 'out'
     with pytest.raises(PiezoError, match='gone'):
-        conduct(folder, setup, Actuator(1, **{'effects.creep': True}))
+        run_investigation(folder, setup, Actuator(1, **{'effects.creep': True}))
     assert len(Journal.read(folder).lines) == 1
     told: list[InvestigationProgress] = []
     actuator = Actuator(**{'effects.creep': True})
-    result = conduct(folder, setup, actuator, told.append)
+    result = run_investigation(folder, setup, actuator, told.append)
     assert result.stop.reason == 'sure'
     assert list(result.effects) == ['creep']
     assert result.after_in_floors < 0.5 * result.before_in_floors
@@ -120,16 +120,16 @@ def test_a_budget_is_spent_and_a_larger_one_resumes(setup: Setup, tmp_path: Path
         return replace(setup, rules=replace(setup.rules, budget=budget))
 
     with pytest.raises(RecordError, match='allow more seconds'):
-        conduct(folder, asked(0.5), actuator)
+        run_investigation(folder, asked(0.5), actuator)
     assert not folder.exists()  # so that the same words with more seconds are no other words
-    spent = conduct(folder, asked(2.0), actuator, told.append)
+    spent = run_investigation(folder, asked(2.0), actuator, told.append)
     assert spent.stop.reason == 'budget'
     assert spent.seconds <= 2.0
     assert actuator.used == []  # what is not settled is used by nobody
     assert len(list((folder / 'bags').iterdir())) == spent.experiments
     assert spent.words.endswith('continues from here.')
     assert told[-1].answer == Journal.read(folder).lines[-1]['answer']
-    found = conduct(folder, asked(60.0), actuator)
+    found = run_investigation(folder, asked(60.0), actuator)
     assert found.stop.reason == 'sure'
     assert list(found.effects) == ['creep']
     lines = Journal.read(folder).lines

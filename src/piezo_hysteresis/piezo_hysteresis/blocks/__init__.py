@@ -11,7 +11,7 @@ import pkgutil
 
 from piezo_hysteresis.blocks.base import Block, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
-from piezo_hysteresis.blocks.parallel import SEPARATOR, side_by_side
+from piezo_hysteresis.blocks.parallel import SEPARATOR, parallel_block
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import ModelError
 
@@ -46,7 +46,7 @@ def named_block(name: str) -> Block:
         If there is no such block.
     """
     if SEPARATOR in name:
-        return side_by_side(*(named_block(each) for each in name.split(SEPARATOR)))
+        return parallel_block(*(named_block(each) for each in name.split(SEPARATOR)))
     if name not in BLOCKS:
         raise ModelError(f'there is no block {name}{choices(name, BLOCKS)}')
     return BLOCKS[name]

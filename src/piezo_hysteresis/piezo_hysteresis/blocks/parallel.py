@@ -44,7 +44,7 @@ def _together(parts: tuple[Block, ...]) -> Between:
     return Between.PATH if kinds <= {Between.INSTANT, Between.PATH} else Between.TICK
 
 
-def side_by_side(*blocks: Block) -> Block:
+def parallel_block(*blocks: Block) -> Block:
     """Return the parallel connection of `blocks`, in this order, as one block.
 
     Slot and source are those of the first block.

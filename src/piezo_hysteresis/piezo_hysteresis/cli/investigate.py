@@ -136,10 +136,12 @@ def _conducted(
     out: Path, setup: Setup, actuator: Actuator, report: Report, arguments: argparse.Namespace
 ) -> tuple[str, Path]:
     from piezo_hysteresis.investigation import FOUND
-    from piezo_hysteresis.investigation.runner import conduct
+    from piezo_hysteresis.investigation.runner import run_investigation
 
     workers = number_of_workers(arguments.workers)
-    found = conduct(out, setup, actuator, report, workers=workers, apply=not arguments.no_apply)
+    found = run_investigation(
+        out, setup, actuator, report, workers=workers, apply=not arguments.no_apply
+    )
     return found.words, out / FOUND / 'report.html'
 
 

@@ -21,10 +21,10 @@ from piezo_hysteresis.models.simulation.plan import (
 )
 from piezo_hysteresis.models.simulation.state_layout import StateJump
 from piezo_hysteresis.models.simulation.substep_sensitivities import (
-    At,
+    BlockPoint,
     PathTangents,
-    side_by_side,
-    through,
+    propagate_derivatives,
+    sum_parallel,
 )
 from piezo_hysteresis.numerics.qr import BLOCK
 
@@ -207,7 +207,7 @@ class _Alone:
     is_whole = False
 
     def __init__(self, part: _Part, stage: TickStage) -> None:
-        self._clock, self._at = part.clock, At(stage.block, part.p, list(part.columns))
+        self._clock, self._at = part.clock, BlockPoint(stage.block, part.p, list(part.columns))
         self._state = part.state()
         # derivatives from upstream through a linear block are independent of its state
         linear = stage.block.system is not None and part.incoming > 0
@@ -226,7 +226,7 @@ class _Alone:
         for chunk in jump.chunks(signal.size, signal.size, self._state):
             each = partial(_through, signal[chunk], incoming[:, chunk], clock)
             found.append(
-                side_by_side(each, self._at, len(incoming), self._state, self._moved, clock.dt)
+                sum_parallel(each, self._at, len(incoming), self._state, self._moved, clock.dt)
             )
         output, rows = (
             found[0]
@@ -258,11 +258,11 @@ class _ByQuadrature:
         assert run is not None
         self._part, self._run, self._layout = part, run, layout
         self._state = part.state()
-        self._middle: list[tuple[At, slice, FloatArray]] = []
+        self._middle: list[tuple[BlockPoint, slice, FloatArray]] = []
         self._places: list[int] = []
         for each, place in zip(run.middle, layout.memories[1:], strict=False):
             mine = [j for j in part.columns if each.span.start <= j < each.span.stop]
-            at = At(each.block, p[each.span], [j - each.span.start for j in mine])
+            at = BlockPoint(each.block, p[each.span], [j - each.span.start for j in mine])
             self._places += mine
             moved = np.zeros((len(self._places), self._state[place].size))
             self._middle.append((at, place, moved))
@@ -295,7 +295,7 @@ class _ByQuadrature:
             flat, rows = nodes.values.ravel(), np.empty((0, nodes.values.size))
             for at, place, moved in self._middle:
                 each = partial(_through, flat, rows, clock)
-                flat, rows = side_by_side(each, at, len(rows), state[place], moved, dt)
+                flat, rows = sum_parallel(each, at, len(rows), state[place], moved, dt)
             together, *apart = self._lasting
             answers[:own, chunk] = run.integrated(
                 np.vstack([flat, rows]), nodes, p, dt, memory=together
@@ -353,7 +353,7 @@ def _through(
     signal: FloatArray,
     tangent: FloatArray,
     clock: _Clock,
-    at: At,
+    at: BlockPoint,
     state: FloatArray,
     moved: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -362,7 +362,7 @@ def _through(
     times: tuple[float, ...] = (clock.dt, clock.frequency)
     if kernel is None:
         kernel, times = block.along, (*times, 1)  # the same, with one point per tick
-    return through(kernel, signal, tangent, at, state, moved, *times)
+    return propagate_derivatives(kernel, signal, tangent, at, state, moved, *times)
 
 
 class _Differenced:

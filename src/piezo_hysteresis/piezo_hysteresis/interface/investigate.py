@@ -12,7 +12,12 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.operating_limits import operating_limits, rate_of
 from piezo_hysteresis.compensation.study import PRESET, open_plant
 from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, PlannedExperiment
-from piezo_hysteresis.investigation.runner import InvestigationProgress, Result, Setup, conduct
+from piezo_hysteresis.investigation.runner import (
+    InvestigationProgress,
+    Result,
+    Setup,
+    run_investigation,
+)
 from piezo_hysteresis.investigation.session import Rules
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
@@ -113,7 +118,7 @@ def investigate(
 
     def conducted(measure: Callable[[FloatArray], FloatArray]) -> Result:
         actuator = _Actuator(measure, sampled)
-        return conduct(Path(out), setup, actuator, progress, workers=workers)
+        return run_investigation(Path(out), setup, actuator, progress, workers=workers)
 
     if hasattr(plant, 'exchange'):
         return conducted(lambda voltage: _exchanged(plant, voltage))

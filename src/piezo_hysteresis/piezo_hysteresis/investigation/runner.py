@@ -267,7 +267,7 @@ class Result(Guided):
     words: str
 
 
-def conduct(
+def run_investigation(
     folder: Path,
     setup: Setup,
     actuator: Actuator,
@@ -279,13 +279,13 @@ def conduct(
     """Run an investigation, or continue the one of a folder."""
     journal = Journal.create_or_resume(folder, setup)
     on_progress(InvestigationProgress('prepare'))
-    course = _Course(journal, journal.setup.investigation(workers), actuator, on_progress)
+    course = RunState(journal, journal.setup.investigation(workers), actuator, on_progress)
     course.resume()
     stop = course.to_the_end()
     return course.concluded(stop, apply)
 
 
-class _Course:
+class RunState:
     """A running investigation."""
 
     def __init__(
@@ -302,7 +302,7 @@ class _Course:
         """Load the finished experiments; the intermediate beliefs are in the journal."""
         lines = self._journal.lines
         for line in lines:
-            taken_in(self._now, self._journal, line)
+            restore_experiment(self._now, self._journal, line)
         if lines:
             self._report('judge', len(lines), lines[-1]['experiment'], lines[-1]['why'])
             self._now.judge()
@@ -403,7 +403,7 @@ class _Course:
         )
 
 
-def taken_in(now: Investigation, journal: Journal, line: dict[str, Any]) -> None:
+def restore_experiment(now: Investigation, journal: Journal, line: dict[str, Any]) -> None:
     """Add a record of the journal and the belief after it."""
     if not line.get('follows', False):
         now.history.discard()

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
-from piezo_hysteresis.blocks.parallel import parts_of, side_by_side
+from piezo_hysteresis.blocks.parallel import parallel_block, parts_of
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import ModelError
@@ -268,7 +268,7 @@ class Model:
             if not places:
                 raise ModelError(f'model {self.name} has no {block.slot} for {block.name} to join')
             chain = list(self.blocks)
-            chain[places[-1]] = side_by_side(chain[places[-1]], block)
+            chain[places[-1]] = parallel_block(chain[places[-1]], block)
         else:
             chain = [block, *self.blocks] if first else [*self.blocks, block]
             chain.sort(key=lambda each: _ORDER[each.slot])
@@ -295,7 +295,7 @@ class Model:
             if block_name in names:
                 parts[names.index(block_name)] = block
                 chain = list(self.blocks)
-                chain[place] = side_by_side(*parts)
+                chain[place] = parallel_block(*parts)
                 chain.sort(key=lambda one: _ORDER[one.slot])
                 return Model(name or self.name, tuple(chain))._holding(self.held)
         raise ModelError(f'model {self.name} has no block {block_name}')
@@ -313,7 +313,7 @@ class Model:
             names = [part.name for part in parts]
             if block_name in names:
                 del parts[names.index(block_name)]
-                kept = [side_by_side(*parts)] if parts else []
+                kept = [parallel_block(*parts)] if parts else []
                 chain = (*self.blocks[:place], *kept, *self.blocks[place + 1 :])
                 return Model(self.name, chain)._holding(self.held)
         raise ModelError(f'model {self.name} has no block {block_name}')

@@ -232,7 +232,7 @@ class RecordSegmenter:
             sample, self.stamps.true_time(sample, nanoseconds), voltage, displacement
         )
         if sample < known or came.nanoseconds < self._newest:
-            self._forget_past()
+            self._discard_past()
         return self._feed(came, restarts=sample < known)
 
     @property
@@ -316,7 +316,7 @@ class RecordSegmenter:
         for sample in samples:
             self._feed(sample)
 
-    def _forget_past(self) -> None:
+    def _discard_past(self) -> None:
         self._past.clear()
         self._passed.clear()
 
@@ -324,13 +324,13 @@ class RecordSegmenter:
         """Continue with another forgetting factor."""
         for method in self.drive.rows.values():
             method.forgetting = forgetting
-        self._forget_past()
+        self._discard_past()
 
     def change(self, method: OnlineMethod) -> None:
         """Continue with another method, without prior information."""
         state = self._state
         state.key, state.drives = _ALL, {_ALL: DriveEstimate(method)}
-        self._forget_past()
+        self._discard_past()
 
     def reset(self) -> None:
         """Reset the estimates and the records."""

@@ -73,11 +73,11 @@ def revised(
     given = [with_explained(search, each) for each in targets]
     seen = of_each(lambda each: search.best_start(each, choices.zero), given, workers)
     if alone:
-        ended = [search.settled(_zeroed([each], choices, search)[0]) for each in seen]
+        ended = [search.settled(_choose_zeros([each], choices, search)[0]) for each in seen]
         pairs = zip(ended, given, strict=True)
         seen = [search.as_run(each, first, choices.zero) for each, first in pairs]
     else:
-        seen = _zeroed(seen, choices, search, fewest=2)
+        seen = _choose_zeros(seen, choices, search, fewest=2)
     errors = [search.left(each) for each in seen]
     return [
         replace(each, precision=weight, influence=influence(each, error))
@@ -102,7 +102,7 @@ def with_explained(search: StartSearch, target: Target) -> Target:
     return replace(target, valid=None if np.all(valid > 0.0) else valid)
 
 
-def _zeroed(
+def _choose_zeros(
     targets: Sequence[Target], choices: Choices, search: StartSearch, fewest: int = 1
 ) -> list[Target]:
     """Return the targets, with a zero per record where they need one.

@@ -40,7 +40,7 @@ _VALUES = 1 << 15  # derivative values propagated at a time, to fit into the cac
 _BRANCH_OFFSET = 1e-6  # relative to the typical size
 
 
-class At(NamedTuple):
+class BlockPoint(NamedTuple):
     """A block, its parameters, and the parameters to differentiate by."""
 
     block: Block
@@ -48,12 +48,12 @@ class At(NamedTuple):
     columns: list[int]  # indices of the parameters to differentiate by
 
 
-Each = Callable[[At, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+Each = Callable[[BlockPoint, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """What a block makes of its input, given where it is, its memory and the derivatives of that."""
 
 
-def side_by_side(
-    each: Each, at: At, incoming: int, state: FloatArray, moved: FloatArray, dt: float
+def sum_parallel(
+    each: Each, at: BlockPoint, incoming: int, state: FloatArray, moved: FloatArray, dt: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the output of parallel blocks and its derivatives."""
     # state (s,); moved (incoming + q, s); dt [s] -> output (n,), answers (incoming + q, n)
@@ -66,7 +66,7 @@ def side_by_side(
         last, end = first + len(part.parameters), memory + part.initial_state(dt).size
         mine = [k for k, column in enumerate(at.columns) if first <= column < last]
         places = [*range(incoming), *(incoming + k for k in mine)]
-        part_at = At(part, at.values[first:last], [at.columns[k] - first for k in mine])
+        part_at = BlockPoint(part, at.values[first:last], [at.columns[k] - first for k in mine])
         part_moved = moved[places, memory:end]
         output, found = each(part_at, state[memory:end], part_moved)
         if total is None:
@@ -79,11 +79,11 @@ def side_by_side(
     return total
 
 
-def through(
+def propagate_derivatives(
     kernel: Any,
     x: FloatArray,  # (n,)
     rows: FloatArray,  # (m, n)
-    at: At,
+    at: BlockPoint,
     state: FloatArray,  # (s,)
     moved: FloatArray,  # (m + q, s)
     *clock: Any,  # [s] [Hz]
@@ -95,7 +95,9 @@ def through(
     m, q, n = len(rows), len(columns), x.size
     output, answers = np.empty_like(x), np.empty((m + q, n))
     if state.size == 0 and m > 1:  # a static function: one slope for every row
-        output, slopes = through(kernel, x, np.ones((1, n)), at, state, moved[m - 1 :], *clock)
+        output, slopes = propagate_derivatives(
+            kernel, x, np.ones((1, n)), at, state, moved[m - 1 :], *clock
+        )
         np.multiply(slopes[0], rows, out=answers[:m])
         answers[m:] = slopes[1:]
         return output, answers
@@ -136,7 +138,9 @@ def through(
             one = _off_branch(at, column)
             if one is not None:
                 other = first_moved[m + k, None]
-                found = through(kernel, x, rows[:0], one, begin.copy(), other, *clock)
+                found = propagate_derivatives(
+                    kernel, x, rows[:0], one, begin.copy(), other, *clock
+                )
                 answers[m + k], moved[m + k] = found[1][0], other[0]
     return output, answers
 
@@ -145,7 +149,7 @@ def _weighed(
     kernel: Any,
     x: FloatArray,
     rows: FloatArray,
-    at: At,
+    at: BlockPoint,
     state: FloatArray,
     moved: FloatArray,
     *clock: Any,
@@ -160,8 +164,8 @@ def _weighed(
     block.regressors(x, regressors, state.copy(), p)
     others = [k for k, column in enumerate(columns) if column == 0]
     places = [*range(len(rows)), *(len(rows) + k for k in others)]
-    rest, still = At(block, p, [0] * len(others)), moved[places]
-    output, found = through(kernel, x, rows, rest, state, still, *clock)
+    rest, still = BlockPoint(block, p, [0] * len(others)), moved[places]
+    output, found = propagate_derivatives(kernel, x, rows, rest, state, still, *clock)
     answers = np.empty((len(moved), x.size))
     answers[places], moved[places] = found, still
     for k, column in enumerate(columns, start=len(rows)):
@@ -170,7 +174,7 @@ def _weighed(
     return output, answers
 
 
-def _off_branch(at: At, column: int) -> At | None:
+def _off_branch(at: BlockPoint, column: int) -> BlockPoint | None:
     """Return values slightly off a special case of a law; None if the bounds do not allow it.
 
     With an exponent of 1, or a share or time of 0, a law may use a simpler branch on which the
@@ -180,7 +184,7 @@ def _off_branch(at: At, column: int) -> At | None:
     step = _BRANCH_OFFSET * parameter.scale
     values[column] += step if values[column] + step <= parameter.high else -step
     is_new = values[column] not in (0.0, 1.0) and not parameter.held
-    return At(at.block, values, [column]) if is_new else None
+    return BlockPoint(at.block, values, [column]) if is_new else None
 
 
 def _seeds(
@@ -253,24 +257,31 @@ class _Nonlinear:
         self._moved = np.zeros((incoming + len(self._columns), state.size))
 
     def go(self, path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        at = At(self._block, self._p, self._columns)
+        at = BlockPoint(self._block, self._p, self._columns)
         each = partial(self._of, path, rows)
-        return side_by_side(each, at, len(rows), self._state, self._moved, self._clock.dt)
+        return sum_parallel(each, at, len(rows), self._state, self._moved, self._clock.dt)
 
     def _of(
-        self, path: FloatArray, rows: FloatArray, at: At, state: FloatArray, moved: FloatArray
+        self,
+        path: FloatArray,
+        rows: FloatArray,
+        at: BlockPoint,
+        state: FloatArray,
+        moved: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         block = at.block
         dt, frequency, points, _ = clock = self._clock
         if block.between is Between.CLOCK:
             return with_time(block, path, rows, at, state, clock)
         if block.along is not None:
-            return through(block.along, path, rows, at, state, moved, dt, frequency, points)
+            return propagate_derivatives(
+                block.along, path, rows, at, state, moved, dt, frequency, points
+            )
         turns = self._turns and block.between is Between.PATH and self._block.along is None
         if not turns:
-            return through(block.kernel, path, rows, at, state, moved, dt, 0.0)
+            return propagate_derivatives(block.kernel, path, rows, at, state, moved, dt, 0.0)
         wide, late, wide_rows = turned(path, rows)
-        y, found = through(block.kernel, wide, wide_rows, at, state, moved, dt, 0.0)
+        y, found = propagate_derivatives(block.kernel, wide, wide_rows, at, state, moved, dt, 0.0)
         output, answers = np.empty_like(path), np.empty((len(found), path.size))
         for each, answer in zip((y, *found), (output, *answers), strict=True):
             without_turns(each, late, answer)
@@ -289,14 +300,19 @@ def turned(path: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, 
 
 
 def with_time(
-    block: Block, path: FloatArray, rows: FloatArray, at: At, state: FloatArray, clock: PathClock
+    block: Block,
+    path: FloatArray,
+    rows: FloatArray,
+    at: BlockPoint,
+    state: FloatArray,
+    clock: PathClock,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the output of a time-dependent block and its derivatives, see `intersample`."""
     count, steps = len(rows) + len(at.columns), clock.points // 3
     output, answers = np.empty_like(path), np.empty((count, path.size))
     for place, memory in moments(block, state, path.size // clock.points, steps, clock.ahead):
         part, still = np.ascontiguousarray(path[place]), np.zeros((count, state.size))
-        output[place], answers[:, place] = through(
+        output[place], answers[:, place] = propagate_derivatives(
             block.kernel, part, rows[:, place], at, memory, still, clock.dt / steps, 0.0
         )
     return output, answers
