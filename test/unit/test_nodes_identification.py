@@ -283,7 +283,7 @@ def test_v0_is_a_model_without_a_harmonic_only() -> None:
 def test_the_harmonic_belongs_to_its_named_model(harmonic: int) -> None:
     course, _ = swept('rls', 0.5, harmonic=harmonic, frequency=5.0)
     estimate = course.method.estimate()
-    model = course.model(estimate)
+    model = course.method.model()
     assert model is not None
     assert {*estimate.names, 'offset'} == set(model.parameter_names)  # no column of its own
 

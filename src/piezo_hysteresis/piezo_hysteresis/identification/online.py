@@ -53,19 +53,16 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
     IdentificationError
         If there is no such method, or the settings belong to another.
     """
-    if method == 'rls':
-        if settings is None or isinstance(settings, RlsSettings):
-            return OnlineRls(settings)
-    elif method in ('rls_ud', 'pi_bank'):
-        kind = KINDS[method]
-        if settings is None:
-            return OnlineUd(UdSettings(kind=kind))
-        if isinstance(settings, UdSettings) and settings.kind == kind:
-            return OnlineUd(settings)
-    else:
+    if method not in ONLINE_METHODS:
         raise IdentificationError(
             f'{method!r} is no recursive method{choices(method, ONLINE_METHODS)}'
         )
+    kind = KINDS.get(method)
+    settings = settings or (UdSettings(kind=kind) if kind else RlsSettings())
+    if isinstance(settings, RlsSettings) and kind is None:
+        return OnlineRls(settings)
+    if isinstance(settings, UdSettings) and kind == settings.kind:
+        return OnlineUd(settings)
     raise IdentificationError(f'these settings do not belong to {method}')
 
 

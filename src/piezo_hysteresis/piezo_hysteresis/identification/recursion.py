@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Any, ClassVar
@@ -11,6 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
 
 #: Factors from metres to the working unit of a recursive method.
@@ -84,11 +86,31 @@ def correlation_of(covariance: FloatArray) -> FloatArray:
     return np.asarray(covariance / np.outer(spread, spread))
 
 
+# Indices that all kernels share: in the memory `_m`, and in the kernel settings `_c`.
+SAMPLES, ERROR_SUM, WEIGHT_SUM = range(3)
+FORGETTING = 0
+
+# Names, units, factors to SI, and the places of the parameters in the order of the named model.
+Layout = tuple[Sequence[str], Sequence[str], Sequence[float], Sequence[int]]
+
+
+def check_settings(settings: Any, *positive: str) -> None:
+    """Raise an error for a forgetting factor outside (0, 1] or numbers that are not positive."""
+    for name in positive:
+        value = getattr(settings, name)
+        if not (np.isfinite(value) and value > 0.0):
+            raise IdentificationError(f'{name} must be positive, got {value:g}')
+    if not 0.0 < settings.forgetting <= 1.0:
+        raise IdentificationError(
+            f'forgetting must be above 0 and at most 1, got {settings.forgetting}'
+        )
+
+
 class OnlineMethod(ABC):
     """A recursive estimator that is updated sample by sample.
 
-    A subclass sets its kernel and the indices of the common quantities in the memory `_m` and in
-    the kernel settings `_c`.
+    A subclass has the kernel and the regressors of its models. The state is the parameters
+    `_theta`, the memory `_m` and arrays of the update; a copy of the estimator continues alike.
 
     Parameters
     ----------
@@ -96,17 +118,19 @@ class OnlineMethod(ABC):
         Settings of the method.
     """
 
-    #: Index of the forgetting factor in `_c`, and of the discounted sums of squared errors and of
-    #: their weights in `_m`.
-    _FORGETTING: ClassVar[int]
-    _ERROR_SUM: ClassVar[int]
-    _WEIGHT_SUM: ClassVar[int]
+    #: Whether the prediction error is that of a free run.
+    predicts_freely: ClassVar[bool] = False
 
     def __init__(self, settings: Any) -> None:
         self._settings = settings
         self._one = np.zeros((3, 1))
-        self._c, self._m = np.zeros(0), np.zeros(0)
+        self._theta, self._c, self._m = np.zeros(0), np.zeros(0), np.zeros(0)
         self.reset()
+
+    @property
+    def settings(self) -> Any:
+        """Current settings."""
+        return self._settings
 
     @property
     def forgetting(self) -> float:
@@ -116,7 +140,7 @@ class OnlineMethod(ABC):
     @forgetting.setter
     def forgetting(self, value: float) -> None:
         self._settings = replace(self._settings, forgetting=value)
-        self._c[self._FORGETTING] = value
+        self._c[FORGETTING] = value
 
     def update(self, voltage: float, displacement: float) -> float:
         """Update with one sample: voltage [V], displacement [m]; return the prediction error [m].
@@ -150,8 +174,25 @@ class OnlineMethod(ABC):
     @property
     def _sigma(self) -> float:
         """Rms of the prediction error in the working unit, with the forgetting factor."""
-        weight = self._m[self._WEIGHT_SUM]
-        return sqrt(self._m[self._ERROR_SUM] / weight) if weight > 0 else 0.0
+        weight = self._m[WEIGHT_SUM]
+        return sqrt(self._m[ERROR_SUM] / weight) if weight > 0 else 0.0
+
+    def _estimate(
+        self, layout: Layout, theta: FloatArray, covariance: FloatArray, one_step_rms: float
+    ) -> Estimate:
+        """Return parameters and covariance in the working unit as an estimate in SI units."""
+        names, units, factors, order = layout
+        scale, covariance = np.array(factors), covariance[np.ix_(order, order)]
+        return Estimate(
+            names=tuple(names),
+            units=tuple(units),
+            values=theta[list(order)] * scale,
+            standard_deviations=self._sigma * np.sqrt(np.abs(np.diag(covariance))) * np.abs(scale),
+            one_step_rms=one_step_rms,
+            samples=int(self._m[SAMPLES]),
+            condition_number=scaled_condition(covariance),
+            correlation=correlation_of(covariance) * np.outer(np.sign(scale), np.sign(scale)),
+        )
 
     @abstractmethod
     def _take(self, voltage: FloatArray, displacement: FloatArray, errors: FloatArray) -> None:
@@ -162,11 +203,14 @@ class OnlineMethod(ABC):
         """Return the current estimate of the parameters in SI units."""
 
     @abstractmethod
+    def model(self) -> Model | None:
+        """Return the chain with the parameters of `estimate`, None where there is none."""
+
+    @abstractmethod
     def free_run(self, voltage: FloatArray) -> FloatArray:
         """Simulate the estimate from rest for `voltage` [V]; return the displacement [m]."""
 
-    @abstractmethod
-    def drive_at(self, frequency: float, start: float = 0.0) -> None:
+    def drive_at(self, frequency: float, start: float = 0.0) -> None:  # noqa: B027
         """Set the drive frequency [Hz] from the time `start` [s] on, if it is used."""
 
     @abstractmethod

@@ -18,20 +18,22 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.recursion import (
+    SAMPLES,
+    WEIGHT_SUM,
     WORKING_UNITS,
     Estimate,
+    Layout,
     OnlineMethod,
-    correlation_of,
-    scaled_condition,
+    check_settings,
 )
 from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.models import Model, named
 
 _TRACE_MAX = 1e3  # mean of the diagonal of P above which forgetting is suspended; P0 = I has 1
 
-# Indices in the memory (m) and in the settings (c).
-SAMPLES, ERROR_SUM, WEIGHT_SUM, MEMORY = 0, 13, 14, 15
+MEMORY = 15  # numbers in the memory
 BASIC = 3.0  # number of the variant without recursion and A0
-_VARIANT, _OFFSET, _HARMONIC, OMEGA, FORGETTING, PHASE = range(6)
+_VARIANT, _OFFSET, _HARMONIC, OMEGA, PHASE = range(1, 6)  # in the settings, after FORGETTING
 
 
 @leaf
@@ -110,8 +112,8 @@ def update_many(
 
     The memory is in local variables during the loop, which is four times faster.
     """
-    k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww = m
-    variant, offset, harmonic, omega, forgetting, phase = c
+    k0, ee, ww, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3 = m
+    forgetting, variant, offset, harmonic, omega, phase = c
     n = theta.size
     last = n - 4
     # Tatebatake 2017 has +S(du), +S|du| and -A0|du| where Fujii 2018 has the opposite
@@ -147,7 +149,7 @@ def update_many(
         y1, y2, y3, u1, k0 = value, y1, y2, voltage, k0 + 1.0
         ee, ww = forgetting * ee + error * error, forgetting * ww + 1.0
         errors[k] = error / scale
-    kept = (k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3, ee, ww)
+    kept = (k0, ee, ww, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3)
     for i in range(len(kept)):
         m[i] = kept[i]
 
@@ -241,18 +243,11 @@ class RlsSettings:
                 f'{self.variant} (Tatebatake 2017) has no harmonic; choose V0 or V1 for it'
             )
         self.require_seen(self.frequency)
-        if not 0.0 < self.forgetting <= 1.0:
-            raise IdentificationError(
-                f'forgetting must be above 0 and at most 1, got {self.forgetting}'
-            )
+        check_settings(self, 'dt', 'p0')
         if self.unit not in WORKING_UNITS:
             raise IdentificationError(
                 f'unit {self.unit!r} is unknown{choices(self.unit, WORKING_UNITS)}'
             )
-        if not (np.isfinite(self.dt) and self.dt > 0):
-            raise IdentificationError(f'dt must be positive, got {self.dt} s')
-        if not (isfinite(self.p0) and self.p0 > 0.0):
-            raise IdentificationError(f'p0 must be positive, got {self.p0:g}')
 
     def require_seen(self, frequency: float) -> None:
         """Raise an error for a drive whose harmonic is above half the sampling rate.
@@ -282,19 +277,11 @@ class OnlineRls(OnlineMethod):
         Variant, columns, unit and forgetting.
     """
 
-    _FORGETTING, _ERROR_SUM, _WEIGHT_SUM = FORGETTING, ERROR_SUM, WEIGHT_SUM
-    _settings: RlsSettings
-
     def __init__(self, settings: RlsSettings | None = None) -> None:
         settings = settings or RlsSettings()
         self._scale = WORKING_UNITS[settings.unit]
         self._columns = 7 + settings.offset + 4 * (settings.harmonic > 0)
         super().__init__(settings)
-
-    @property
-    def settings(self) -> RlsSettings:
-        """Current settings."""
-        return self._settings
 
     def reset(self) -> None:
         """Reset to the initial values of the settings.
@@ -307,7 +294,7 @@ class OnlineRls(OnlineMethod):
         s = self._settings
         omega = 2 * pi * s.harmonic * s.frequency * s.dt
         self._c = np.array(
-            [VARIANTS.index(s.variant), s.offset, s.harmonic, omega, s.forgetting, 0.0],
+            [s.forgetting, VARIANTS.index(s.variant), s.offset, s.harmonic, omega, 0.0],
             dtype=float,
         )
         self._theta = np.zeros(self._columns)
@@ -356,9 +343,8 @@ class OnlineRls(OnlineMethod):
     def rest(self) -> None:
         """Start a new record from rest and keep the estimate."""
         self._before += int(self._m[SAMPLES])
-        learnt = self._m[[ERROR_SUM, WEIGHT_SUM]]
-        self._m[:] = 0.0
-        self._m[[ERROR_SUM, WEIGHT_SUM]] = learnt
+        self._m[SAMPLES] = 0.0
+        self._m[WEIGHT_SUM + 1 :] = 0.0
 
     def _take(self, voltage: FloatArray, displacement: FloatArray, errors: FloatArray) -> None:
         update_many(
@@ -376,29 +362,19 @@ class OnlineRls(OnlineMethod):
 
     def estimate(self) -> Estimate:
         """Return the current estimate of the parameters in SI units."""
-        names, units, factors, order = self._layout()
-        values = self._theta[order] * factors
-        spread = self._sigma * np.sqrt(np.abs(np.diag(self._p))[order]) * np.abs(factors)
+        found = self._estimate(self._layout(), self._theta, self._p, self._sigma / self._scale)
         # P0 along A1 + A is not a deviation: that sum keeps its initial value, see the notes.
-        spread[[names.index('A1'), names.index('A')]] = np.inf
+        found.standard_deviations[[found.names.index('A1'), found.names.index('A')]] = np.inf
         if self._settings.offset:
-            self._place_offset(values, spread)
-        return Estimate(
-            names=names,
-            units=units,
-            values=values,
-            standard_deviations=spread,
-            one_step_rms=self._sigma / self._scale,
-            samples=self._before + int(self._m[SAMPLES]),
-            condition_number=scaled_condition(self._p[np.ix_(order, order)]),
-            notes=self._notes(),
-            model=self._model(),
-            correlation=correlation_of(self._p[np.ix_(order, order)])
-            * np.outer(np.sign(factors), np.sign(factors)),
-        )
+            self._place_offset(found.values, found.standard_deviations)
+        samples, notes = self._before + found.samples, self._notes()
+        return replace(found, samples=samples, notes=notes, model=self._model_name())
 
-    def _layout(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray, list[int]]:
-        """Return names, units and factors to SI in the order of the named model."""
+    def model(self) -> Model | None:
+        """Return the named model of the estimate, None for V0 with a harmonic."""
+        return named(self._model_name()) if self._model_name() else None
+
+    def _layout(self) -> Layout:
         s = self._settings
         lags = ('a1', 'a2') if s.variant == 'V0' else ('c1', 'c2')
         names = ['A1', 'A', 'A0', 'beta', 'gamma', *lags]
@@ -411,18 +387,18 @@ class OnlineRls(OnlineMethod):
             names, units = ['A1', 'A', 'beta', 'gamma'], ['m/V', 'm/V', '1/V', '1/V']
             factors, order = [metre, metre, 1.0, 1.0], [2, 3, 5, 6]
         if s.offset:
-            names.append('offset')
-            units.append('m')
-            factors.append(metre)
-            order.append(7)
+            names, units, factors, order = (
+                [*names, 'offset'],
+                [*units, 'm'],
+                [*factors, metre],
+                [*order, 7],
+            )
         if s.harmonic:
-            names += ['c3', 'c4', 'al1', 'al2']
-            if s.harmonic == 5:
-                names[-4:] = ['c5', 'c6', 'al3', 'al4']
+            names += ('c5', 'c6', 'al3', 'al4') if s.harmonic == 5 else ('c3', 'c4', 'al1', 'al2')
             units += ['1', '1', 'm', 'm']
             factors += [1.0, 1.0, metre, metre]
             order += range(self._columns - 4, self._columns)
-        return tuple(names), tuple(units), np.array(factors), order
+        return names, units, factors, order
 
     def _place_offset(self, values: FloatArray, spread: FloatArray) -> None:
         """Convert the constant column to the output offset of the named model."""
@@ -433,7 +409,7 @@ class OnlineRls(OnlineMethod):
         values[7] = values[7] / steady if steady != 0 else 0.0
         spread[7] = spread[7] / abs(steady) if steady != 0 else float('inf')
 
-    def _model(self) -> str:
+    def _model_name(self) -> str:
         if self._settings.variant == 'basic':
             return 'classical_euler'
         if self._settings.variant == 'V0':

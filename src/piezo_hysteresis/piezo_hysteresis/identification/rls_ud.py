@@ -7,7 +7,7 @@ their one-step error is the free-run error, including the offset. The mode is fi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, nan, pi
 
 import numpy as np
@@ -19,19 +19,23 @@ from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.recursion import (
+    ERROR_SUM,
+    FORGETTING,
+    SAMPLES,
+    WEIGHT_SUM,
     Estimate,
+    Layout,
     OnlineMethod,
-    correlation_of,
-    scaled_condition,
+    check_settings,
 )
 from piezo_hysteresis.jit import jit, leaf
 from piezo_hysteresis.kernels.forward import jacobian
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK
 
-SAMPLES, LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY = range(8)
-ERROR_SUM, WEIGHT_SUM, LEARNT, PROJECTED, PLAYS = 8, 9, 10, 11, 12
-KIND, WITH_MODE, A11, A12, A21, A22, FORGETTING, QUIET, SMOOTH = range(9)
+# Indices in the memory and in the settings, after those of `OnlineMethod`.
+LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY, PROJECTED, PLAYS = range(3, 12)
+KIND, WITH_MODE, A11, A12, A21, A22, QUIET, SMOOTH = range(1, 9)
 BOUC_WEN, PLAY_BANK = 0.0, 1.0
 
 MARGIN = 0.05  # smallest slope of the model after a reversal, over its gain
@@ -278,14 +282,7 @@ class UdSettings:
         if self.kind not in KINDS.values():
             known = ' or '.join(KINDS.values())
             raise IdentificationError(f'kind {self.kind!r} is unknown; use {known}')
-        for name in ('voltage_range', 'displacement_range', 'dt', 'damping_ratio'):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise IdentificationError(f'{name} must be positive, got {value:g}')
-        if not 0.0 < self.forgetting <= 1.0:
-            raise IdentificationError(
-                f'forgetting must be above 0 and at most 1, got {self.forgetting}'
-            )
+        check_settings(self, 'voltage_range', 'displacement_range', 'dt', 'damping_ratio')
         if not 0.0 <= self.natural_frequency < 0.5 / self.dt:
             raise IdentificationError(
                 f'a mode of {self.natural_frequency:g} Hz cannot be seen at {1 / self.dt:g} '
@@ -305,16 +302,10 @@ class OnlineUd(OnlineMethod):
         Kind, ranges, mode and forgetting.
     """
 
-    _FORGETTING, _ERROR_SUM, _WEIGHT_SUM = FORGETTING, ERROR_SUM, WEIGHT_SUM
-    _settings: UdSettings
+    predicts_freely = True
 
     def __init__(self, settings: UdSettings | None = None) -> None:
         super().__init__(settings or UdSettings())
-
-    @property
-    def settings(self) -> UdSettings:
-        """Current settings."""
-        return self._settings
 
     def reset(self) -> None:
         """Reset to a linear gain with a small hysteresis."""
@@ -327,10 +318,10 @@ class OnlineUd(OnlineMethod):
         smooth = min(s.dt / _WINDOW, 1.0)
         self._c = np.array(
             [
+                s.forgetting,
                 PLAY_BANK if bank else BOUC_WEN,
                 float(s.natural_frequency > 0),
                 *transition,
-                s.forgetting,
                 s.quiet * s.dt,
                 smooth,
             ]
@@ -348,9 +339,6 @@ class OnlineUd(OnlineMethod):
         self._w = np.zeros((4, n))
         self._q = np.zeros((n - 1, 2))
         self._m = np.zeros(PLAYS + COUNT)
-
-    def drive_at(self, frequency: float, start: float = 0.0) -> None:
-        """Do nothing: no column depends on the drive frequency."""
 
     def rest(self) -> None:
         """Start a new record from rest and keep the estimate."""
@@ -389,13 +377,15 @@ class OnlineUd(OnlineMethod):
     def estimate(self) -> Estimate:
         """Return the current estimate of the parameters in SI units."""
         s = self._settings
-        names, units, factors = self._layout()
+        bank = s.kind == KINDS['pi_bank']
+        theta = invertible_bank(self._theta) if bank else self._theta
         covariance = (self._factor * self._d) @ self._factor.T
-        correlation = correlation_of(covariance)
-        theta = self._theta if s.kind != KINDS['pi_bank'] else invertible_bank(self._theta)
-        values = theta * factors
-        spread = self._sigma * np.sqrt(np.diag(covariance)) * factors
-        if s.kind != KINDS['pi_bank'] and values[1] < 0:
+        found = self._estimate(
+            self._layout(), theta, covariance, self._sigma * s.displacement_range
+        )
+        names, units, values = found.names, found.units, found.values
+        spread, correlation = found.standard_deviations, found.correlation
+        if not bank and values[1] < 0:
             # for a negative A, h decays with the opposite sign of gamma
             values[3] = -values[3]
             correlation[3], correlation[:, 3] = -correlation[3], -correlation[:, 3]
@@ -410,34 +400,28 @@ class OnlineUd(OnlineMethod):
         # A small input leaves estimates outside the range of models; their deviation shows it.
         bounds = {q.name: (q.low, q.high) for q in chain.parameters}
         anything = (-np.inf, np.inf)
-        values = np.array(
-            [np.clip(v, *bounds.get(n, anything)) for n, v in zip(names, values, strict=True)]
-        )
-        return Estimate(
-            names=names,
-            units=units,
-            values=values,
-            standard_deviations=spread,
-            one_step_rms=self._sigma * s.displacement_range,
-            samples=int(self._m[SAMPLES]),
-            condition_number=scaled_condition(covariance),
-            notes=self._notes(),
+        clipped = [
+            np.clip(v, *bounds.get(n, anything)) for n, v in zip(names, values, strict=True)
+        ]
+        return replace(
+            found, names=names, units=units, values=np.array(clipped), standard_deviations=spread,
+            correlation=correlation, notes=self._notes(),
             model=chain.name if chain.name != 'prandtl_ishlinskii_mode' else '',
-            correlation=correlation,
-        )
+        )  # fmt: skip
 
-    def _layout(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
+    def _layout(self) -> Layout:
         s = self._settings
-        gain = s.displacement_range / s.voltage_range
+        gain, metre, count = (
+            s.displacement_range / s.voltage_range,
+            s.displacement_range,
+            COUNT + 1,
+        )
         if s.kind == KINDS['pi_bank']:
-            names = tuple(f'w{j}' for j in range(COUNT + 1))
-            factors = [gain] * (COUNT + 1)
-            units = ('m/V',) * (COUNT + 1)
-        else:
-            names = ('A1', 'A', 'beta', 'gamma')
-            factors = [gain, gain, 1 / s.voltage_range, 1 / s.voltage_range]
-            units = ('m/V', 'm/V', '1/V', '1/V')
-        return (*names, 'offset'), (*units, 'm'), np.array([*factors, s.displacement_range])
+            names = (*(f'w{j}' for j in range(count)), 'offset')
+            return names, ('m/V',) * count + ('m',), [gain] * count + [metre], range(count + 1)
+        shape = 1 / s.voltage_range
+        names, units = ('A1', 'A', 'beta', 'gamma', 'offset'), ('m/V', 'm/V', '1/V', '1/V', 'm')
+        return names, units, [gain, gain, shape, shape, metre], range(5)
 
     def _notes(self) -> tuple[str, ...]:
         m, notes = self._m, []

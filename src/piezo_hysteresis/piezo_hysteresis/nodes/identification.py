@@ -134,7 +134,7 @@ class IdentificationNode(GuardedNode):
         message.header = state.header
         message.sample = state.sample
         message.method = self._params.text('method')
-        estimate_into(estimate, self._course.model(estimate), message)
+        estimate_into(estimate, self._course.method.model(), message)
         message.free_run_rms = self._course.free_run_rms(estimate)
         message.converged = self._course.settled(estimate, message.free_run_rms)
         drive = self._course.drive

@@ -18,8 +18,8 @@ from piezo_hysteresis.identification.method_settings import pairs
 from piezo_hysteresis.identification.online import online, settled
 from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
-from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
-from piezo_hysteresis.models import Model, ModelFile, Provenance, named
+from piezo_hysteresis.identification.rls_ud import KINDS, UdSettings
+from piezo_hysteresis.models import ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
 from piezo_hysteresis.numerics.harmonics import odd_oscillation
@@ -368,8 +368,8 @@ class RecordSegmenter:
 
     def free_run_rms(self, estimate: Estimate) -> float:
         """Return the rms free-run error over the last second [m], NaN where it is not known."""
-        if isinstance(self.method, OnlineUd):
-            return estimate.one_step_rms  # its predictions are those of the free run
+        if self.method.predicts_freely:
+            return estimate.one_step_rms
         count = len(self._state.voltage)
         if count < 2 or count >= LONGEST_RUN * self.rate:
             return math.nan
@@ -379,12 +379,6 @@ class RecordSegmenter:
             error = free[last] - np.array(self._state.displacement[last])
             rms = float(np.sqrt(np.nanmean(error**2)))
         return rms if math.isfinite(rms) else math.inf
-
-    def model(self, estimate: Estimate) -> Model | None:
-        """Return the chain whose parameters the method estimates, None where there is none."""
-        if isinstance(self.method, OnlineUd):
-            return self.method.model()
-        return named(estimate.model) if estimate.model else None
 
     def model_file(self, fit: str) -> ModelFile:
         """Return the estimates as they are saved: the present one, and those of the drives.
@@ -409,7 +403,7 @@ class RecordSegmenter:
 
     def _model_of(self, drive: DriveEstimate, fit: str) -> ModelFile:
         estimate = drive.method.estimate()
-        model = self.model(estimate)
+        model = drive.method.model()
         if model is None:
             raise IdentificationError('no named model has the form of V0 with a harmonic; use V1')
         deviations = {
@@ -419,7 +413,7 @@ class RecordSegmenter:
         }
         values = {**model.defaults(), **estimate.parameters()}
         notes: dict[str, Any] = {'samples': estimate.samples}
-        if not isinstance(drive.method, OnlineUd):
+        if not drive.method.predicts_freely:
             notes[OFFSET_NOTE] = 1.0 / self.rate  # it takes both signals of a tick together
         provenance = Provenance(fit=fit, rate=self.rate, notes=notes)
         return ModelFile(model, values, deviations, provenance)
