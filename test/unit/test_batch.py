@@ -251,7 +251,9 @@ def test_a_failed_start_of_workers_is_reported(
     if fault == 'start':
         monkeypatch.setattr('multiprocessing.context.SpawnProcess._Popen', refuse)
     task = Unloadable() if fault == 'import' else gain
-    with pytest.raises(PiezoError, match=r'no worker process can start .*; use --workers 1'):
+    with pytest.raises(
+        PiezoError, match=r'no worker process can start and load the work; use --workers 1'
+    ):
         run_batch(task, [data], tmp_path / 'out', processes=2)
     assert not list((tmp_path / 'out').glob('*/job.json'))
 

@@ -234,11 +234,15 @@ def _in_parallel(
 def _in_processes(jobs: Sequence[_Job], count: int, task: Any, collect: Any) -> None:
     """Work in processes; if one dies, the jobs that had started are repeated one by one."""
     while jobs:
-        with _processes(count, task[0]) as pool:
+        with _processes(count) as pool:
             lost = _in_parallel(pool, jobs, task, collect)
-        alone = [job for job in lost if job.noted(None) is not None] or lost
+        alone = [job for job in lost if job.noted(None) is not None]
+        if len(lost) == len(jobs) and not alone:
+            raise PiezoError(
+                'no worker process can start and load the work; use --workers 1, or free memory'
+            )
         for job in alone:
-            with _processes(1, task[0]) as pool:
+            with _processes(1) as pool:
                 if _in_parallel(pool, [job], task, collect):
                     reason = 'the process that worked on it died; is there memory enough?'
                     collect(job, job.row('failed', reason, time.perf_counter()))
@@ -246,20 +250,14 @@ def _in_processes(jobs: Sequence[_Job], count: int, task: Any, collect: Any) -> 
 
 
 @contextmanager
-def _processes(count: int, work: Work) -> Iterator[Executor]:
-    """Provide processes that have started; they end with this one, and at an exception."""
+def _processes(count: int) -> Iterator[Executor]:
+    """Provide processes; they end with this one, and at an exception."""
     others = {child.pid for child in multiprocessing.active_children()}
     one_for_linear_algebra()  # read when a process starts, so this one keeps what it has
     # new processes: forking one with threads of numba or BLAS can block
     context = multiprocessing.get_context('spawn')
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
     try:
-        try:
-            pool.submit(_load, work).result()
-        except Exception as error:  # of the operating system, of pickle, of an import
-            raise PiezoError(
-                f'no worker process can start ({error}); use --workers 1, or free memory'
-            ) from error
         yield pool
     except BaseException:
         for child in multiprocessing.active_children():
@@ -268,10 +266,6 @@ def _processes(count: int, work: Work) -> Iterator[Executor]:
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _load(work: object) -> None:
-    """Do nothing; the call requires that the process has started and loaded the work."""
 
 
 def _begin() -> None:

@@ -85,21 +85,13 @@ def _finite(value: float) -> float | None:
 
 
 def write_tables(out: str | Path, verb: str, done: Batch) -> None:
-    """Write results.csv and index.html."""
-    files = {
-        'results.csv': as_csv(done.rows, list(done.columns())),
-        'index.html': index_page(verb, done.rows),
-    }
-    write_folder(out, files, f'batch {verb}')
-
-
-def as_csv(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """Return the table as CSV; unknown values are empty."""
+    """Write results.csv, where unknown values are empty, and index.html."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, names, restval='', lineterminator='\n')
+    writer = csv.DictWriter(text, list(done.columns()), restval='', lineterminator='\n')
     writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    writer.writerows(done.rows)
+    files = {'results.csv': text.getvalue(), 'index.html': index_page(verb, done.rows)}
+    write_folder(out, files, f'batch {verb}')
 
 
 # Columns of the page: heading, column of the table, unit of display; sorted by the first error.
