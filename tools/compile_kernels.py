@@ -69,22 +69,22 @@ def blocks() -> None:
 def between_ticks() -> None:
     """Follow every block that has a path of its own, and chains that need one."""
     from piezo_hysteresis.blocks import BLOCKS
-    from piezo_hysteresis.blocks.base import Between
+    from piezo_hysteresis.blocks.base import InterSample
     from piezo_hysteresis.models import Model
     from piezo_hysteresis.models.named import FOLLOWED
     from piezo_hysteresis.models.simulation.plan import LinearStage
 
     for block in BLOCKS.values():
-        if block.along is not None:
+        if block.path_kernel is not None:
             path, values = np.linspace(0.0, 1.0, 24), block.pack(block.defaults())
-            block.along(path, path.copy(), block.initial_state(DT), values, DT, 0.0, 12)
+            block.path_kernel(path, path.copy(), block.initial_state(DT), values, DT, 0.0, 12)
         if block.restoring is not None:
             block.restoring(block.pack(block.defaults()), 1e-6, 0.0, 0.0, DT)
     for names in FOLLOWED:
         model = Model('path', tuple(BLOCKS[name] for name in names))
         late = {'delay': 0.3 * DT} if 'delay' in model.parameter_names else {}
         model.respond(np.linspace(0.0, 1.0, 4), model.pack(late), DT)
-    moving = [BLOCKS[name] for name in FOLLOWED[0] if BLOCKS[name].between is Between.LINEAR]
+    moving = [BLOCKS[name] for name in FOLLOWED[0] if BLOCKS[name].between is InterSample.LINEAR]
     model = Model('started in motion', tuple(moving))
     (stage,) = model.stages
     assert isinstance(stage, LinearStage)

@@ -10,14 +10,14 @@ import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS
-from piezo_hysteresis.blocks.base import Between, Block, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Slot
 from piezo_hysteresis.blocks.parallel import parallel_block
 from piezo_hysteresis.models import Model
 
 DT = 1e-3
 FINER = 64
 TICKS = 160
-HELD = (Between.INSTANT, Between.PATH, Between.TICK)
+HELD = (InterSample.INSTANT, InterSample.PATH, InterSample.TICK)
 ORDER = {slot: place for place, slot in enumerate(Slot)}
 # periods and time constants of the first and the second block in ticks, and what drives them
 CASES = ((0.2, 6.0, 'sine'), (6.0, 0.2, 'steps'), (1.0, 50.0, 'triangle'), (50.0, 1.3, 'noise'))
@@ -95,8 +95,10 @@ def chain_of(first: Any, second: Any) -> Model:
 
 def knows_the_tick(block: Block) -> Any:
     """Tell whether a block asks for the rate of the tick or goes from tick to tick."""
-    return block.between is Between.TICK or (
-        block.between is Between.PATH and block.along is not None and block.name != 'stiction'
+    return block.between is InterSample.TICK or (
+        block.between is InterSample.PATH
+        and block.path_kernel is not None
+        and block.name != 'stiction'
     )
 
 
@@ -138,12 +140,12 @@ def truth(model: Model, p: Any, u: Any) -> Any:
     readings = fine[FINER::FINER] if at_once else fine[:-1:FINER]
     for block, mine in zip(model.blocks[end:], own[end:], strict=True):
         state = block.initial_state(DT)
-        if block.between is Between.TICK:
+        if block.between is InterSample.TICK:
             readings = block.respond(readings, mine, DT, state=state, frequency=17.0)
         else:
             path = np.empty(fine.size - 1)
-            assert block.along is not None
-            block.along(fine[1:], path, state, mine, DT, 17.0, FINER)
+            assert block.path_kernel is not None
+            block.path_kernel(fine[1:], path, state, mine, DT, 17.0, FINER)
             readings = path[FINER - 1 :: FINER]
     return readings
 
@@ -155,7 +157,7 @@ def sensible(first: Block, second: Block) -> bool:
     if second.name == 'bouc_wen_oscillator' and first.slot is not Slot.INPUT:
         return False  # it takes a force
     # a forward Euler step is right to first order only: behind what moves that is what shows
-    return not (second.step_bound and first.between in (Between.LINEAR, Between.INNER))
+    return not (second.step_bound and first.between in (InterSample.LINEAR, InterSample.INNER))
 
 
 PAIRS = [

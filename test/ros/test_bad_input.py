@@ -16,7 +16,7 @@ from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.nodes.links.control_loop import ControlLoop
 from piezo_hysteresis.nodes.links.link_node import LinkNode
-from piezo_hysteresis.ros.flat import head_of
+from piezo_hysteresis.ros.cdr_header import head_of
 from piezo_hysteresis.ros.processes import NodeProcesses
 from piezo_hysteresis.runtime import link_health
 

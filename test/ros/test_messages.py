@@ -22,7 +22,7 @@ from piezo_hysteresis.nodes.messages import (
     reference_bytes,
     voltage_bytes,
 )
-from piezo_hysteresis.ros.flat import FlatCodec, head_of, stamp_of
+from piezo_hysteresis.ros.cdr_header import FlatCodec, head_of, stamp_of
 from piezo_interfaces.msg import (
     ActuatorState,
     HarmonicState,

@@ -30,7 +30,7 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import PARAMETER_SHIFT, Condition, Discrepancy, ModelFile, named
-from piezo_hysteresis.models.repeating import Trace
+from piezo_hysteresis.models.repeating import KnownResidual
 from piezo_hysteresis.records import Record, RecordInfo
 
 DT, STROKE = 2e-3, 4e-5
@@ -268,7 +268,7 @@ def test_the_same_drive_again_is_compared_sample_by_sample() -> None:
     drift = 8e-7 * (t / t[-1] - 0.5)
 
     def seen(*traces: FloatArray) -> Expectation:
-        again = tuple(Trace(voltage, each, DT) for each in traces)
+        again = tuple(KnownResidual(voltage, each, DT) for each in traces)
         return expectation(view, replace(missed, traces=again), STROKE)
 
     elsewhere, once, twice = seen(), seen(left), seen(left + wander, left - wander)

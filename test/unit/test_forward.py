@@ -133,7 +133,7 @@ def drive(block: Block, rng: np.random.Generator) -> FloatArray:
     return np.asarray((1.0 if volts else 3e-5) * (u + 1e-3 * rng.normal(size=t.size)))
 
 
-LAWS = [(b.name, kind) for b in BLOCKS.values() for kind in ('kernel', 'along')
+LAWS = [(b.name, kind) for b in BLOCKS.values() for kind in ('kernel', 'path_kernel')
         if getattr(b, kind) is not None]  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def test_derivatives_of_every_block_equal_central_differences(name: str, kind: s
     block, rng = BLOCKS[name], np.random.default_rng(len(name))
     p, x, law = drawn(block, rng), drive(block, rng), getattr(block, kind)
     clock: tuple[Any, ...] = (DT, 5.0)
-    if kind == 'along':
+    if kind == 'path_kernel':
         x, clock = np.repeat(x, 6), (DT, 5.0, 6)
     row = np.repeat(rng.normal(size=240), x.size // 240) * np.max(np.abs(x))
 

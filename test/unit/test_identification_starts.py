@@ -23,7 +23,7 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     first_guess,
     lead_in,
 )
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, estimate_nuisances
 from piezo_hysteresis.identification.noise import bad_samples
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.simulate import simulate as simulate_records
@@ -83,7 +83,9 @@ def test_a_part_that_closes_by_chance_does_not_begin_settled() -> None:
     target = whole(record, begins=RecordStart('estimate'))
     end = target.origin + 2000
     part = replace(target, voltage=target.voltage[:end], measured=target.measured[:2000])
-    (seen,) = revised(model, model.defaults(), 0.0, [part], [record], Choices(), alone=True)
+    (seen,) = estimate_nuisances(
+        model, model.defaults(), 0.0, [part], [record], Choices(), alone=True
+    )
     assert seen.begins.kind != 'settled'
 
 
@@ -137,7 +139,9 @@ def test_initial_conditions_are_searched_only_where_their_effect_lasts(
             super().__init__(model, packed, target, *rest)
 
     monkeypatch.setattr(start_hypotheses, 'Prediction', Counted)
-    (seen,) = revised(model, values, 0.0, [whole(record)], [record], Choices(), alone=True)
+    (seen,) = estimate_nuisances(
+        model, values, 0.0, [whole(record)], [record], Choices(), alone=True
+    )
     assert seen.begins.kind == 'step'
     assert (len(evaluated) > 10) is searched
 
@@ -172,7 +176,7 @@ def test_a_part_of_a_record_keeps_a_start_that_only_the_whole_record_has(
     assert cycle_of(record)
     assert not cycle_of(record.section(0, 14_000))
     values = {**dict(zip(model.parameter_names, packed.tolist(), strict=True)), 'w0': 0.97e-7}
-    (seen,) = revised(model, values, 0.0, [part], [record], Choices())
+    (seen,) = estimate_nuisances(model, values, 0.0, [part], [record], Choices())
     assert seen.begins == SETTLED
 
 

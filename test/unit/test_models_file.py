@@ -16,7 +16,7 @@ from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, Provenanc
 from piezo_hysteresis.models.repeating import (
     MOST,
     SAME,
-    Trace,
+    KnownResidual,
     repeating,
     stretches_of,
     usual_powers,
@@ -224,10 +224,10 @@ def test_usual_powers_are_those_of_the_higher_harmonics() -> None:
 DT, PERIOD = 1e-3, 100
 
 
-def trace(periods: int = 6, begins: str = '') -> Trace:
+def trace(periods: int = 6, begins: str = '') -> KnownResidual:
     k = np.arange(PERIOD * periods, dtype=np.float64)
     voltage = np.sin(2 * np.pi * k / PERIOD)
-    return Trace(voltage, k * 1e-9, DT, begins)
+    return KnownResidual(voltage, k * 1e-9, DT, begins)
 
 
 def test_every_stretch_under_the_same_voltage_is_found_once() -> None:
@@ -256,7 +256,7 @@ def test_a_voltage_that_was_measured_with_noise_is_the_same() -> None:
 
 def test_the_nearest_stretches_of_all_records_come_first_and_are_not_too_many() -> None:
     near, far = trace(40), trace(40)
-    far = Trace(1.01 * far.voltage, far.error + 1.0, DT)
+    far = KnownResidual(1.01 * far.voltage, far.error + 1.0, DT)
     found = stretches_of([far, near], trace(2).voltage, DT, stride=7)
     assert found is not None
     assert found.shape == (MOST, len(range(0, 2 * PERIOD, 7)))

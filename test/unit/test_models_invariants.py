@@ -12,7 +12,7 @@ import pytest
 from piezo_hysteresis import models
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS, Slot, named_block
-from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.models import Model
 
 DT = 1e-3
@@ -22,7 +22,7 @@ FREQUENCY = 23.0
 RATE_INDEPENDENT = [
     name
     for name, block in BLOCKS.items()
-    if block.between in (Between.INSTANT, Between.PATH)
+    if block.between in (InterSample.INSTANT, InterSample.PATH)
     and block.slot in (Slot.INPUT, Slot.HYSTERESIS, Slot.STRUCTURE)
     and not block.step_bound
     and not any(set(re.findall('[a-zA-Z]+', q.unit)) & {'s', 'Hz', 'N'} for q in block.parameters)

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip('rclpy', reason='the workspace is not built: run "make setup"')
 
 from piezo_hysteresis.nodes.messages import STATE
-from piezo_hysteresis.ros.flat import head_of, with_floats
+from piezo_hysteresis.ros.cdr_header import head_of, with_floats
 
 
 class Message:

@@ -5,7 +5,7 @@ from math import exp, inf
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Approach, Between, Block, Parameter, Slot, System
+from piezo_hysteresis.blocks.base import Approach, Block, InterSample, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -55,7 +55,7 @@ def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -
         state_size=1,
         description=description,
         source='first-order low pass',
-        between=Between.LINEAR,
+        between=InterSample.LINEAR,
         system=system,
         approach=approach,
     )
@@ -96,7 +96,7 @@ EFFECTS = tuple(
             'Drives above 100 Hz, where a lag takes amplitude and a delay only phase; or measure '
             'the high voltage and the command.'
         ),
-        shown_by=(Coverage.FAST,),
+        required_coverage=(Coverage.FAST,),
         mistaken_for=('transport_delay', 'resonance', 'creep', 'rate_dependence'),
     )
     for block, physics in zip(BLOCKS, (_AMPLIFIER, _SENSOR), strict=True)

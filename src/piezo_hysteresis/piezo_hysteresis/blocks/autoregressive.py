@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Parameter, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InverseRole, Parameter, Slot
 from piezo_hysteresis.jit import jit
 
 
@@ -45,7 +45,7 @@ def check(values: Mapping[str, float]) -> str:
 
 BLOCK = Block(
     name='autoregressive',
-    part=Part.RECURSION,
+    part=InverseRole.RECURSION,
     predictor=('', 'c1', 'c2'),
     slot=Slot.STRUCTURE,
     parameters=(

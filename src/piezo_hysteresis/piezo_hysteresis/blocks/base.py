@@ -35,7 +35,7 @@ class Slot(StrEnum):
     ADDED = 'added'
 
 
-class Between(StrEnum):
+class InterSample(StrEnum):
     """Intersample behaviour of a block; it determines how a chain is simulated.
 
     A signal is held over a tick until a block with continuous dynamics (LINEAR, INNER, CLOCK);
@@ -45,13 +45,13 @@ class Between(StrEnum):
     INSTANT = 'instant'  # a function of the input at the same instant
     PATH = 'path'  # a rate-independent function of the path of the input
     LINEAR = 'linear'  # a linear system with a state, see `Block.system`
-    INNER = 'inner'  # has own dynamics with a held input, see `Block.along`
+    INNER = 'inner'  # has own dynamics with a held input, see `Block.path_kernel`
     CLOCK = 'clock'  # adds or multiplies by a function of time
     DELAY = 'delay'  # the input later
     TICK = 'tick'  # a recursion from tick to tick: samples its input and holds its output
 
 
-class Part(StrEnum):
+class InverseRole(StrEnum):
     """Role of a block in an inverse in closed form; chains of other blocks are solved numerically.
 
     The names are those of `compensation.inverses`.
@@ -158,8 +158,8 @@ class Block:
         In the order of the kernel.
     kernel : callable or None
         ``kernel(x, y, state, p, dt, frequency)``, compiled; `frequency` is the fundamental
-        frequency of the excitation [Hz], 0 if there is none. None if `along` with one point per
-        tick is equivalent.
+        frequency of the excitation [Hz], 0 if there is none. None if `path_kernel` with one point
+        per tick is equivalent.
     state_size : callable or int
         Length of the state, or a function of dt that gives it (delays).
     description : str
@@ -178,7 +178,7 @@ class Block:
         series: it has the same input, and its output is added.
     parts : tuple of Block
         The parallel blocks of this one; empty for a single block.
-    between : Between
+    between : InterSample
         Its intersample behaviour. The kernel takes one number per tick, held over it, and returns
         the output at the end of the tick, or with inertia at its start.
     inertia : bool
@@ -186,9 +186,9 @@ class Block:
     system : callable or None
         ``system(p)`` returns the continuous system of a LINEAR block, or the gain of a linear
         INSTANT one; its states are those of the kernel.
-    along : callable or None
-        ``along(x, y, state, p, dt, frequency, points)``, compiled: the output along a path of
-        `points` values per tick, three per step: at its start, middle and end; of a PATH block
+    path_kernel : callable or None
+        ``path_kernel(x, y, state, p, dt, frequency, points)``, compiled: the output along a path
+        of `points` values per tick, three per step: at its start, middle and end; of a PATH block
         also one value per tick. Required for every INNER block, and for every PATH block that
         depends on ticks or steps.
     approach : callable or None
@@ -237,10 +237,10 @@ class Block:
     phased: bool = False
     in_parallel: bool = False
     parts: tuple[Block, ...] = ()
-    between: Between = Between.TICK
+    between: InterSample = InterSample.TICK
     inertia: bool = False
     system: Callable[[FloatArray], System] | None = None
-    along: Along | None = None
+    path_kernel: Along | None = None
     approach: Callable[[FloatArray], Approach] | None = None
     pace: Callable[[FloatArray], float] | None = None
     least_steps: int = 8
@@ -249,7 +249,7 @@ class Block:
     step_bound: bool = False
     unknown: tuple[int, ...] = ()
     tuned: Tuned | None = None
-    part: Part | None = None
+    part: InverseRole | None = None
     predictor: tuple[str, ...] = ()
     restoring: Restoring | None = None
     regressors: Regressors | None = None
@@ -280,9 +280,9 @@ class Block:
         memory : bool
             False omits states that follow from known extremes of the input.
         """
-        if self.between is Between.LINEAR:
+        if self.between is InterSample.LINEAR:
             return tuple(range(self.initial_state(dt).size))
-        if self.between is Between.PATH and not memory:
+        if self.between is InterSample.PATH and not memory:
             return ()
         places, first = [], 0
         for part in self.parts:
@@ -295,14 +295,14 @@ class Block:
         """Whether it has a memory that follows from the extremes of its input before a record."""
         if self.parts:
             return any(part.has_memory for part in self.parts)
-        return self.between is Between.PATH
+        return self.between is InterSample.PATH
 
     @property
     def needs_levels(self) -> bool:
         """Whether it has a memory that the states `unknown` do not contain."""
         if self.parts:
             return any(part.needs_levels for part in self.parts)
-        return self.between is Between.PATH and not self.unknown
+        return self.between is InterSample.PATH and not self.unknown
 
     def defaults(self) -> dict[str, float]:
         """Return the default of every parameter."""
@@ -350,6 +350,6 @@ class Block:
         if self.kernel is not None:
             self.kernel(signal, output, state, values, dt, drive)
         else:
-            assert self.along is not None
-            self.along(signal, output, state, values, dt, drive, 1)
+            assert self.path_kernel is not None
+            self.path_kernel(signal, output, state, values, dt, drive, 1)
         return output

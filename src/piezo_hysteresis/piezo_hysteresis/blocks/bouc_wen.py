@@ -1,7 +1,7 @@
 """Bouc-Wen hysteresis by the papers' forward Euler step."""
 
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check, run_of
-from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import leaf
 
@@ -17,12 +17,12 @@ kernel = run_of(euler_step)
 
 BLOCK = Block(
     name='bouc_wen',
-    part=Part.EULER,
+    part=InverseRole.EULER,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,
     kernel=kernel,
     state_size=2,
-    between=Between.PATH,
+    between=InterSample.PATH,
     unknown=(1,),
     step_bound=True,
     description='Bouc-Wen hysteresis, forward Euler: the step that the papers print.',

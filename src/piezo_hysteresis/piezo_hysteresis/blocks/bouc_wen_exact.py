@@ -3,7 +3,7 @@
 from math import expm1, log1p
 
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check, run_of
-from piezo_hysteresis.blocks.base import Between, Block, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit, leaf
 
@@ -53,12 +53,12 @@ kernel = run_of(exact_step)
 
 BLOCK = Block(
     name='bouc_wen_exact',
-    part=Part.EXACT,
+    part=InverseRole.EXACT,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,
     kernel=kernel,
     state_size=2,
-    between=Between.PATH,
+    between=InterSample.PATH,
     unknown=(1,),
     description='Bouc-Wen hysteresis, exact for a voltage that is monotone between two samples.',
     source='Fujii 2018 (1), Tatebatake 2017 (2), (3), (17), Zhou 2021 (2), (6), Xiao 2014 (1), '

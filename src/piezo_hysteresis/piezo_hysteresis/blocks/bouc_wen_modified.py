@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import RATE_PARAMETERS, filtered_rate, rate_factor
 from piezo_hysteresis.jit import jit
@@ -70,9 +70,9 @@ BLOCK = Block(
         *RATE_PARAMETERS,
     ),
     state_size=3,
-    between=Between.PATH,
+    between=InterSample.PATH,
     unknown=(1, 2),
-    along=along,
+    path_kernel=along,
     description=(
         'Bouc-Wen hysteresis with a bias term and a factor eta = (1 + |du/dt|/rate_corner)^'
         'rate_exponent on the whole growth of h.'
@@ -83,5 +83,5 @@ BLOCK = Block(
         'alpha and gamma = -gamma_paper; k2 is the offset'
     ),
     check=check,
-    part=Part.MODIFIED,
+    part=InverseRole.MODIFIED,
 )

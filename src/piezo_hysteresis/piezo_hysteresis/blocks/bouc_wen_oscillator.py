@@ -6,7 +6,7 @@ from math import ceil, pi, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.numerics.linalg import solve_square
@@ -198,7 +198,7 @@ def check(values: Mapping[str, float]) -> str:
 
 BLOCK = Block(
     name='bouc_wen_oscillator',
-    part=Part.OSCILLATOR,
+    part=InverseRole.OSCILLATOR,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter('mass', 'kg', 0.25, 1e-9, 1e5, 'Moving mass m.', 0.2, powers=(1, -1)),
@@ -228,10 +228,10 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=3 + _TAPS,
-    between=Between.INNER,
+    between=InterSample.INNER,
     unknown=(0, 1, 2),
     inertia=True,
-    along=along,
+    path_kernel=along,
     pace=fastest,
     joins=joins,
     description=(

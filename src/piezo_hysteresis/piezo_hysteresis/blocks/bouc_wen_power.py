@@ -4,7 +4,7 @@ from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen import euler_step
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Coverage, Effect
@@ -152,7 +152,7 @@ BLOCKS = (
         parameters=_PARAMETERS,
         kernel=kernel,
         state_size=2,
-        between=Between.PATH,
+        between=InterSample.PATH,
         unknown=(1,),
         description=_DESCRIPTION,
         source='Tatebatake 2017 (1), Zhou 2021 (1): beta_paper = beta h_sat^(1-n), gamma_paper '
@@ -165,7 +165,7 @@ BLOCKS = (
         parameters=_PARAMETERS,
         kernel=euler_kernel,
         state_size=2,
-        between=Between.PATH,
+        between=InterSample.PATH,
         unknown=(1,),
         step_bound=True,
         description=f'{_DESCRIPTION} Forward Euler step.',
@@ -190,7 +190,7 @@ EFFECTS = tuple(
         experiment=(
             'An amplitude ladder at one frequency: the loop width over amplitude bends with n.'
         ),
-        shown_by=(Coverage.LADDER, Coverage.REVERSALS),
+        required_coverage=(Coverage.LADDER, Coverage.REVERSALS),
         mistaken_for=('nonlocal_memory', 'friction', 'stiffness'),
     )
     for block, replaced in zip(BLOCKS, ('bouc_wen_exact', 'bouc_wen'), strict=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen import euler_step
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Coverage, Effect
@@ -93,9 +93,9 @@ BLOCKS = (
         slot=Slot.HYSTERESIS,
         parameters=(*PARAMETERS, *RATE_PARAMETERS),
         state_size=3,
-        between=Between.PATH,
+        between=InterSample.PATH,
         unknown=(1, 2),
-        along=_along(exact_step),
+        path_kernel=_along(exact_step),
         description=_DESCRIPTION,
         source='our reading of Fang 2019: constant below a corner, dependent on the rate above it',
         check=check,
@@ -105,9 +105,9 @@ BLOCKS = (
         slot=Slot.HYSTERESIS,
         parameters=(*PARAMETERS, *RATE_PARAMETERS),
         state_size=3,
-        between=Between.PATH,
+        between=InterSample.PATH,
         unknown=(1, 2),
-        along=_along(euler_step),
+        path_kernel=_along(euler_step),
         step_bound=True,
         description=f'{_DESCRIPTION} Forward Euler step.',
         source='as bouc_wen_rate, with the step of Fujii 2018 (3)',
@@ -137,7 +137,7 @@ EFFECTS = tuple(
             'Triangles of the same travel at other rates: a lag shifts the loop along the '
             'voltage in proportion to the rate, rate dependence changes the width of its tips.'
         ),
-        shown_by=(Coverage.WIDE, Coverage.STEP),
+        required_coverage=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=('creep', 'amplifier_lag', 'transport_delay', 'resonance'),
     )
     for block, replaced in zip(BLOCKS, ('bouc_wen_exact', 'bouc_wen'), strict=True)

@@ -4,7 +4,7 @@ from math import log1p
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import filtered_rate
 from piezo_hysteresis.blocks.effect import Coverage, Effect
@@ -66,9 +66,9 @@ _LOGARITHM = Block(
         ),
     ),
     state_size=3,
-    between=Between.PATH,
+    between=InterSample.PATH,
     unknown=(1, 2),
-    along=along,
+    path_kernel=along,
     description=(
         'Bouc-Wen hysteresis; h is multiplied by 1 + widening log(1 + |du/dt|/widening_corner), '
         'the rate smoothed over widening_memory.'
@@ -94,9 +94,9 @@ _POWER = Block(
         ),
     ),
     state_size=3,
-    between=Between.PATH,
+    between=InterSample.PATH,
     unknown=(1, 2),
-    along=power_along,
+    path_kernel=power_along,
     description=(
         'Bouc-Wen hysteresis; h is multiplied by 1 + power_widening '
         '(|du/dt|/power_reference)^widening_power, the rate smoothed over power_memory.'
@@ -131,7 +131,7 @@ EFFECTS = (
             'widens and keeps its shape.'
         ),
         experiment=_EXPERIMENT,
-        shown_by=(Coverage.WIDE, Coverage.STEP),
+        required_coverage=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -149,7 +149,7 @@ EFFECTS = (
             'and keeps its shape.'
         ),
         experiment=_EXPERIMENT,
-        shown_by=(Coverage.WIDE, Coverage.STEP),
+        required_coverage=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=_MISTAKEN,
     ),
 )

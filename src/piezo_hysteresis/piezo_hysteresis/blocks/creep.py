@@ -7,7 +7,7 @@ from math import expm1, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit, leaf
 
@@ -130,7 +130,7 @@ BLOCKS = (
         parameters=_ELEMENT,
         kernel=kernel,
         state_size=1,
-        between=Between.LINEAR,
+        between=InterSample.LINEAR,
         system=system,
         description='One Kelvin-Voigt element in series.',
         source='Kelvin-Voigt creep',
@@ -161,7 +161,7 @@ BLOCKS = (
         ),
         kernel=pair_kernel,
         state_size=2,
-        between=Between.LINEAR,
+        between=InterSample.LINEAR,
         system=pair_system,
         description='Two Kelvin-Voigt elements in series, both driven by the displacement.',
         source='Kelvin-Voigt creep',
@@ -183,7 +183,7 @@ BLOCKS = (
         ),
         kernel=spectrum_kernel,
         state_size=len(SPECTRUM),
-        between=Between.LINEAR,
+        between=InterSample.LINEAR,
         system=spectrum_system,
         description='Kelvin-Voigt elements, one per decade, with independent shares.',
         source='generalised Kelvin-Voigt creep: a spectrum of retardation',
@@ -205,7 +205,7 @@ BLOCKS = (
         ),
         kernel=logarithmic_kernel,
         state_size=ELEMENTS,
-        between=Between.LINEAR,
+        between=InterSample.LINEAR,
         system=logarithmic_system,
         description=(
             'Creep by creep_per_decade log10(1 + t/creep_onset) after a step, as a bank of '
@@ -229,7 +229,7 @@ EFFECTS = tuple(
             'after the voltage has stopped, fast at first, then more slowly.'
         ),
         experiment='Step and hold for a minute: creep is a line over the logarithm of time.',
-        shown_by=(Coverage.WIDE, Coverage.STEP),
+        required_coverage=(Coverage.WIDE, Coverage.STEP),
         mistaken_for=('drift', 'amplifier_lag', 'transport_delay', 'rate_dependence'),
     )
     for block, shares, alternatives in (

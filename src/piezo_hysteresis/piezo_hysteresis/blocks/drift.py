@@ -3,7 +3,7 @@
 from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -49,7 +49,7 @@ BLOCKS = (
         ),
         kernel=kernel,
         state_size=1,
-        between=Between.CLOCK,
+        between=InterSample.CLOCK,
         count=0,
         description='Constant drift, independent of the drive.',
         source='thermal drift, first order in time',
@@ -63,7 +63,7 @@ BLOCKS = (
         ),
         kernel=warming_kernel,
         state_size=1,
-        between=Between.CLOCK,
+        between=InterSample.CLOCK,
         count=0,
         description='Drift that settles, independent of the drive.',
         source='thermal expansion of the mount',
@@ -80,7 +80,7 @@ EFFECTS = tuple(
         alternatives=({parameter: -1e-6},),
         physics='Temperature moves the mount or the sensor electronics, independent of the drive.',
         experiment='A record at 0 V: drift continues without drive, creep and asymmetry do not.',
-        shown_by=(Coverage.REST, Coverage.STEP),
+        required_coverage=(Coverage.REST, Coverage.STEP),
         mistaken_for=('creep', 'asymmetry', 'offset', 'gain_decay'),
     )
     for block, parameter in zip(BLOCKS, ('drift_rate', 'warming_shift'), strict=True)

@@ -82,7 +82,7 @@ class Effect:
         The experiment that distinguishes it.
     mistaken_for : tuple of str
         Names of the effects that leave a similar residual.
-    shown_by : tuple of Coverage
+    required_coverage : tuple of Coverage
         Coverage of the records that its identification requires.
     where : str
         Location, if variants have different ones: ``of the input``.
@@ -100,7 +100,7 @@ class Effect:
         Parameters of the block that are not fitted.
     zeros : tuple of str
         Parameters of the block that only shift its zero: nuisance parameters.
-    held : bool
+    fixed_baseline_only : bool
         Whether it is only offered for fixed baselines: if the baseline is fitted, its offset and
         gain absorb the zero of the effect, and another variant has fewer parameters.
     refines : mapping of str to str
@@ -136,7 +136,7 @@ class Effect:
     physics: str
     experiment: str
     mistaken_for: tuple[str, ...] = ()
-    shown_by: tuple[Coverage, ...] = ()
+    required_coverage: tuple[Coverage, ...] = ()
     where: str = ''
     replaces: tuple[str, ...] = ()
     absorbs: tuple[str, ...] = ()
@@ -145,7 +145,7 @@ class Effect:
     frees: tuple[str, ...] = ()
     holds: Mapping[str, float] = field(default_factory=dict)
     zeros: tuple[str, ...] = ()
-    held: bool = False
+    fixed_baseline_only: bool = False
     refines: Mapping[str, str] = field(default_factory=dict)
     refits: bool = False
     inexactness: float = 0.02

@@ -1,7 +1,7 @@
 """Electrostriction: strain proportional to the square of the voltage."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -41,7 +41,7 @@ BLOCKS = (
         ),
         kernel=kernel,
         state_size=0,
-        between=Between.INSTANT,
+        between=InterSample.INSTANT,
         description='Square law of the voltage in parallel with piezo effect and hysteresis.',
         source='strain of the square of the field',
         in_parallel=True,
@@ -56,7 +56,7 @@ BLOCKS = (
         ),
         kernel=input_kernel,
         state_size=0,
-        between=Between.INSTANT,
+        between=InterSample.INSTANT,
         description='Square law of the amplifier, before the hysteresis.',
         source='amplifier whose gain depends on the voltage',
     ),

@@ -4,7 +4,7 @@ from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import play
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -78,7 +78,7 @@ BLOCKS = (
         ),
         kernel=backlash_kernel,
         state_size=1,
-        between=Between.PATH,
+        between=InterSample.PATH,
         description='Play between drive and output: friction against a soft drive.',
         source='Coulomb friction between a soft drive and the output, quasi-static',
     ),
@@ -98,8 +98,8 @@ BLOCKS = (
         ),
         kernel=stiction_kernel,
         state_size=1,
-        between=Between.PATH,
-        along=stiction_along,
+        between=InterSample.PATH,
+        path_kernel=stiction_along,
         description='Stick-slip: the output sticks, then jumps to the drive.',
         source='Coulomb friction with break-away, quasi-static',
     ),

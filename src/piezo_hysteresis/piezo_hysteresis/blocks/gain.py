@@ -4,7 +4,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen import LINEAR_GAIN
-from piezo_hysteresis.blocks.base import Between, Block, Part, Slot, System
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Slot, System
 from piezo_hysteresis.jit import jit
 
 
@@ -24,12 +24,12 @@ def system(p: FloatArray) -> System:
 
 BLOCK = Block(
     name='gain',
-    part=Part.GAIN,
+    part=InverseRole.GAIN,
     slot=Slot.HYSTERESIS,
     parameters=(LINEAR_GAIN,),
     kernel=kernel,
     state_size=0,
-    between=Between.INSTANT,
+    between=InterSample.INSTANT,
     system=system,
     description='Linear gain without memory.',
     source='Fujii 2018 (2) with h = 0',

@@ -3,7 +3,7 @@
 from math import expm1
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.jit import jit
 
@@ -39,7 +39,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=1,
-    between=Between.CLOCK,
+    between=InterSample.CLOCK,
     count=0,
     description='Stroke that shrinks since the start of the record.',
     source='fatigue, depolarisation, self-heating',

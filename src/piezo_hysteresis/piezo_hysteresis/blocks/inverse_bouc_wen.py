@@ -7,7 +7,7 @@ That law is the compensator; solved for the displacement at every sample it is a
 from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import jit, leaf
 
@@ -223,12 +223,12 @@ def _knots() -> tuple[Parameter, ...]:
 BLOCKS = (
     Block(
         name='inverse_bouc_wen',
-        part=Part.SELECTOR,
+        part=InverseRole.SELECTOR,
         slot=Slot.HYSTERESIS,
         parameters=PARAMETERS,
         kernel=kernel,
         state_size=2,
-        between=Between.PATH,
+        between=InterSample.PATH,
         unknown=(1,),
         description=(
             'u = inverse_gain y - h, dh = inverse_A dy - inverse_beta |dy| h - inverse_gamma dy '
@@ -239,7 +239,7 @@ BLOCKS = (
     ),
     Block(
         name='inverse_selector',
-        part=Part.SELECTOR,
+        part=InverseRole.SELECTOR,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(
@@ -256,9 +256,9 @@ BLOCKS = (
         ),
         kernel=selector_kernel,
         state_size=3,
-        between=Between.PATH,
+        between=InterSample.PATH,
         unknown=(1,),
-        along=selector_along,
+        path_kernel=selector_along,
         description='Inverse Bouc-Wen whose parameters follow the slope of the displacement.',
         source='Xiao 2014 (selector between ten triangle fits)',
         check=selector_check,

@@ -5,7 +5,7 @@ from math import cos, hypot, pi, sin
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.harmonics import DOMINANT, non_harmonic_lines, resolved_lines
@@ -89,7 +89,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=2,
-    between=Between.CLOCK,
+    between=InterSample.CLOCK,
     count=1,
     description='Tone of fixed frequency, locked to the time of the record and not to the drive.',
     source='mains, pumps, fans',
@@ -111,7 +111,7 @@ EFFECTS = (
             'unrelated to the drive.'
         ),
         experiment='A record at 0 V, and drives of which the tone is not a multiple.',
-        shown_by=(Coverage.REST,),
+        required_coverage=(Coverage.REST,),
         mistaken_for=('odd_harmonic', 'resonance'),
     ),
 )

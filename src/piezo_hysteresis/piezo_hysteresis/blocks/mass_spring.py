@@ -5,7 +5,7 @@ from math import pi, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold, mode_system
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot, System
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot, System
 from piezo_hysteresis.jit import jit
 
 
@@ -45,7 +45,7 @@ def tuned(values: Mapping[str, float], mode: Mapping[str, float]) -> dict[str, f
 
 BLOCK = Block(
     name='mass_spring',
-    part=Part.STRUCTURE,
+    part=InverseRole.STRUCTURE,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter('mass', 'kg', 0.0514, 1e-9, 1e5, 'Moving mass m.', 0.05),
@@ -54,7 +54,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=2,
-    between=Between.LINEAR,
+    between=InterSample.LINEAR,
     inertia=True,
     system=system,
     tuned=tuned,

@@ -4,7 +4,7 @@ from math import pi
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold, mode_system
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot, System
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot, System
 from piezo_hysteresis.jit import jit
 
 
@@ -33,7 +33,7 @@ def system(p: FloatArray) -> System:
 
 BLOCK = Block(
     name='mode',
-    part=Part.STRUCTURE,
+    part=InverseRole.STRUCTURE,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter(
@@ -49,7 +49,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=2,
-    between=Between.LINEAR,
+    between=InterSample.LINEAR,
     inertia=True,
     system=system,
     description='One mode of unit DC gain by exact zero-order hold.',

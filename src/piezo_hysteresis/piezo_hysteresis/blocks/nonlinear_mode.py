@@ -5,7 +5,7 @@ from math import ceil, exp, inf, pi, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.jit import jit, leaf
@@ -269,10 +269,10 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=3,
-    between=Between.INNER,
+    between=InterSample.INNER,
     unknown=(0, 1, 2),
     inertia=True,
-    along=along,
+    path_kernel=along,
     pace=pace,
     description=(
         "x''/w^2 + 2 zeta x'/w + x + mode_cubic x^3 + mode_friction b = v, b after Dahl, or "

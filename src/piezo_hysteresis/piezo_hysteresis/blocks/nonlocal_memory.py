@@ -2,7 +2,7 @@
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import bank, plays
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -58,7 +58,7 @@ def _block(name: str, prefix: str, count: int) -> Block:
         kernel=kernel,
         regressors=regressors,
         state_size=count,
-        between=Between.PATH,
+        between=InterSample.PATH,
         description=f'Bank of {count} play operators in parallel with the hysteresis.',
         source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen',
         in_parallel=True,
@@ -96,7 +96,7 @@ EFFECTS = tuple(
         experiment=(
             'First-order reversal curves: triangles with decreasing amplitude and nested loops.'
         ),
-        shown_by=(Coverage.REVERSALS,),
+        required_coverage=(Coverage.REVERSALS,),
         mistaken_for=('hysteresis_exponent', 'friction', 'stiffness'),
     )
     for block in BLOCKS

@@ -1,7 +1,7 @@
 """Constant offset of the sensor."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -17,12 +17,12 @@ def kernel(
 
 BLOCK = Block(
     name='offset',
-    part=Part.ZERO,
+    part=InverseRole.ZERO,
     slot=Slot.SENSOR,
     parameters=(Parameter('offset', 'm', 0.0, -1.0, 1.0, 'Reading of the sensor at zero.', 1e-5),),
     kernel=kernel,
     state_size=0,
-    between=Between.INSTANT,
+    between=InterSample.INSTANT,
     description='Constant offset of the displacement.',
     source='missing in Fujii 2018; without it the free run is off by 16 to 160 um',
 )
@@ -35,7 +35,7 @@ EFFECTS = (
         neutral={'offset': 0.0},
         physics='The zero of the sensor is not the position at rest.',
         experiment='Record the displacement at rest before the first voltage is applied.',
-        shown_by=(Coverage.REST,),
+        required_coverage=(Coverage.REST,),
         mistaken_for=('asymmetry', 'electrostriction', 'drift'),
     ),
 )

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.errors import ModelError
 
 SEPARATOR = '|'
@@ -36,12 +36,14 @@ def parts_of(block: Block) -> tuple[Block, ...]:
     return known
 
 
-def _together(parts: tuple[Block, ...]) -> Between:
+def _together(parts: tuple[Block, ...]) -> InterSample:
     """Return the intersample behaviour of the sum of these blocks."""
     kinds = {part.between for part in parts}
-    if kinds <= {Between.INSTANT}:
-        return Between.INSTANT
-    return Between.PATH if kinds <= {Between.INSTANT, Between.PATH} else Between.TICK
+    if kinds <= {InterSample.INSTANT}:
+        return InterSample.INSTANT
+    return (
+        InterSample.PATH if kinds <= {InterSample.INSTANT, InterSample.PATH} else InterSample.TICK
+    )
 
 
 def parallel_block(*blocks: Block) -> Block:
@@ -88,8 +90,8 @@ def parallel_block(*blocks: Block) -> Block:
         begin = 0
         for i, (part, size) in enumerate(zip(parts, sizes(dt), strict=True)):
             memory, own = state[begin : begin + size], p[counts[i] : counts[i + 1]]
-            if part.along is not None:
-                part.along(x, answer, memory, own, dt, frequency, points)
+            if part.path_kernel is not None:
+                part.path_kernel(x, answer, memory, own, dt, frequency, points)
                 y += answer
             else:
                 y += part.respond(x, own, dt, state=memory, frequency=frequency)
@@ -115,6 +117,6 @@ def parallel_block(*blocks: Block) -> Block:
         parts=parts,
         between=_together(parts),
         inertia=any(part.inertia for part in parts),
-        along=along if any(part.along is not None for part in parts) else None,
+        path_kernel=along if any(part.path_kernel is not None for part in parts) else None,
         step_bound=any(part.step_bound for part in parts),
     )

@@ -4,7 +4,15 @@ from collections.abc import Sequence
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import COUNT, bank, plays
-from piezo_hysteresis.blocks.base import Between, Block, Kernel, Parameter, Part, Regressors, Slot
+from piezo_hysteresis.blocks.base import (
+    Block,
+    InterSample,
+    InverseRole,
+    Kernel,
+    Parameter,
+    Regressors,
+    Slot,
+)
 from piezo_hysteresis.jit import jit
 
 # Plays of the fine bank. Its thresholds are at the middles of as many equal parts of the range:
@@ -55,7 +63,7 @@ def _block(
     half_widths: Sequence[float],
     answer: Kernel,
     weighed: Regressors,
-    part: Part | None = None,
+    part: InverseRole | None = None,
 ) -> Block:
     """Return a bank of plays; the default weights of all banks have the same sum."""
     count = len(half_widths)
@@ -92,7 +100,7 @@ def _block(
         kernel=answer,
         regressors=weighed,
         state_size=count,
-        between=Between.PATH,
+        between=InterSample.PATH,
         description=(
             f'Bank of {count} play operators: rate-independent hysteresis with nonlocal memory.'
         ),
@@ -108,7 +116,7 @@ BLOCKS = (
         [j / (COUNT + 1) for j in range(1, COUNT + 1)],
         kernel,
         regressors,
-        Part.PLAYS,
+        InverseRole.PLAYS,
     ),
     _block(
         'prandtl_ishlinskii_fine',

@@ -1,7 +1,7 @@
 """Discretised Preisach hysteresis by its Everett function and the stored reversals."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.jit import jit, leaf, scratch
 
 LEVELS = 8  # cells along either axis of the Preisach plane
@@ -143,7 +143,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=_HEAD + 2 * DEPTH,
-    between=Between.PATH,
+    between=InterSample.PATH,
     description='Preisach hysteresis on a plane of 8 by 8 cells, from the demagnetised state.',
     source='reference model; classical Preisach operator by its Everett function',
 )

@@ -7,7 +7,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold, mode_system
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot, System
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.blocks.mode import kernel as mode_kernel
@@ -144,7 +144,7 @@ _RESONANCE = Block(
     parameters=(_FREQUENCY, _DAMPING, _SHARE),
     kernel=kernel,
     state_size=2,
-    between=Between.LINEAR,
+    between=InterSample.LINEAR,
     system=system,
     description='A further mode that carries a share of the static displacement.',
     source='Zhou 2021 (3); Fujii 2018 where 14 and 23 Hz drives hit a mode near 68 Hz',
@@ -156,7 +156,7 @@ _SERIES = Block(
     parameters=(_FREQUENCY, _DAMPING),
     kernel=mode_kernel,
     state_size=2,
-    between=Between.LINEAR,
+    between=InterSample.LINEAR,
     inertia=True,
     system=series_system,
     description='One mode of unit DC gain that carries the whole displacement.',
@@ -169,7 +169,7 @@ _PAIR = Block(
     parameters=(*MODE.parameters, _FREQUENCY, _DAMPING, _SHARE),
     kernel=pair_kernel,
     state_size=4,
-    between=Between.LINEAR,
+    between=InterSample.LINEAR,
     inertia=True,
     system=pair_system,
     description='Two parallel modes that share the static displacement.',
@@ -220,7 +220,7 @@ EFFECTS = (
             'harmonics that the hysteresis generates, is near its frequency.'
         ),
         experiment=_EXPERIMENT,
-        shown_by=(Coverage.FAST, Coverage.WIDE),
+        required_coverage=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -239,7 +239,7 @@ EFFECTS = (
             'but not its damping and delay.'
         ),
         experiment=_EXPERIMENT,
-        shown_by=(Coverage.FAST, Coverage.WIDE),
+        required_coverage=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
     Effect(
@@ -256,7 +256,7 @@ EFFECTS = (
             'carries a share of the displacement.'
         ),
         experiment=_EXPERIMENT,
-        shown_by=(Coverage.FAST, Coverage.WIDE),
+        required_coverage=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=_MISTAKEN,
     ),
 )

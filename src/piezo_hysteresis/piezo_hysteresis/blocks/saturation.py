@@ -3,7 +3,7 @@
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 
@@ -31,7 +31,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
-    between=Between.INSTANT,
+    between=InterSample.INSTANT,
     description='Hard limits of the voltage.',
     source='output range of the amplifier',
 )
@@ -78,7 +78,7 @@ EFFECTS = (
         guess=guess,
         physics='The amplifier cannot deliver more than its rails; the tips of the drive are cut.',
         experiment='An amplitude ladder: no change below a threshold, flat tips above it.',
-        shown_by=(Coverage.LADDER,),
+        required_coverage=(Coverage.LADDER,),
         mistaken_for=('stiffness', 'slew_limit', 'odd_harmonic'),
     ),
 )

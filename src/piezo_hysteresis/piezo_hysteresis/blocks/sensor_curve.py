@@ -3,7 +3,7 @@
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
@@ -55,7 +55,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
-    between=Between.INSTANT,
+    between=InterSample.INSTANT,
     description='Polynomial of third order about its own middle, before the offset.',
     source='calibration curve of the sensor',
 )
@@ -69,7 +69,7 @@ EFFECTS = (
         neutral={'curve_quadratic': 0.0, 'curve_cubic': 0.0},
         start={'curve_quadratic': 50.0, 'curve_cubic': 0.0},
         zeros=('curve_centre',),
-        held=True,
+        fixed_baseline_only=True,
         guess=guess,
         physics=(
             'The reading is a nonlinear function of the true displacement about the middle '
@@ -79,7 +79,7 @@ EFFECTS = (
             'Calibrate against a second sensor; or shift the sensor relative to the '
             'actuator: a curve of the sensor moves with the sensor.'
         ),
-        shown_by=(Coverage.LADDER,),
+        required_coverage=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
     ),
 )

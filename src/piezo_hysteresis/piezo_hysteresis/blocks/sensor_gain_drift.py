@@ -3,7 +3,7 @@
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
@@ -41,7 +41,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=1,
-    between=Between.CLOCK,
+    between=InterSample.CLOCK,
     count=0,
     description='Gain that changes steadily since the start of the record, before the offset.',
     source='drift of the electronics of a sensor',
@@ -55,7 +55,7 @@ EFFECTS = (
         first=True,
         neutral={'gain_rate': 0.0},
         start={'gain_rate': 1e-3},
-        held=True,
+        fixed_baseline_only=True,
         guess=guess,
         physics=(
             'The gain of the sensor, or of the actuator about a bias, falls or rises steadily: '

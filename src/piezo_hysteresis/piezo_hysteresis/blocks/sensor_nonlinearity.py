@@ -1,7 +1,7 @@
 """Nonlinear sensor: polynomial of third order."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -26,7 +26,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
-    between=Between.INSTANT,
+    between=InterSample.INSTANT,
     description='Polynomial of third order in the displacement, before the offset.',
     source='calibration curve of the sensor',
 )
@@ -53,7 +53,7 @@ EFFECTS = (
             'Calibrate against a second sensor; or drive at half the resonance frequency, '
             'where a square law before the mode excites it and one of the sensor does not.'
         ),
-        shown_by=(Coverage.LADDER,),
+        required_coverage=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
     ),
 )

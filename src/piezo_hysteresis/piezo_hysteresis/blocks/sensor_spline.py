@@ -1,7 +1,7 @@
 """Nonlinear sensor: cubic spline."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit, leaf
 
@@ -63,7 +63,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
-    between=Between.INSTANT,
+    between=InterSample.INSTANT,
     description='Cubic spline of five pieces in the displacement, before the offset.',
     source='calibration table of the sensor, as a regression spline (Smith 1979)',
 )
@@ -90,7 +90,7 @@ EFFECTS = (
             'Calibrate against a second sensor at ten points of the stroke: the error is the same '
             'curve at every frequency and on both branches of the loop.'
         ),
-        shown_by=(Coverage.LADDER,),
+        required_coverage=(Coverage.LADDER,),
         mistaken_for=('electrostriction', 'stiffness', 'asymmetry'),
     ),
 )

@@ -3,7 +3,7 @@
 from math import inf
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Approach, Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Approach, Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 
@@ -81,8 +81,8 @@ BLOCK = Block(
     state_size=1,
     description='Limit of the rate of the voltage: the current limit into a capacitance.',
     source='amplifier with limited current',
-    between=Between.INNER,
-    along=along,
+    between=InterSample.INNER,
+    path_kernel=along,
     approach=approach,
     least_steps=32,
 )

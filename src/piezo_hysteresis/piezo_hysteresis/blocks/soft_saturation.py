@@ -1,7 +1,7 @@
 """Gradual saturation of the voltage or the polarisation."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -33,7 +33,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
-    between=Between.INSTANT,
+    between=InterSample.INSTANT,
     description='Limits of the voltage that are approached over a knee.',
     source='knee of a power amplifier (Rapp 1991), a limit for either sign',
 )
@@ -51,7 +51,7 @@ EFFECTS = (
             'of the ceramic approaches its limit: the drive is rounded, and the loop follows it.'
         ),
         experiment='An amplitude ladder: the gain falls steadily towards the tips.',
-        shown_by=(Coverage.LADDER,),
+        required_coverage=(Coverage.LADDER,),
         mistaken_for=('stiffness', 'electrostriction', 'odd_harmonic'),
     ),
 )

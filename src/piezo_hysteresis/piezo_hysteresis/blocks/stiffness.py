@@ -3,7 +3,7 @@
 from math import asin, asinh, sin, sinh, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit, leaf
 
@@ -44,7 +44,7 @@ BLOCK = Block(
     ),
     kernel=kernel,
     state_size=0,
-    between=Between.INSTANT,
+    between=InterSample.INSTANT,
     description='Static balance x + cubic_stiffness x^3 = v of a spring with a cubic term.',
     source='Duffing spring, quasi-static',
 )
@@ -62,7 +62,7 @@ EFFECTS = (
             'equally in both directions.'
         ),
         experiment='An amplitude ladder: its third harmonic grows with the cube of the amplitude.',
-        shown_by=(Coverage.LADDER,),
+        required_coverage=(Coverage.LADDER,),
         mistaken_for=('hysteresis_exponent', 'saturation', 'sensor_nonlinearity', 'odd_harmonic'),
     ),
 )

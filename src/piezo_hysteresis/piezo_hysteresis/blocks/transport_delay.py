@@ -3,7 +3,7 @@
 from math import ceil
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -57,7 +57,7 @@ BLOCK = Block(
     state_size=ring_size,
     description='Pure delay of the command, fractions of a sample included.',
     source='bus, converter and driver latency',
-    between=Between.DELAY,
+    between=InterSample.DELAY,
 )
 
 EFFECTS = (
@@ -76,7 +76,7 @@ EFFECTS = (
             'Phase over frequency up to some 100 Hz: linear for a delay, bending to 90 degrees '
             'with falling gain for a lag.'
         ),
-        shown_by=(Coverage.FAST, Coverage.WIDE),
+        required_coverage=(Coverage.FAST, Coverage.WIDE),
         mistaken_for=('amplifier_lag', 'resonance', 'creep', 'hysteresis_exponent'),
     ),
 )

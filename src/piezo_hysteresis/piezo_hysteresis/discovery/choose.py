@@ -12,7 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
-from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.discovery.data.dataset import thinned
 from piezo_hysteresis.discovery.selection.policy import POLICY, number
@@ -428,7 +428,7 @@ def _is_significant(found: FitResult, neutral: Mapping[str, float]) -> bool:
 
 
 def _is_static(block: Block | None) -> bool:
-    return block is not None and block.between is Between.INSTANT
+    return block is not None and block.between is InterSample.INSTANT
 
 
 def _turns(voltage: FloatArray) -> FloatArray:

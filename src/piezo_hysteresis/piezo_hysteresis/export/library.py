@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between
+from piezo_hysteresis.blocks.base import InterSample
 from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
@@ -102,7 +102,7 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
 def require_rate(model: ModelFile, dt: float) -> None:
     """Raise an error for a rate at which a discrete recursion is invalid."""
     known = model.provenance.rate
-    recursions = [b.name for b in model.model.blocks if b.between is Between.TICK]
+    recursions = [b.name for b in model.model.blocks if b.between is InterSample.TICK]
     if recursions and known is not None and abs(known * dt - 1.0) > 1e-9:
         raise ExportError(
             f'model {model.model.name} has {", ".join(recursions)}, a recursion that holds at '

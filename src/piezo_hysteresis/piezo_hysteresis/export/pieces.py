@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size, shift
 from piezo_hysteresis.export.compensator import NOT_FINITE
 from piezo_hysteresis.export.header import OK, UNINITIALISED, Component, Field, checking, of_model
@@ -131,10 +131,10 @@ def _followed(
 
         return linear
     ((block, span),) = piece.parts
-    if block.between is Between.CLOCK:
+    if block.between is InterSample.CLOCK:
         return _with(_with_time(block, dt, points // 3, ahead), own[span])
     plain = _with(of_block(block, dt, points), own[span])
-    if piece.turns and block.between is Between.PATH and block.along is None:
+    if piece.turns and block.between is InterSample.PATH and block.path_kernel is None:
         return _turning(plain)
     return plain
 

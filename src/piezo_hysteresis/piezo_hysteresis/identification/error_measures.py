@@ -11,7 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import Guided
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, estimate_nuisances
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
@@ -91,7 +91,9 @@ def views_of(
     if not checked:
         return tuple(targets)
     return tuple(
-        revised(model, values, late, targets, records, chosen, alone=True, workers=workers)
+        estimate_nuisances(
+            model, values, late, targets, records, chosen, alone=True, workers=workers
+        )
     )
 
 

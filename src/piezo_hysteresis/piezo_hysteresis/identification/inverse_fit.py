@@ -10,7 +10,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import Block
-from piezo_hysteresis.blocks.base import Part, Slot
+from piezo_hysteresis.blocks.base import InverseRole, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import kernel as bouc_wen
 from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS, SELECTOR, SINGLE
 from piezo_hysteresis.errors import IdentificationError
@@ -209,7 +209,7 @@ _LOOSE = 0.1
 
 def law_of(model: Model) -> Block | None:
     """Return the inverse block of a chain, from displacement to voltage, as in Xiao 2014."""
-    return next((block for block in model.blocks if block.part is Part.SELECTOR), None)
+    return next((block for block in model.blocks if block.part is InverseRole.SELECTOR), None)
 
 
 def _selects(model: Model) -> bool:

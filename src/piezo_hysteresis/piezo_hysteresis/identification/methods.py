@@ -23,7 +23,7 @@ from piezo_hysteresis.identification.global_search import (
     Swarm,
     search,
 )
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, estimate_nuisances
 from piezo_hysteresis.identification.inverse_fit import by_swarm, fit_direct, law_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.online import ONLINE_METHODS
@@ -219,7 +219,9 @@ def identify_by_search(
             trail.append(found)
             values.update(zip(names, (float(v) for v in box.point(found.x)), strict=True))
         own = {name: values[name] for name in chain.parameter_names}
-        renewed = revised(chain, own, values[SAMPLING_OFFSET], targets, records, choices)
+        renewed = estimate_nuisances(
+            chain, own, values[SAMPLING_OFFSET], targets, records, choices
+        )
         if all(map(Target.begins_like, renewed, targets)):
             break
         targets = renewed

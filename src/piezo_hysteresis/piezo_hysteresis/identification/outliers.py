@@ -1,8 +1,8 @@
 """Detection of outliers: spikes, drop-outs, readings out of range, and steps of a counter.
 
 A sample is excluded only with two witnesses. The first is here: it is unlike its neighbours, and
-the voltage does not move there as well. The second is the fitted model: `revision.revised` takes
-back every sample that the model with a free initial state explains.
+the voltage does not move there as well. The second is the fitted model: the revision takes back
+every sample that the model with a free initial state explains.
 """
 
 from __future__ import annotations

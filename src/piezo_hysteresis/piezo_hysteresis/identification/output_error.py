@@ -15,10 +15,12 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import FitResult, fit
 from piezo_hysteresis.identification.initial_conditions.revision import (
     Choices,
-    revised,
+    estimate_nuisances,
     zeros_lie_apart,
 )
-from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
+from piezo_hysteresis.identification.initial_conditions.start_hypotheses import (
+    InitialConditionSelector,
+)
 from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
 from piezo_hysteresis.identification.solver import Progress
@@ -139,7 +141,7 @@ def output_error(
     if set(names) <= set(known):
         # a known model allows estimating the initial conditions before the fit
         given = {**chain.defaults(), **known}
-        targets = revised(chain, given, offsets[0], targets, records, choices)
+        targets = estimate_nuisances(chain, given, offsets[0], targets, records, choices)
         few = representative(targets, _FOLLOWED_RECORDS)
 
     common: dict[str, Any] = {
@@ -181,7 +183,7 @@ def output_error(
         return result
     best = follow(*apart)
     # the zeros are estimated first, or the fit would model them as a loop again
-    seen = revised(chain, best.values, best.sampling_offset, targets, records, choices)
+    seen = estimate_nuisances(chain, best.values, best.sampling_offset, targets, records, choices)
     other = end(seen, best)
     return other if zeros_lie_apart(_left(other), _left(result)) else result
 
@@ -290,7 +292,7 @@ def refined(
     for _ in range(_REVISIONS):
         if not np.isfinite(result.cost) or stopped():
             return result
-        seen = revised(
+        seen = estimate_nuisances(
             model, result.values, result.sampling_offset, targets, records, choices,
             workers=workers,
         )  # fmt: skip
@@ -349,8 +351,12 @@ def with_held_levels(
     return found
 
 
-def _search(found: FitResult, records: Sequence[Record], choices: Choices) -> StartSearch:
-    return StartSearch(found.model, found.values, found.sampling_offset, records, choices.start)
+def _search(
+    found: FitResult, records: Sequence[Record], choices: Choices
+) -> InitialConditionSelector:
+    return InitialConditionSelector(
+        found.model, found.values, found.sampling_offset, records, choices.start
+    )
 
 
 def _alike(one: Target, other: Target, error: FloatArray) -> bool:

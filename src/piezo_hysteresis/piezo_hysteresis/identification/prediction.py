@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Part
+from piezo_hysteresis.blocks.base import InverseRole
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.identification.free_run import (
     Derivatives,
@@ -163,7 +163,7 @@ def with_mean_zero(
     anywhere; a compensator needs that of the records.
     """
     zeros = model.zero_names - set(model.held)
-    last = model.blocks[-1].part is Part.ZERO
+    last = model.blocks[-1].part is InverseRole.ZERO
     if not views or len(zeros) != 1 or not last or not all(view.own_zero for view in views):
         return dict(values)
     runs = predictions(model, values, views, sampling_offset, checked=False)

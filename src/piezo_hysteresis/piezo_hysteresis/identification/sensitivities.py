@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol, TypeGuard
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import (
     LinearStage,
@@ -361,7 +361,7 @@ def _through(
     kernel: Any = block.kernel
     times: tuple[float, ...] = (clock.dt, clock.frequency)
     if kernel is None:
-        kernel, times = block.along, (*times, 1)  # the same, with one point per tick
+        kernel, times = block.path_kernel, (*times, 1)  # the same, with one point per tick
     return propagate_derivatives(kernel, signal, tangent, at, state, moved, *times)
 
 
@@ -438,7 +438,7 @@ class _Differenced:
 
 def moves_by_ticks(stage: Stage) -> TypeGuard[TickStage]:
     """Return whether a stage keeps a held signal, so that a delay moves it by whole ticks."""
-    return isinstance(stage, TickStage) and stage.block.between is Between.DELAY
+    return isinstance(stage, TickStage) and stage.block.between is InterSample.DELAY
 
 
 def delays_by_ticks(model: Model) -> set[str]:
@@ -450,7 +450,7 @@ def delays_by_ticks(model: Model) -> set[str]:
     names: set[str] = set()
     for stage in model.stages:
         if moves_by_ticks(stage) or (isinstance(stage, LinearStage) and _passes_directly(stage)):
-            delays = (block for block in stage.blocks if block.between is Between.DELAY)
+            delays = (block for block in stage.blocks if block.between is InterSample.DELAY)
             names.update(each.name for block in delays for each in block.parameters)
     return names
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InverseRole, Slot
 from piezo_hysteresis.identification.fit import FitResult, fit
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import output_error
@@ -44,7 +44,7 @@ def without_unseen(
     clock = more.get('sampling_offset', True)
     for block in found.model.blocks:
         uncertain = _uncertain(block, found)
-        if block.slot is Slot.HYSTERESIS or block.part is Part.ZERO or not uncertain:
+        if block.slot is Slot.HYSTERESIS or block.part is InverseRole.ZERO or not uncertain:
             continue
         less = _refitted(found.model.without(block), found, clock)
         if not _explains(found, less):

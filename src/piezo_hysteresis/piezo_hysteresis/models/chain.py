@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Parameter, Part, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
 from piezo_hysteresis.blocks.parallel import parallel_block, parts_of
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.common.wording import near
@@ -96,13 +96,13 @@ class Model:
     @property
     def zero_names(self) -> frozenset[str]:
         """Names of the parameters that move the zero of the displacement only."""
-        zeros = (self.names_of(block) for block in self.blocks if block.part is Part.ZERO)
+        zeros = (self.names_of(block) for block in self.blocks if block.part is InverseRole.ZERO)
         return frozenset(name for names in zeros for name in names.values())
 
     @property
     def has_fixed_rate(self) -> bool:
         """Whether a block is a recursion from tick to tick, valid at its sampling rate only."""
-        return any(block.between is Between.TICK for block in self.blocks)
+        return any(block.between is InterSample.TICK for block in self.blocks)
 
     @property
     def answers_at_once(self) -> bool:

@@ -26,7 +26,7 @@ from piezo_hysteresis.models.repeated_records import (
     same_form,
     together,
 )
-from piezo_hysteresis.models.repeating import Repeating, Trace, of_orders, repeating
+from piezo_hysteresis.models.repeating import KnownResidual, Repeating, of_orders, repeating
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER
 
 _DIGITS = 4
@@ -228,7 +228,7 @@ class Discrepancy:
 
     held_out: bool
     conditions: tuple[Condition, ...]
-    traces: tuple[Trace, ...] = field(default=(), compare=False)
+    traces: tuple[KnownResidual, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         if not self.conditions:

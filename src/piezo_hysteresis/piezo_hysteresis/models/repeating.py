@@ -36,7 +36,7 @@ _SAME_RATE = 1e-6
 
 
 @dataclass(frozen=True)
-class Trace:
+class KnownResidual:
     """Residual on one record after its warm-up."""
 
     voltage: FloatArray  # input [V or N], shape (n,)
@@ -71,7 +71,7 @@ class Trace:
 
 
 def stretches_of(
-    traces: Iterable[Trace], voltage: FloatArray, dt: float, stride: int = 1
+    traces: Iterable[KnownResidual], voltage: FloatArray, dt: float, stride: int = 1
 ) -> FloatArray | None:
     """Return the residuals under the same voltage, shape (k, m), the most similar first [m]."""
     found = [each for trace in traces for each in trace.stretches(voltage, dt)]

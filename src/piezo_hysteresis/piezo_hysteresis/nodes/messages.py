@@ -11,7 +11,7 @@ from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import ModelError, PiezoError
 from piezo_hysteresis.models import Model, ModelFile, named
-from piezo_hysteresis.ros.flat import FlatCodec
+from piezo_hysteresis.ros.cdr_header import FlatCodec
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference, VoltageCommand
 from piezo_interfaces.srv import LoadModel
 

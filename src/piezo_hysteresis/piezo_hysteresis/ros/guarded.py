@@ -22,7 +22,7 @@ from rclpy.waitable import Waitable
 
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.ros.flat import with_floats
+from piezo_hysteresis.ros.cdr_header import with_floats
 
 # A callback that fails this many times in succession makes its node go to its safe state.
 PERSISTENT = 10

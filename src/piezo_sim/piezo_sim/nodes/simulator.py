@@ -15,7 +15,7 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import Health
 from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import NANOSECONDS, StampValidator, tick_nanoseconds
-from piezo_hysteresis.ros.flat import FlatCodec, head_of, nanoseconds_of_head
+from piezo_hysteresis.ros.cdr_header import FlatCodec, head_of, nanoseconds_of_head
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP

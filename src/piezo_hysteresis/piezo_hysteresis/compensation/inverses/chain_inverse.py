@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Restoring, Slot, System
+from piezo_hysteresis.blocks.base import Block, InterSample, Restoring, Slot, System
 from piezo_hysteresis.compensation.inverses.block_inverse import (
     CLAMPED,
     CORNERS,
@@ -250,15 +250,18 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
         if block.slot is Slot.ADDED:
             continue
         values = dict(zip((q.name for q in block.parameters), own.tolist(), strict=True))
-        if block.between is Between.DELAY:
+        if block.between is InterSample.DELAY:
             stages.lead += sum(values.values())
-        elif block.slot is Slot.STRUCTURE and block.between in (Between.LINEAR, Between.INNER):
+        elif block.slot is Slot.STRUCTURE and block.between in (
+            InterSample.LINEAR,
+            InterSample.INNER,
+        ):
             # sampled at the start of the tick over which the voltage is held, or at its end
             held = 0.5 * dt if inertia else -0.5 * dt
             _take_structure(stages, block, own, values, held)
         else:
             behind = stages.k2 > 0.0 or block.slot in (Slot.SLOW, Slot.SENSOR)
-            joined = behind and inertia and block.between is Between.LINEAR
+            joined = behind and inertia and block.between is InterSample.LINEAR
             numbers = packed_block(block, own, dt, 1e-4 * scale, joined)
             slope = float(numbers[FIRST_SLOPE])
             above, below = (from_rest(block, numbers, x, dt, joined) for x in (scale, -scale))

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import BLOCKS
-from piezo_hysteresis.blocks.base import Between, Part, Slot
+from piezo_hysteresis.blocks.base import InterSample, InverseRole, Slot
 from piezo_hysteresis.blocks.gain import BLOCK as STRAIGHT
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.drive_selection import DriveSelector
@@ -39,28 +39,30 @@ from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.schedule import OperatingPoint
 
 # Hysteresis blocks that `PhysicalInverse` solves in closed form.
-_LAWS: dict[Part | None, Law] = {
-    Part.EXACT: 'exact',
-    Part.EULER: 'euler',
-    Part.PLAYS: 'plays',
-    Part.GAIN: 'gain',
+_LAWS: dict[InverseRole | None, Law] = {
+    InverseRole.EXACT: 'exact',
+    InverseRole.EULER: 'euler',
+    InverseRole.PLAYS: 'plays',
+    InverseRole.GAIN: 'gain',
 }
-_EXTENDED = (Part.EULER, Part.RECURSION)
+_EXTENDED = (InverseRole.EULER, InverseRole.RECURSION)
 
 
 class _Anatomy(NamedTuple):
     """Structure of a chain for the choice of an inverse in closed form."""
 
-    core: tuple[Part | None, ...]  # roles of its blocks without added tones, delays and zero
+    core: tuple[
+        InverseRole | None, ...
+    ]  # roles of its blocks without added tones, delays and zero
     delayed: bool
     simple: bool  # whether its zero, if it has one, is one constant at the end
 
 
 def _anatomy(model: Model) -> _Anatomy:
     blocks = [block for block in model.blocks if block.slot is not Slot.ADDED]
-    delays = [block for block in blocks if block.between is Between.DELAY]
-    zeros = [place for place, block in enumerate(blocks) if block.part is Part.ZERO]
-    core = tuple(b.part for b in blocks if b.part is not Part.ZERO and b not in delays)
+    delays = [block for block in blocks if block.between is InterSample.DELAY]
+    zeros = [place for place, block in enumerate(blocks) if block.part is InverseRole.ZERO]
+    core = tuple(b.part for b in blocks if b.part is not InverseRole.ZERO and b not in delays)
     return _Anatomy(core, bool(delays), zeros in ([], [len(blocks) - 1]))
 
 
@@ -115,19 +117,19 @@ def inverse_for(
     if simple and not delayed:
         if core == _EXTENDED:
             return ExtendedInverse(named, dt, limits=limits, start=start, transition=transition)
-        if core == (Part.OSCILLATOR,):
+        if core == (InverseRole.OSCILLATOR,):
             return OscillatorInverse(named, dt, limits=limits, start=start, transition=transition)
-        if core == (Part.SELECTOR,):
+        if core == (InverseRole.SELECTOR,):
             return SlopeSelectedInverse(
                 named, dt, limits=limits, start=start, transition=transition
             )
-    structured = len(core) == 1 or core[1:] == (Part.STRUCTURE,)
+    structured = len(core) == 1 or core[1:] == (InverseRole.STRUCTURE,)
     if simple and structured and core[0] in _LAWS:
         law = _LAWS[core[0]]
         return PhysicalInverse(
             named, dt, law=law, limits=limits, start=start, transition=transition
         )
-    if Part.OSCILLATOR in core:
+    if InverseRole.OSCILLATOR in core:
         raise CompensationError(
             f'model {model.name} has an oscillator with further blocks, which has no inverse '
             'here; use a model whose hysteresis stands before the structure'
@@ -146,17 +148,17 @@ class _Options(TypedDict):
 
 
 # Blocks of the chain, without delay, offset and structure, to which a law applies.
-_FOR: dict[str, tuple[tuple[Part, ...], ...]] = {
+_FOR: dict[str, tuple[tuple[InverseRole, ...], ...]] = {
     'fujii2018': (_EXTENDED,),
     'tatebatake2017': (_EXTENDED,),
-    'zhou2021': ((Part.EXACT,), (Part.EULER,)),
-    'exact': ((Part.EXACT,), (Part.EULER,)),
-    'xiao2014': ((Part.SELECTOR,),),
-    'fang2019': ((Part.MODIFIED,), (Part.EXACT,), (Part.EULER,)),
+    'zhou2021': ((InverseRole.EXACT,), (InverseRole.EULER,)),
+    'exact': ((InverseRole.EXACT,), (InverseRole.EULER,)),
+    'xiao2014': ((InverseRole.SELECTOR,),),
+    'fang2019': ((InverseRole.MODIFIED,), (InverseRole.EXACT,), (InverseRole.EULER,)),
 }
 
 
-def _called(part: Part) -> str:
+def _called(part: InverseRole) -> str:
     """Return the names of the blocks with a given role."""
     return ' or '.join(block.name for block in BLOCKS.values() if block.part is part)
 
@@ -166,7 +168,7 @@ def _by_law(
 ) -> InverseLink:
     """Return the inverse by a named law; Fang 2019 (feedforward) is one of them."""
     named = model.unpack(model.pack(values))
-    core = tuple(part for part in _anatomy(model).core if part is not Part.STRUCTURE)
+    core = tuple(part for part in _anatomy(model).core if part is not InverseRole.STRUCTURE)
     if law in _FOR and core not in _FOR[law]:
         blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
         needed = ' or '.join(' and '.join(map(_called, each)) for each in _FOR[law])
@@ -174,7 +176,7 @@ def _by_law(
             f'the law {law} inverts {needed}, but model {model.name} is {" -> ".join(blocks)}; '
             'take another law or identify that model'
         )
-    if law == 'fang2019' and core == (Part.MODIFIED,):
+    if law == 'fang2019' and core == (InverseRole.MODIFIED,):
         law = 'numeric'
     if law in ('fujii2018', 'tatebatake2017'):
         printed = 'printed' if law == 'tatebatake2017' else 'solved'
@@ -274,7 +276,7 @@ def _for_small_tones(
         if block.slot is Slot.HYSTERESIS:
             slope = _mean_slope(Model(block.name, (block,)), own, amplitude, dt)
             block, own = STRAIGHT, np.array([slope])
-        elif block.slot is Slot.ADDED or block.between is Between.PATH:
+        elif block.slot is Slot.ADDED or block.between is InterSample.PATH:
             continue
         blocks.append(block)
         values.append(own)

@@ -428,7 +428,9 @@ def _confounded(records: Sequence[Record]) -> list[tuple[tuple[str, ...], str]]:
     lacking = [need for need in Coverage if not _covers(need, records)]
     found = []
     for need in lacking:
-        names = dict.fromkeys(effect.name for effect in EFFECTS if need in effect.shown_by)
+        names = dict.fromkeys(
+            effect.name for effect in EFFECTS if need in effect.required_coverage
+        )
         found.append((tuple(names), need.value))
     return found
 

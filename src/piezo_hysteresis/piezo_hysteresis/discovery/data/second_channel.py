@@ -15,7 +15,7 @@ from numpy.polynomial import legendre
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import EFFECTS
-from piezo_hysteresis.blocks.base import Between, Slot
+from piezo_hysteresis.blocks.base import InterSample, Slot
 from piezo_hysteresis.blocks.effect import Coverage
 from piezo_hysteresis.identification.uncertainty import inflation
 from piezo_hysteresis.models import PARAMETER_SHIFT
@@ -38,7 +38,7 @@ CURVES = frozenset(
     for effect in EFFECTS
     if effect.block is not None
     and effect.block.slot is Slot.SENSOR
-    and effect.block.between is Between.INSTANT
+    and effect.block.between is InterSample.INSTANT
     and len(effect.block.parameters) > 1
 )
 RIVALS = (
@@ -46,7 +46,7 @@ RIVALS = (
         {PARAMETER_SHIFT.name}
         | {name for effect in EFFECTS if effect.name in CURVES for name in effect.mistaken_for}
         | {effect.name for effect in EFFECTS if CURVES & set(effect.mistaken_for)}
-        | {effect.name for effect in EFFECTS if Coverage.LADDER in effect.shown_by}
+        | {effect.name for effect in EFFECTS if Coverage.LADDER in effect.required_coverage}
     )
     - CURVES
 )

@@ -18,8 +18,10 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, revised
-from piezo_hysteresis.identification.initial_conditions.start_hypotheses import StartSearch
+from piezo_hysteresis.identification.initial_conditions.revision import Choices, estimate_nuisances
+from piezo_hysteresis.identification.initial_conditions.start_hypotheses import (
+    InitialConditionSelector,
+)
 from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.starts import representative, starts
 from piezo_hysteresis.identification.targets import Target
@@ -139,10 +141,10 @@ def _slow(
 def with_revised_starts(
     spec: ModelSpec, data: Dataset, choices: Choices, workers: int, *, alone: bool = False
 ) -> Dataset:
-    """Return the data with initial conditions, zero offsets and weights by a model (`revised`)."""
+    """Return the data with initial conditions, zero offsets and weights by a model."""
     names = {v.name for v in data.training}
     views = [*data.training, *(v for v in data.held_out if v.name not in names)]
-    renewed = revised(
+    renewed = estimate_nuisances(
         spec.model,
         spec.values,
         spec.sampling_offset,
@@ -222,7 +224,9 @@ def with_other_starts(
     effect fitted from rest adapts to that, although the record begins in motion. With each comes
     the sum of squares below which it is preferred, relative to that of the given fit.
     """
-    search = StartSearch(fit.model, fit.values, fit.sampling_offset, data.records, choices.start)
+    search = InitialConditionSelector(
+        fit.model, fit.values, fit.sampling_offset, data.records, choices.start
+    )
     steps, motion = search.with_steps(data.training), search.in_motion(data.training)
     found = [(steps[0], 1.0)] if steps else []
     found += [motion] if motion else []

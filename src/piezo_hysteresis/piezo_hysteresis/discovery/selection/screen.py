@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray
-from piezo_hysteresis.blocks.base import Between, Block, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Slot
 from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.blocks.transport_delay import in_ticks
 from piezo_hysteresis.discovery.selection.candidate_fit import (
@@ -277,11 +277,11 @@ def _responses(spec: ModelSpec, dt: float, late: float) -> list[_Response]:
         if block is None or block.slot not in (Slot.INPUT, Slot.SENSOR):
             continue
         own = np.array([spec.values[added.names[each.name]] for each in block.parameters])
-        if block.between is Between.DELAY:
+        if block.between is InterSample.DELAY:
             name = added.names[block.parameters[0].name]
             by_ticks = name in delays_by_ticks(spec.model)
             found.append(_delay(whole_delay(spec, name, dt, late) if by_ticks else float(own[0])))
-        elif block.between is Between.LINEAR and _is_low_pass(block, own):
+        elif block.between is InterSample.LINEAR and _is_low_pass(block, own):
             found.append(_low_pass(block, own))
     return found
 

@@ -45,7 +45,7 @@ from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.simulate import clock_about, free_runs
 from piezo_hysteresis.models import Discrepancy, Model, ModelFile
 from piezo_hysteresis.models.repeated_records import Support, kinds_of, support_of
-from piezo_hysteresis.models.repeating import Trace
+from piezo_hysteresis.models.repeating import KnownResidual
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.records.fingerprint import fingerprints, recognised
 
@@ -302,7 +302,7 @@ def _missed(
             'the reference does not move the actuator: give records of similar drives'
         )
     traces = tuple(
-        Trace(each.voltage, each.error, each.dt, view.begins.kind)
+        KnownResidual(each.voltage, each.error, each.dt, view.begins.kind)
         for each, view in zip(left, views, strict=True)
         if each.voltage is not None and np.all(np.isfinite(each.error))
     )

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
-from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.identification.initial_conditions.record_start import path_to
 from piezo_hysteresis.identification.sensitivities import StateOffset
 from piezo_hysteresis.identification.targets import Target
@@ -176,7 +176,7 @@ class FreeResponse:
         if not all(self.affine(later, 0) for later in range(k + 1, len(self._stages))):
             return None
         if isinstance(stage, TickStage):
-            linear = stage.block.between is Between.LINEAR
+            linear = stage.block.between is InterSample.LINEAR
             return _Tail(as_linear(stage.block), p, 0) if linear else None
         if isinstance(stage, LinearStage):
             return None if stage.delays else _Tail(stage, p, 0)
@@ -225,9 +225,9 @@ def _remembered(
 
 def _passes(block: Block) -> bool:
     """Return whether the response of a block to a change is independent of its input."""
-    if block.between in (Between.LINEAR, Between.DELAY, Between.CLOCK):
+    if block.between in (InterSample.LINEAR, InterSample.DELAY, InterSample.CLOCK):
         return True
-    return block.between is Between.INSTANT and _straight(block)
+    return block.between is InterSample.INSTANT and _straight(block)
 
 
 @cache

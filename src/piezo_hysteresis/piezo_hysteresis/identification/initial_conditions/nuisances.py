@@ -104,7 +104,7 @@ def _settled(
     """Iterate the initial states to their optimum by Gauss-Newton steps.
 
     A step counts by the error of the run that it leads to. Its linearisation is exact for a mode,
-    not for a loop. Levels before the record are not moved here, see `StartSearch`.
+    not for a loop. Levels before the record are not moved here, see `InitialConditionSelector`.
     """
     assert nuisances.motion is not None
     motion, weight = nuisances.motion, 1.0 if factors is None else factors

@@ -16,7 +16,7 @@ from piezo_hysteresis.common.stated import STARTS, ZEROS
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import (
-    StartSearch,
+    InitialConditionSelector,
     square_of,
 )
 from piezo_hysteresis.identification.targets import WAY_IN, Target
@@ -57,7 +57,7 @@ def zeros_lie_apart(own: float, shared: float) -> bool:
     return own < (1.0 - ZERO_SHARE) * shared
 
 
-def revised(
+def estimate_nuisances(
     model: Model,
     values: Mapping[str, float],
     sampling_offset: float,  # [s]
@@ -69,7 +69,9 @@ def revised(
     workers: int = 1,
 ) -> list[Target]:
     """Return the targets with starts, zeros and weights as the model estimates them."""
-    search = StartSearch(model, values, sampling_offset, records, choices.start, lasting=alone)
+    search = InitialConditionSelector(
+        model, values, sampling_offset, records, choices.start, lasting=alone
+    )
     given = [with_explained(search, each) for each in targets]
     seen = of_each(lambda each: search.best_start(each, choices.zero), given, workers)
     if alone:
@@ -85,7 +87,7 @@ def revised(
     ]
 
 
-def with_explained(search: StartSearch, target: Target) -> Target:
+def with_explained(search: InitialConditionSelector, target: Target) -> Target:
     """Return the target with those excluded samples taken back that the model explains.
 
     The residual of an explained sample is as small as that of most others.
@@ -103,7 +105,7 @@ def with_explained(search: StartSearch, target: Target) -> Target:
 
 
 def _choose_zeros(
-    targets: Sequence[Target], choices: Choices, search: StartSearch, fewest: int = 1
+    targets: Sequence[Target], choices: Choices, search: InitialConditionSelector, fewest: int = 1
 ) -> list[Target]:
     """Return the targets, with a zero per record where they need one.
 

@@ -86,7 +86,7 @@ class _Beginning:
     later: float = 0.0
 
 
-class StartSearch:
+class InitialConditionSelector:
     """Compares start hypotheses of records by a model with known values."""
 
     def __init__(
@@ -294,8 +294,8 @@ class StartSearch:
         search = self._as_runs()
         return sum(target.precision**2 * search.square(target) for target in targets)
 
-    def _as_runs(self) -> StartSearch:
-        return StartSearch(
+    def _as_runs(self) -> InitialConditionSelector:
+        return InitialConditionSelector(
             self._model, self._values, self._late, list(self._records.values()), self._wanted,
             lasting=self._lasting, by_run=True,
         )  # fmt: skip

@@ -15,9 +15,9 @@ def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:  # dt [s]
     """Return the kernel of a block, for a path of `points` values per tick if it supports one."""
     if block.parts:
         return _parallel_sum(block.parts, dt, points)
-    if block.kernel is not None and (not points or block.along is None):
+    if block.kernel is not None and (not points or block.path_kernel is None):
         return block.kernel
-    return _follower(block.along, points or 1)
+    return _follower(block.path_kernel, points or 1)
 
 
 @functools.cache

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
-from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
 from piezo_hysteresis.models.simulation.state_layout import PlacedBlock, delay_of
 from piezo_hysteresis.models.simulation.state_space import (
@@ -34,7 +34,7 @@ from piezo_hysteresis.models.simulation.substep_run import PathRun
 # Number of cached recursions of a linear stage: records of one fit, and steps of its parameters.
 _CACHED = 32
 # Blocks that keep a held signal held.
-_HOLDS = (Between.INSTANT, Between.PATH, Between.TICK, Between.DELAY)
+_HOLDS = (InterSample.INSTANT, InterSample.PATH, InterSample.TICK, InterSample.DELAY)
 
 
 class Stage(Protocol):
@@ -238,7 +238,7 @@ def free_states(stage: Stage, dt: float, *, memory: bool = True) -> tuple[int, .
     if isinstance(stage, PathStage):
         return stage.run.free_states(dt, memory=memory)
     size = stage.initial_state(dt, 0.0).size
-    linear = [b.initial_state(dt).size for b in stage.blocks if b.between is Between.LINEAR]
+    linear = [b.initial_state(dt).size for b in stage.blocks if b.between is InterSample.LINEAR]
     return tuple(range(size - sum(linear), size))
 
 
@@ -265,7 +265,7 @@ class _Planner:
             kind = self._blocks[place].between
             if kind in _HOLDS:
                 self._alone(place)
-                self._waiting += [place] if kind is Between.DELAY else []
+                self._waiting += [place] if kind is InterSample.DELAY else []
                 place += 1
             else:
                 place = self._run_from(place)
@@ -277,9 +277,9 @@ class _Planner:
     def _run_from(self, first: int) -> int:
         """Plan the run that begins with a dynamic block; return the index after it."""
         end = first
-        while end < len(self._blocks) and self._blocks[end].between is not Between.TICK:
+        while end < len(self._blocks) and self._blocks[end].between is not InterSample.TICK:
             end += 1
-        later = [i for i in range(first, end) if self._blocks[i].between is Between.DELAY]
+        later = [i for i in range(first, end) if self._blocks[i].between is InterSample.DELAY]
         inside = [i for i in range(first, end) if i not in later]
         delays = [*self._waiting, *later]
         last = self._needed(inside, bool(delays))
@@ -296,20 +296,20 @@ class _Planner:
         """Return the number of blocks integrated together; the others use their samples."""
         kinds = [self._blocks[i].between for i in inside]
         last = len(inside)
-        while last and kinds[last - 1] in (Between.INSTANT, Between.CLOCK):
+        while last and kinds[last - 1] in (InterSample.INSTANT, InterSample.CLOCK):
             last -= 1
         # for a memory, a monotonic approach is equivalent to its samples
         first, behind = self._blocks[inside[0]], [self._blocks[i] for i in inside[1:last]]
         if first.approach is not None and behind and self._ahead and not late:
             *static, memory = behind
             kinds = [block.between for block in static]
-            if memory.between is Between.PATH and memory.along is None:
-                return 1 if set(kinds) <= {Between.INSTANT} else last
+            if memory.between is InterSample.PATH and memory.path_kernel is None:
+                return 1 if set(kinds) <= {InterSample.INSTANT} else last
         return last
 
     def _follow(self, delays: Sequence[int], needed: Sequence[int]) -> None:
         blocks = [self._blocks[i] for i in needed]
-        single = len(blocks) == 1 and blocks[0].between is not Between.CLOCK
+        single = len(blocks) == 1 and blocks[0].between is not InterSample.CLOCK
         if single and not delays and blocks[0].inertia is not self._ahead:
             self._alone(needed[0])
             return

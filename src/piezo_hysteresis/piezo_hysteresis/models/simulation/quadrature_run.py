@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Approach, Between, System
+from piezo_hysteresis.blocks.base import Approach, InterSample, System
 from piezo_hysteresis.blocks.transport_delay import in_ticks, shift
 from piezo_hysteresis.jit import jit, leaf, scratch
 from piezo_hysteresis.models.simulation.state_layout import Layout, PlacedBlock, systems_of
@@ -233,10 +233,12 @@ class QuadratureRun:
         if last in (0, len(moving)) or moving[0].block.approach is None:
             return None
         kinds = [part.block.between for part in moving[1:last]]
-        memories = [part.block for part in moving[1:last] if part.block.between is Between.PATH]
-        if len(memories) > 1 or any(block.along is not None for block in memories):
+        memories = [
+            part.block for part in moving[1:last] if part.block.between is InterSample.PATH
+        ]
+        if len(memories) > 1 or any(block.path_kernel is not None for block in memories):
             return None
-        if not set(kinds) <= {Between.INSTANT, Between.PATH}:
+        if not set(kinds) <= {InterSample.INSTANT, InterSample.PATH}:
             return None
         return cls(moving[0], moving[1:last], moving[last:], delays, ahead)
 

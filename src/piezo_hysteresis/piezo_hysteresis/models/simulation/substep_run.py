@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.bouc_wen_oscillator import WEIGHTS, interpolate
 from piezo_hysteresis.blocks.transport_delay import shift
 from piezo_hysteresis.common.cached_property import cached_property
@@ -197,7 +197,7 @@ class PathRun:
             else:
                 groups.append(((part,), linear, turns))
             goes_on = part.block.approach is not None and i == 0
-            turns |= not goes_on and part.block.between is not Between.INSTANT
+            turns |= not goes_on and part.block.between is not InterSample.INSTANT
         return tuple(groups)
 
     @cached_property
@@ -380,13 +380,13 @@ def followed(
         return output
     ((block, span),) = piece.parts
     own = p[span]
-    if block.between is Between.CLOCK:
+    if block.between is InterSample.CLOCK:
         return with_time(block, path, own, state, clock.dt, points=clock.points, ahead=clock.ahead)
-    if block.along is not None:
+    if block.path_kernel is not None:
         output = np.empty_like(path)
-        block.along(path, output, state, own, clock.dt, clock.frequency, clock.points)
+        block.path_kernel(path, output, state, own, clock.dt, clock.frequency, clock.points)
         return output
-    turns = piece.turns and block.between is Between.PATH
+    turns = piece.turns and block.between is InterSample.PATH
     return follow(block, path, own, state, clock.dt, turns=turns)
 
 

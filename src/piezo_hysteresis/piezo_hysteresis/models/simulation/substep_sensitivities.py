@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Between, Block
+from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.parallel import parts_of
 from piezo_hysteresis.blocks.transport_delay import shift
 from piezo_hysteresis.kernels.forward import directional, directions_of
@@ -271,13 +271,15 @@ class _Nonlinear:
     ) -> tuple[FloatArray, FloatArray]:
         block = at.block
         dt, frequency, points, _ = clock = self._clock
-        if block.between is Between.CLOCK:
+        if block.between is InterSample.CLOCK:
             return with_time(block, path, rows, at, state, clock)
-        if block.along is not None:
+        if block.path_kernel is not None:
             return propagate_derivatives(
-                block.along, path, rows, at, state, moved, dt, frequency, points
+                block.path_kernel, path, rows, at, state, moved, dt, frequency, points
             )
-        turns = self._turns and block.between is Between.PATH and self._block.along is None
+        turns = (
+            self._turns and block.between is InterSample.PATH and self._block.path_kernel is None
+        )
         if not turns:
             return propagate_derivatives(block.kernel, path, rows, at, state, moved, dt, 0.0)
         wide, late, wide_rows = turned(path, rows)

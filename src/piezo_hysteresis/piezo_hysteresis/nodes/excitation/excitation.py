@@ -21,7 +21,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.excitation.sweep_server import SweepServer, missing_subscribers
 from piezo_hysteresis.nodes.messages import measured_of, point_of, reference_bytes, voltage_bytes
 from piezo_hysteresis.parameters.node_tables import EXCITATION
-from piezo_hysteresis.ros.flat import head_of, nanoseconds_of_head
+from piezo_hysteresis.ros.cdr_header import head_of, nanoseconds_of_head
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP

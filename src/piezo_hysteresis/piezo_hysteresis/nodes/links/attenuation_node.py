@@ -8,7 +8,7 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
 from piezo_hysteresis.nodes.links.tracking_node import TrackingNode
 from piezo_hysteresis.parameters.links import ATTENUATION
-from piezo_hysteresis.ros.flat import stamp_of
+from piezo_hysteresis.ros.cdr_header import stamp_of
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import run_node
 from piezo_hysteresis.runtime.laws import HarmonicLaws

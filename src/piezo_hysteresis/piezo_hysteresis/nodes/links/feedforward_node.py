@@ -19,7 +19,7 @@ from piezo_hysteresis.nodes.links.link_node import LinkNode
 from piezo_hysteresis.nodes.messages import measured_of, model_from, point_of, requested_model
 from piezo_hysteresis.nodes.model_parameters import ModelParameters
 from piezo_hysteresis.parameters.links import FEEDFORWARD
-from piezo_hysteresis.ros.flat import nanoseconds_of_head
+from piezo_hysteresis.ros.cdr_header import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.running import run_node, wall_timer
 from piezo_hysteresis.runtime.laws import Inversion, forward_settings

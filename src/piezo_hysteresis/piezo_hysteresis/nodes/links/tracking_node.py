@@ -15,7 +15,7 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
 from piezo_hysteresis.nodes.messages import VOLTAGE, measured_of, point_of, requested_model
-from piezo_hysteresis.ros.flat import nanoseconds_of_head
+from piezo_hysteresis.ros.cdr_header import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.runtime.laws import LawMaker
 from piezo_hysteresis.runtime.link_health import (
