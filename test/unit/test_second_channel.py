@@ -93,6 +93,10 @@ def test_what_a_second_channel_excludes() -> None:
     assert straight.excludes(curve, (), gap)
     assert not bent.excludes(curve, (), gap)
     assert not bent.excludes('creep', (), gap)
+    # its evidence is that of the second channel, which no fit has used
+    assert bent.chance(curve) < 1e-9
+    assert straight.chance(curve) > 0.05
+    assert bent.chance('creep') == 1.0
     # a bend larger than the gap was there before, a small one is not the cause of a large gap
     assert not bent.excludes('stiffness', (), 0.5 * bent.rms)
     assert not bent.excludes('stiffness', (), 50.0 * bent.rms)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
+from scipy.special import chdtrc
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import EFFECTS
@@ -64,6 +65,12 @@ class SensorCurve:
     def seen(self) -> bool:
         """Whether the bend is more than chance."""
         return self.rms > _SEEN * self.std
+
+    def chance(self, effect: str) -> float:
+        """Return the probability of such a bend without the effect; 1 for other effects."""
+        if effect not in CURVES:
+            return 1.0
+        return float(chdtrc(_POWER - 1, (_POWER - 1) * ((self.rms / self.std) ** 2 + 1.0)))
 
     def excludes(self, effect: str, names: Collection[str], gap: float) -> bool:
         """Return whether an effect does not explain a gap [m], with effects `names` in the model.

@@ -443,10 +443,15 @@ class HeldEvaluator(Evaluator):
         return sum(float(e @ e) / e.size / x.total for e, x in pairs) / max(len(pairs), 1)
 
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
-        """Return the log likelihood ratio in nats and its p-value (Wilks 1938)."""
+        """Return the log likelihood ratio in nats and its p-value (Wilks 1938).
+
+        The p-value of a curve of the sensor is that of a second channel, if that is smaller.
+        """
         gain = self.score(before) - self.score(after)
         count = self.counted(after) - self.counted(before)
         chance = float(chdtrc(max(count, 1), 2.0 * max(gain, 0.0)))
+        if self.data.second is not None:
+            chance = min(chance, self.data.second.chance(after.effect))
         return Improvement(before.square - after.square, gain, min(1.0, chance * tried))
 
     def shares(self, before: CandidateFit, finalists: Sequence[CandidateFit]) -> tuple[float, ...]:
