@@ -7,7 +7,7 @@ A preset holds what all axes share (``common``, as a preset of one axis), what e
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -173,6 +173,29 @@ class AxesPlant:
         return len(self.plants)
 
     @property
+    def idle_effects(self) -> str:
+        """Active effects of axes without influence, see `Plant.idle_effects`."""
+        found = (
+            f'axis {i}: {p.idle_effects}' for i, p in enumerate(self.plants, 1) if p.idle_effects
+        )
+        return '; '.join(found)
+
+    @property
+    def fault(self) -> str:
+        """Active fault of the first axis that has one."""
+        found = (plant.fault for plant in self.plants)
+        return next((fault for fault in found if fault != 'none'), 'none')
+
+    def inject(self, fault: str, duration: float = 0.0) -> None:
+        """Inject a fault into all axes, ``axis_2.stuck_sensor`` into one; see `Plant.inject`."""
+        own = re.fullmatch(r'axis_(\d+)\.(.*)', fault)
+        if own is not None and not 1 <= int(own[1]) <= self.axes:
+            raise PlantError(f'there is no axis {own[1]}: the plant has {self.axes}')
+        plants = self.plants if own is None else [self.plants[int(own[1]) - 1]]
+        for plant in plants:
+            plant.inject(fault if own is None else own[2], duration)
+
+    @property
     def command_range(self) -> tuple[float, float]:
         """Lowest and highest command [V] that all axes accept."""
         ranges = [plant.command_range for plant in self.plants]
@@ -216,6 +239,19 @@ class AxesPlant:
         PlantError
             If a name is unknown, or a value out of range.
         """
+        of_axes, values, switches = self._merged(changes)
+        for plant, own in zip(self.plants, of_axes, strict=True):
+            plant.set_parameters(own)
+        self._values, self._switches = values, switches
+        self._pack()
+
+    def check(self, changes: Mapping[str, object]) -> None:
+        """Raise the errors of `set_parameters` without any change."""
+        self._merged(changes)
+
+    def _merged(
+        self, changes: Mapping[str, object]
+    ) -> tuple[list[dict[str, object]], dict[str, float], dict[str, bool]]:
         of_axes: list[dict[str, object]] = [{} for _ in self.plants]
         values, switches = dict(self._values), dict(self._switches)
         rows = {row.name: row for row in self.parameter_table}
@@ -235,10 +271,7 @@ class AxesPlant:
                 raise PlantError(f'the plant has no parameter {name!r}{guess}')
         for plant, own in zip(self.plants, of_axes, strict=True):
             plant.check(own)
-        for plant, own in zip(self.plants, of_axes, strict=True):
-            plant.set_parameters(own)
-        self._values, self._switches = values, switches
-        self._pack()
+        return of_axes, values, switches
 
     def _pack(self) -> None:
         values = dict(self._values)
@@ -275,6 +308,10 @@ class AxesPlant:
             if seed is not None:  # the noise of an axis is its own
                 own = int(np.random.SeedSequence([seed, i]).generate_state(1, np.uint64)[0])
             plant.reset(own)
+
+    def exchange(self, voltages: Sequence[float]) -> list[float]:
+        """Return the reading [m] of each axis, then hold `voltages` [V] until the next tick."""
+        return [float(each) for each in self.run([voltages])[0]]
 
     def run(self, voltages: npt.ArrayLike) -> FloatArray:
         """Return the readings [m] for commands [V], shape (n, axes) both.

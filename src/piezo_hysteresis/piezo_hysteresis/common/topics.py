@@ -18,3 +18,8 @@ def slew_of(voltage: str) -> str:
     0 means no limit. A receiver also applies it to late commands.
     """
     return f'{voltage}/slew'
+
+
+def of_axis(topic: str, axis: int) -> str:
+    """Return a topic of one of several axes, counted from 1; 0 is that of the only one."""
+    return f'axis_{axis}/{topic}' if axis else topic

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
@@ -148,18 +148,24 @@ class ActuatorHealth:
         self._watch = CounterWatch(_SENTENCES, now)
 
     def judge(
-        self, book: CommandQueue, tick: int, fault: str, waited: float, remark: str = ''
+        self, books: Sequence[CommandQueue], tick: int, fault: str, waited: float, remark: str = ''
     ) -> Health:  # waited [s]
-        """Return the health of an actuator."""
-        findings = self._watch.findings(book.counts)
+        """Return the health of an actuator, or of those of several axes with common counts."""
+        counts = books[0].counts
+        findings = self._watch.findings(counts)
         if fault != 'none':
             findings.append((Level.ERROR, f'fault {fault} is injected'))
-        if book.timed_out and book.received:
-            message = f'no commands: the voltage goes to {book.safe_voltage:g} V'
+        if any(book.timed_out and book.received for book in books):
+            message = f'no commands: the voltage goes to {books[0].safe_voltage:g} V'
             findings.append((Level.ERROR, message))
         if waited > 0.0:
             findings.append((Level.WARN, f'no command for tick {tick} since {waited:.0f} s'))
         if remark:
             findings.append((Level.WARN, remark))
-        values = {'sample': tick, 'voltage_V': book.voltage, 'fault': fault, **book.counts}
+        several = len(books) > 1
+        voltages = {
+            f'voltage_{i}_V' if several else 'voltage_V': book.voltage
+            for i, book in enumerate(books, 1)
+        }
+        values = {'sample': tick, **voltages, 'fault': fault, **counts}
         return judge(findings, 'runs' if tick else 'waits for the first command', values)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import NodeSheet
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
+from piezo_sim.axes_plant import FOLDER, AxesPlant
 from piezo_sim.plant import Plant
+from piezo_sim.presets import preset_names
 
 
 def simulator_table() -> ParameterTable:
@@ -15,7 +17,8 @@ def simulator_table() -> ParameterTable:
             ParameterSpec(
                 'preset',
                 'fdk_pzba_00030',
-                'Simulated actuator; setting it loads all its parameters, at rest.',
+                'Simulated actuator, or actuators of several axes; setting it loads all its '
+                'parameters, at rest.',
             ),
             ParameterSpec(
                 'rate', 1000.0, 'Sampling rate.', 'Hz', low=1.0, high=1e5, read_only=True
@@ -82,28 +85,40 @@ def simulator_table() -> ParameterTable:
     )
 
 
-def plant_table(plant: Plant) -> ParameterTable:
+def plant_of(preset: str, rate: float | None = None, seed: int = 0) -> Plant | AxesPlant:
+    """Return the actuator, or the actuators of several axes, of a preset."""
+    kind = AxesPlant if preset in preset_names(FOLDER) else Plant
+    return kind.from_preset(preset, rate, seed)
+
+
+def axes_of(plant: Plant | AxesPlant) -> list[Plant]:
+    """Return the plant of each axis."""
+    return [plant] if isinstance(plant, Plant) else plant.plants
+
+
+def plant_table(plant: Plant | AxesPlant) -> ParameterTable:
     """Return a row for every parameter and switch of `plant`, with its value as default."""
     values = plant.parameters
+    parts: list[tuple[str, Plant | AxesPlant]] = [('', plant)]
+    if isinstance(plant, AxesPlant):
+        parts += [(f'axis_{i}.', each) for i, each in enumerate(plant.plants, 1)]
     numbers = [
         ParameterSpec(
-            row.name, float(values[row.name]), row.description, row.unit, row.low, row.high
+            own + row.name, float(values[own + row.name]), row.description, row.unit, row.low,
+            row.high,
         )
-        for row in plant.parameter_table
-    ]
+        for own, part in parts
+        for row in part.parameter_table
+    ]  # fmt: skip
     switches = [
         ParameterSpec(
-            f'effects.{effect.name}', bool(values[f'effects.{effect.name}']), effect.description
+            f'{own}effects.{effect.name}', bool(values[f'{own}effects.{effect.name}']),
+            effect.description,
         )
-        for effect in plant.effect_table
-    ]
+        for own, part in parts
+        for effect in part.effect_table
+    ]  # fmt: skip
     return ParameterTable((*numbers, *switches))
-
-
-def command_range(plant: Plant) -> tuple[float, float]:
-    """Return the accepted range of commands of the amplifier of `plant` [V]."""
-    values = plant.parameters
-    return float(values['amplifier.range_low']), float(values['amplifier.range_high'])
 
 
 def _plant() -> dict[str, ParameterTable]:
@@ -118,7 +133,9 @@ SHEETS = {
         'simulator',
         'Simulates the actuator, its amplifier and its sensor. Every effect of the plant has '
         'a switch `effects.NAME` and parameters, all tunable at run time: see '
-        '[simulator.md](simulator.md).',
+        '[simulator.md](simulator.md). A preset of several axes has the topics of each below '
+        '`axis_1/`, `axis_2/`, ... with equal stamps, and parameters such as '
+        '`axis_1.effects.creep`: see [axes.md](axes.md).',
         simulator_table(),
         subscribes=(
             topics.VOLTAGE_COMMAND,
