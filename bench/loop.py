@@ -1,5 +1,7 @@
 """The control loop, as four processes and as two, against rings of bare relays, in one run.
 
+Two axes in one `control_loop`, with decoupling and attenuation of both, are compared with one.
+
     python bench/loop.py [--samples 8000] [--executor auto]
 
 A ring has as many processes as the loop it is compared with and moves one message per hop over DDS
@@ -31,11 +33,13 @@ from rclpy.task import Future
 
 from bench.quick import parsed
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
 from piezo_hysteresis.common.registry import inside
 from piezo_hysteresis.compensation.link import Measured
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_hysteresis.nodes.links.control_loop import ControlLoop
+from piezo_hysteresis.nodes.links.coupled_loop import CoupledControlLoop
 from piezo_hysteresis.ros.processes import NodeProcesses, ros_arguments
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import run_node, run_nodes
@@ -44,6 +48,8 @@ from piezo_interfaces.msg import VoltageCommand
 WARM_UP = 500
 # Reference of the loop: [Hz], [m], seconds over which it is eased in; and the seed of the plant.
 FREQUENCY, AMPLITUDE, EASED, SEED = 23.0, 5e-5, 1.0, 7
+# Sampling rate of two axes [Hz]; in lock-step it is no speed.
+RATE = 10_000.0
 
 
 # Links of the loop with their parameters.
@@ -140,8 +146,8 @@ class Pacer(Node):
 class ClockedExcitation(Excitation):
     """The excitation of the loop, which notes when each state arrives and how far off it is."""
 
-    def __init__(self, rounds: int, *, wired: bool = True) -> None:
-        super().__init__(wired=wired)
+    def __init__(self, rounds: int, *, wired: bool = True, axis: int = 0) -> None:
+        super().__init__(wired=wired, axis=axis)
         self._clocked = Clocked(rounds, self.stop)
 
     def take_state(self, head: bytes, measured: Measured, payload: bytes) -> None:
@@ -255,6 +261,55 @@ def loop(
         return clock(command, dict(group.environment), [node.pid for node in started])
 
 
+def scanner() -> ModalModel:
+    """Return a model of two axes with what one of a stage has: three modes, plays, powers."""
+    layout = ModalLayout(2, 2, 3, voltage_plays=(0.4, 3.0, 10.0, 30.0), powers=(2, 3))
+    vector = layout.zeros()
+    found = layout.named(vector)
+    found['log_omega'][:] = np.log(2.0 * np.pi * np.array([240.0, 620.0, 930.0]))
+    found['log_damping'][:] = np.log([0.03, 0.02, 0.01])
+    found['shape'][...] = [[0.0, 1.0, 0.03], [1.0, 0.0, -0.03]]
+    found['voltage_weights'][:4] = 0.1
+    output = np.zeros((len(layout.signal_names), 2))
+    output[:3] = 1e-7 * np.array([[0.03, 1.3], [1.5, -0.03], [1.3, 1.3]])
+    return ModalModel(layout, vector, output, 10.0, 1.0 / RATE)
+
+
+def two_axes(rounds: int, model: Path) -> Run:
+    """Run the loop of two axes: excitations, laws and limits of both in one process."""
+    with NodeProcesses() as group:
+        simulated = {
+            'preset': 'xy_scanner', 'clock': 'lock_step', 'wait_for': 1, 'seed': SEED, 'rate': RATE
+        }  # fmt: skip
+        started = group.start('piezo_sim', 'simulator', simulated)
+        own: dict[str, Any] = {'rate': RATE, 'coupled:model_file': str(model)}
+        for axis in (1, 2):
+            own |= inside({
+                f'voltage_{axis}': {
+                    'limits.low': -50.0, 'limits.high': 50.0, 'limits.slew': 1e6
+                },
+                f'excitation_{axis}': {
+                    'mode': 'reference', 'frequency': FREQUENCY + axis, 'ramp': EASED,
+                    'reference.amplitude': 2e-6, 'deadline': 600.0,
+                },
+            })  # fmt: skip
+        command = ['--two-axes', str(rounds), *ros_arguments(own)]
+        return clock(command, dict(group.environment), [started.pid])
+
+
+def coupled_nodes(rounds: int) -> tuple[Node, ...]:
+    """Return the nodes of the loop of two axes, of which the first excitation is clocked."""
+
+    def excitation(axis: int) -> Excitation:
+        if axis == 1:
+            return ClockedExcitation(rounds, wired=False, axis=axis)
+        return Excitation(wired=False, axis=axis)
+
+    loop = CoupledControlLoop(excitation)
+    loop.excitations[0].stop.add_done_callback(lambda _: loop.coupled.stop.set_result(True))
+    return loop.nodes
+
+
 def report(name: str, measured: Run) -> tuple[float, float]:
     """Print latency and CPU of one run; return median and 99th percentile of a round trip [us]."""
     steps, cpu = np.diff(measured.times[WARM_UP:]), measured.cpu
@@ -278,6 +333,8 @@ def main() -> int:
     if '--excitation' in sys.argv:
         rounds = int(sys.argv[2])
         return run_node(lambda: ClockedExcitation(rounds), sys.argv[3:])
+    if '--two-axes' in sys.argv:
+        return run_nodes(lambda: coupled_nodes(int(sys.argv[2])), sys.argv[3:])
     if '--control-loop' in sys.argv:
         rounds = int(sys.argv[2])
         return run_nodes(
@@ -297,6 +354,9 @@ def main() -> int:
         }
         four = report('loop of four processes', loop(LINKS, words.samples, file))
         two = report('simulator and control_loop', loop(LINKS, words.samples, file, together=True))
+        several = Path(folder) / 'scanner.yaml'
+        scanner().save(several)
+        both = report('the same of two axes', two_axes(words.samples, several))
     for name, real, other in (
         ('four processes / ring of four', four, bare[4]),
         ('control_loop / ring of three', two, bare[3]),
@@ -306,6 +366,7 @@ def main() -> int:
             f'{name:34} {real[0] / other[0]:.2f} of its median round trip, '
             f'{real[1] / other[1]:.2f} of its 99 %'
         )
+    print(f'two axes / one axis: {two[0] / both[0]:.2f} of its samples per second (median)')
     return 0
 
 

@@ -277,15 +277,25 @@ def screening() -> None:
 
 
 def several_axes() -> None:
-    """Let modes of two axes follow a few samples of a steady state."""
+    """Let modes of two axes follow a few samples of a steady state, and drive them."""
     from piezo_hysteresis.axes.axes_record import AxesRecord
     from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
+    from piezo_hysteresis.compensation.coupled.axes_chain import AxesChain
+    from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
+    from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 
     layout = ModalLayout(2, 2, 1, (0.1,), (), (0.1,))
     vector, output = layout.zeros(), np.zeros((len(layout.signal_names), 2))
     u = np.sin(np.arange(32.0))[:, None] * np.ones(2)
     record = AxesRecord('rehearsal', DT, u, u, periods=1)
-    ModalModel(layout, vector, output, 1.0, DT).simulate(record)
+    model = ModalModel(layout, vector, output, 1.0, DT)
+    model.simulate(record)
+    output[:1] = 1e-6
+    layout.named(vector)['shape'][...] = 1.0
+    chain = AxesChain(model, MatrixSettings(), 1.0)
+    for k in range(2):
+        point, read = ReferencePoint(k, 0.0, 0.0, 0.0, 0.0, 0.0), Measured(k - 1, 0.0, 0.0)
+        chain.step([point, point], [read, read])
 
 
 def _records() -> Iterator[Record]:

@@ -17,7 +17,7 @@ from piezo_hysteresis.numerics.linalg import failing_as
 _TURNS = 30
 _STEP = 0.8
 _ENOUGH = 0.99  # a turn that leaves more than this part of the error is the last
-_WEAK = 1e-3  # smallest singular value of a line that is inverted, of its largest
+WEAK = 1e-3  # smallest singular value of a line that is inverted, of its largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ def change_for(response: ComplexArray, error: FloatArray, lines: BoolArray) -> F
     # inputs)
     spectrum = np.fft.rfft(error, axis=0)
     change = np.zeros((spectrum.shape[0], response.shape[2]), complex)
-    solved = np.linalg.pinv(response[lines], _WEAK) @ spectrum[1:][lines][:, :, None]
+    solved = np.linalg.pinv(response[lines], WEAK) @ spectrum[1:][lines][:, :, None]
     change[1:][lines] = solved[:, :, 0]
     return np.asarray(np.fft.irfft(change, error.shape[0], axis=0))
 

@@ -12,6 +12,7 @@ from piezo_hysteresis.common.parameter_table import (
     rule_of,
     specs_of,
 )
+from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
 from piezo_hysteresis.compensation.feedback.feedback_link import (
     FEEDBACKS,
     FuzzyScales,
@@ -206,6 +207,30 @@ FEEDFORWARD = ParameterTable(
         ),
     ),
     rules=(_range_rule, _window_rule),
+)
+
+# The last link of an axis where there are several.
+VOLTAGE = ParameterTable(LINK, rules=(_range_rule, _window_rule))
+
+COUPLED = ParameterTable(
+    (
+        RATE,
+        ParameterSpec(
+            'model_file',
+            '',
+            'Model of several axes, whose number the loop has; empty is a loop of one axis.',
+            read_only=True,
+        ),
+        ParameterSpec('enabled', True, 'Attenuate periodic errors; false is feedforward alone.'),
+        *specs_of(MatrixSettings),
+        ParameterSpec(
+            'sensor_check',
+            True,
+            'Attenuate only once the displacement of every axis is seen to follow its voltage '
+            'with the sign of the model, or once the voltage has not moved for 2 s.',
+        ),
+    ),
+    rules=(rule_of(MatrixSettings, CompensationError),),
 )
 
 ATTENUATION = ParameterTable(

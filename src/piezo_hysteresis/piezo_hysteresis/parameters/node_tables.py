@@ -7,15 +7,18 @@ import argparse
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
 from piezo_hysteresis.parameters.links import (
     ATTENUATION,
+    COUPLED,
     FEEDBACK,
     FEEDFORWARD,
     MODEL_FOLDER,
     RATE,
+    VOLTAGE,
 )
 from piezo_hysteresis.waveforms import KINDS
 
 __all__ = [
     'ATTENUATION',
+    'COUPLED',
     'DASHBOARD',
     'EXCITATION',
     'FEEDBACK',
@@ -25,6 +28,7 @@ __all__ = [
     'IDENTIFICATION',
     'PLAYER',
     'RECORDER',
+    'VOLTAGE',
 ]
 
 # Of the page and the excitation; not the working directory, which may hold sources.

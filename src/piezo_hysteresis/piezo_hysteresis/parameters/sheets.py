@@ -18,6 +18,8 @@ def _inside() -> dict[str, ParameterTable]:
         'attenuation': node_tables.ATTENUATION,
         'feedback': node_tables.FEEDBACK,
         'recorder': node_tables.RECORDER,
+        'coupled': node_tables.COUPLED,
+        'voltage_1': node_tables.VOLTAGE,
     }
     return {f'of {name} (-p {name}:NAME:=VALUE)': table for name, table in nodes.items()}
 
@@ -92,7 +94,10 @@ _ALL = (
         '`recorder` if it is given a bag (`-p recorder:out:=FOLDER`), each with its own name, '
         'parameters and lifecycle: `-p attenuation:orders:=[3]` sets one of them. Reference and '
         'voltage are forwarded within the process before they are published. The reference of '
-        'another process is followed while the excitation publishes none.',
+        'another process is followed while the excitation publishes none. With a model of '
+        'several axes (`-p coupled:model_file:=model.yaml`) it runs `coupled`, which decouples '
+        'and attenuates all of them, and of each axis `excitation_1`, `voltage_1`, ... with the '
+        'topics of the axis below `axis_1/`: see [axes.md](axes.md).',
         ParameterTable(()),
         subscribes=(
             topics.REFERENCE,

@@ -6,6 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -73,10 +74,13 @@ class Excitation(GuardedNode):
     ----------
     wired : bool
         Whether states come from the topic; False if the same process calls `take_state`.
+    axis : int
+        Number of its axis where there are several.
     """
 
-    def __init__(self, *, wired: bool = True) -> None:
-        super().__init__('excitation')
+    def __init__(self, *, wired: bool = True, axis: int = 0) -> None:
+        super().__init__(f'excitation_{axis}' if axis else 'excitation')
+        topic = partial(topics.of_axis, axis=axis)
         self.stop = Future()
         self.exit_code = 0
         self._experiment: Experiment | None = None
@@ -95,16 +99,18 @@ class Excitation(GuardedNode):
         self._intake = SequenceFilter(restarts=False)
         self._times = ActuatorClock(self._rate)
         self._steady = SteadyCommand(self._rate)
-        self._reference_publisher = self.create_publisher(Reference, topics.REFERENCE, LOOP)
+        self._reference_publisher = self.create_publisher(Reference, topic(topics.REFERENCE), LOOP)
         self._voltage_publisher = self.create_publisher(
-            VoltageCommand, topics.VOLTAGE_COMMAND, LOOP
+            VoltageCommand, topic(topics.VOLTAGE_COMMAND), LOOP
         )
         slew_topic = topics.slew_of(self._voltage_publisher.topic_name)
         self._slew_publisher = self.create_publisher(Float64, slew_topic, LATCHED)
         self._published_slew, self._chain_slew = 0.0, math.inf
         self.create_subscription(Float64, slew_topic, self._on_slew, LATCHED)
         if wired:
-            self.create_subscription(ActuatorState, topics.STATE, self._on_state, LOOP, raw=True)
+            self.create_subscription(
+                ActuatorState, topic(topics.STATE), self._on_state, LOOP, raw=True
+            )
         self.create_subscription(LoopStatus, topics.LOOP_STATUS, self._on_status, LATCHED)
         self._neighbours = Neighbours(self)
         self._sweeps = SweepServer(
@@ -114,6 +120,7 @@ class Excitation(GuardedNode):
             self._begin,
             self._answer,
             self._times.edge_at,
+            axis,
         )
         self._params.serve(self._apply, self._refuse)
         self._health = ExcitationHealth()

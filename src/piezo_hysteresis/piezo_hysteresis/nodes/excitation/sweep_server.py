@@ -56,10 +56,13 @@ class SweepMarkers:
     """The markers of a sweep, and the bag of its states and markers."""
 
     def __init__(
-        self, node: Node, parameters: NodeParameters, edge_at: Callable[[int], int]
+        self, node: Node, parameters: NodeParameters, edge_at: Callable[[int], int], axis: int
     ) -> None:  # edge_at [ns]
         self._node, self._parameters, self._edge_at = node, parameters, edge_at
-        self._publisher = node.create_publisher(RecordMarker, topics.MARKER, LOOP)
+        self._state, self._marker = (
+            topics.of_axis(each, axis) for each in (topics.STATE, topics.MARKER)
+        )
+        self._publisher = node.create_publisher(RecordMarker, self._marker, LOOP)
         self._recorder: Recorder | None = None
         self._numbers: list[int] = []
         self._queued = 0
@@ -67,13 +70,13 @@ class SweepMarkers:
     def missing(self) -> str:
         """Return the missing subscribers before the first tick; empty if all are connected."""
         least = self._parameters.integer('marker_listeners')
-        return undiscovered(self._node, self._publisher, topics.MARKER, least)
+        return undiscovered(self._node, self._publisher, self._marker, least)
 
     def begin(self, bag: Path) -> None:
         """Start the recording."""
         recorder = Recorder(bag)
         self._numbers, self._queued = [], 0
-        for short, kind in ((topics.STATE, STATE), (topics.MARKER, MARKER)):
+        for short, kind in ((self._state, STATE), (self._marker, MARKER)):
             definition, type_hash = definition_of(kind)
             name, qos = self._node.resolve_topic_name(short), offered_as_yaml(LOOP)
             self._numbers.append(
@@ -154,6 +157,7 @@ class SweepServer:
         begin: Callable[[], None],
         resume: Callable[[], None],
         edge_at: Callable[[int], int],  # [ns]
+        axis: int = 0,
     ) -> None:
         self._node = node
         self.last = ''
@@ -178,8 +182,10 @@ class SweepServer:
         self._refused = self._refused_before = self._known_until = 0
         self._recount = False
         self._refuses = False
-        self._markers = SweepMarkers(node, parameters, edge_at)
-        self._server = serve_action(node, RunSweep, 'run_sweep', self._judge, self._execute)
+        self._markers = SweepMarkers(node, parameters, edge_at, axis)
+        self._server = serve_action(
+            node, RunSweep, topics.of_axis('run_sweep', axis), self._judge, self._execute
+        )
         wall_timer(node, LOOK_EVERY, self._look)
 
     @property
@@ -208,7 +214,7 @@ class SweepServer:
         if not self._bag and time.monotonic() - self._accepted < DISCOVERY:
             return 'recorders that have just started'
         return self._markers.missing() or undiscovered(
-            self._node, self._commands, topics.VOLTAGE_COMMAND, 1
+            self._node, self._commands, self._commands.topic_name, 1
         )
 
     @property

@@ -12,6 +12,7 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_hysteresis.nodes.links.attenuation_node import attenuation
+from piezo_hysteresis.nodes.links.coupled_loop import CoupledControlLoop, is_requested
 from piezo_hysteresis.nodes.links.feedback_node import feedback
 from piezo_hysteresis.nodes.links.feedforward_node import Feedforward
 from piezo_hysteresis.nodes.messages import measured_of, point_of
@@ -95,6 +96,11 @@ class ControlLoop:
         self.feedforward.take_state(head, measured)
 
 
+def create() -> tuple[Node, ...]:
+    """Return the nodes of one axis, or of several where a model of several is given."""
+    return (CoupledControlLoop() if is_requested() else ControlLoop()).nodes
+
+
 def main() -> None:
     """Run the nodes as one process."""
-    sys.exit(run_nodes(lambda: ControlLoop().nodes))
+    sys.exit(run_nodes(create))

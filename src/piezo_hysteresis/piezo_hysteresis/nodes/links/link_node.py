@@ -123,7 +123,8 @@ class LinkNode(GuardedLifecycleNode):
 
     def _limits_of_model(self) -> tuple[str, ...]:
         """Take the limits that are not given from the model file; return what to know of it."""
-        path, dt = self.parameters.text('model_file'), 1.0 / self.parameters.number('rate')
+        dt = 1.0 / self.parameters.number('rate')
+        path = str(self.parameters.values.get('model_file', ''))
         try:
             model = ModelFile.load(path) if path else None
         except PiezoError as error:
