@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 
 from piezo_hysteresis.cli import compensate_links as chain
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.operating_limits import above_nyquist, operating_limits, rate_of
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.models.modelfile import ModelFile, is_modal
 from piezo_hysteresis.reporting.folder import check_folder
 
 TARGETS = ('x86_64-linux', 'aarch64-linux')
@@ -57,6 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_folder(arguments.out, 'export')
     if len(arguments.data) != 1:
         raise CompensationError('a library holds one model; give one MODEL.yaml')
+    if is_modal(arguments.data[0]):
+        return _run_several(arguments)
     model = ModelFile.load(arguments.data[0])
     rate = rate_of(model, arguments.rate)
     bounds = operating_limits(model, **dict(zip(_LIMITS, arguments.limits or (), strict=False)))
@@ -69,4 +72,25 @@ def run(arguments: argparse.Namespace) -> int:
     for sentence in (*bounds.warnings, *above_nyquist(model, 1.0 / rate)):
         print(sentence)
     print(f'written to {arguments.out}; make -C {arguments.out} test run')
+    return 0
+
+
+def _run_several(arguments: argparse.Namespace) -> int:
+    """Write the library of a model of several axes."""
+    from piezo_hysteresis.interface.axes_runs import write_coupled_library
+
+    for name in ('energy', 'only', 'frequency', 'pid', 'feedback'):
+        if getattr(arguments, name, None) is not None:
+            raise CompensationError(f'--{name} is for a model of one axis; leave it out')
+    if arguments.limits is None:
+        raise CompensationError(
+            'a model of several axes states no limits; give --limits LOW HIGH SLEW, for each axis'
+        )
+    size = write_coupled_library(
+        arguments.data[0], arguments.out, limits=Limits(*arguments.limits), rate=arguments.rate,
+        orders=() if arguments.attenuation == 'none' else arguments.orders, name=arguments.name,
+        target=arguments.target,
+    )  # fmt: skip
+    print(f'lib{arguments.name}.a for {arguments.target}: {size / 1000:.0f} kB')
+    print(f'written to {arguments.out}; make -C {arguments.out} test')
     return 0

@@ -41,7 +41,13 @@ LOW, HIGH, SLEW, POWER, CAPACITANCE, WINDOW = range(6)
 LIMITS = 6
 
 # As in `condition`: beyond the range of any actuator.
-_ABSURD, _ABSURD_RATE = 1e3, 1e9
+ABSURD, _ABSURD_RATE = 1e3, 1e9
+
+
+@leaf
+def is_absurd(x: FloatArray) -> bool:
+    """Return whether the reference of an input is no number, or beyond any actuator."""
+    return not (abs(x[D]) < ABSURD and abs(x[V]) < _ABSURD_RATE and abs(x[A]) < _ABSURD_RATE)
 
 
 def compensator_of(
@@ -160,7 +166,7 @@ def _stepping(
         point[0] = tick
         for k in range(5):
             point[1 + k] = x[k]
-        if not (abs(x[D]) < _ABSURD and abs(x[V]) < _ABSURD_RATE and abs(x[A]) < _ABSURD_RATE):
+        if is_absurd(x):
             point[1], point[2], point[3] = s[_ASKED], 0.0, 0.0
             code |= REFERENCE_REFUSED
         if not (x[F] >= 0.0 and x[F] < nyquist and abs(x[PHI]) < 1e15):
@@ -170,7 +176,7 @@ def _stepping(
         read[0], read[1], read[2] = np.nan, s[_VOLTAGE], x[MEASURED]
         if x[AGE] >= 0.5 and x[AGE] <= tick:
             read[0] = tick - np.floor(x[AGE] + 0.5)
-        if not abs(x[MEASURED]) < _ABSURD:
+        if not abs(x[MEASURED]) < ABSURD:
             read[2] = np.nan
             code |= NOT_USED
         out, slowed, refused = s[counts + 1], s[counts + 2], s[counts]
@@ -256,7 +262,7 @@ def compensator_doors(name: str, chain: Component) -> list[Entry]:
     def step(s: Any, x: Any, voltage: Any) -> int:
         return run(carray(s, (size,)), carray(x, (INPUT_SIZE,)), carray(voltage, (1,)))
 
-    return [Entry(f'{name}_step', step, 'ppp'), *_common(name, chain)]
+    return [Entry(f'{name}_step', step, 'ppp'), *common_doors(name, chain)]
 
 
 def plant_doors(name: str, plant: Component) -> list[Entry]:
@@ -267,10 +273,11 @@ def plant_doors(name: str, plant: Component) -> list[Entry]:
     def step(s: Any, voltage: float, displacement: Any) -> int:
         return run(carray(s, (size,)), voltage, carray(displacement, (1,)))
 
-    return [Entry(f'{name}_step', step, 'pdp'), *_common(name, plant)]
+    return [Entry(f'{name}_step', step, 'pdp'), *common_doors(name, plant)]
 
 
-def _common(name: str, part: Component) -> list[Entry]:
+def common_doors(name: str, part: Component) -> list[Entry]:
+    """Return the functions that begin, change and reset a state."""
     begin, change, reset_state, size = part.begin, part.change, part.reset, part.size
     count = len(part.fields)
 

@@ -348,6 +348,26 @@ def header(about: About, chain: Component | None, plant: Component) -> str:
     return '\n'.join(parts)
 
 
+def coupled_header(about: About, chain: Component, axes: int) -> str:
+    """Return the text of the header of a loop of several axes."""
+    n = about.name
+    values = {
+        'upper': n.upper(),
+        'short_rate': f'{about.rate:.10g}',
+        **{key: _harmless(v) for key, v in vars(about).items()},
+    }
+    known = filled('input.h', **values).partition('\n')[2]
+    text = f'What may be set, with {n}_init and between steps with {n}_set.'
+    return '\n'.join([
+        filled('head.h', **values),
+        _struct(f'{n}_parameters', text, chain.fields),
+        _state(f'{n}_state', chain.rows),
+        filled('coupled.h', **values, axes=axes, input=known),
+        filled('common.h', **values),
+        filled('foot.h', **values),
+    ])  # fmt: skip
+
+
 def _harmless(value: object) -> str:
     """Return a text that cannot end a C comment."""
     return ' '.join(str(value).replace('*/', '* /').split())

@@ -23,9 +23,17 @@ from piezo_hysteresis.axes.axes_tracking import AxesRun, PeriodicPlant, tracked
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
 from piezo_hysteresis.axes.modal_search import ModalIdentification
 from piezo_hysteresis.common.wording import Guided
+from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
+from piezo_hysteresis.compensation.harmonics.lines import EVERY
+from piezo_hysteresis.compensation.limiter import require_limits
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.offline_loop import ProcessPlant, command_of
 from piezo_hysteresis.compensation.study import PRESET
 from piezo_hysteresis.errors import CompensationError, IdentificationError
+from piezo_hysteresis.export.coupled_library import coupled_files, coupled_request
+from piezo_hysteresis.export.native import known_target
+from piezo_hysteresis.interface.model_functions import IDENTIFIER
+from piezo_hysteresis.reporting.folder import write_folder
 
 _COUNT = struct.Struct('<q')
 _SETTLING = 0.5  # of periods before a measured one [s]
@@ -169,3 +177,32 @@ def compensate_axes(
     with axes_plant(given or inverted, inverted.dt, noise=noise, seed=seed) as opened:
         runs = tracked(inverted, opened, np.asarray(reference, float), noise=noise, seed=seed)
     return AxesCompensation(tuple(runs))
+
+
+def write_coupled_library(
+    model: str | Path,
+    path: str | Path,
+    *,
+    limits: Limits,  # of each axis
+    rate: float | None,  # [Hz]
+    orders: Sequence[int],  # to attenuate; none for feedforward alone, -1 for those by default
+    name: str,
+    target: str,
+) -> int:
+    """Write the library of a model of several axes; return the size of the archive."""
+    known_target(target)
+    if not IDENTIFIER.fullmatch(name):
+        raise CompensationError(f'{name!r} is no name in C; give letters and digits')
+    found = ModalModel.load(model)
+    if rate is not None and abs(found.dt * rate - 1.0) > 1e-6:
+        raise CompensationError(
+            f'the model is of {1.0 / found.dt:g} Hz, which its library keeps; leave out --rate'
+        )
+    require_limits(limits)
+    settings = None
+    if orders:
+        settings = MatrixSettings() if EVERY in orders else MatrixSettings(tuple(orders))
+    text = Path(model).read_text(encoding='utf-8')
+    files = coupled_files(coupled_request(name, text, found, limits, settings, target))
+    write_folder(path, files, 'export')
+    return len(files[f'lib{name}.a'])

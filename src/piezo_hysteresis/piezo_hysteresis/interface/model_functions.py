@@ -39,7 +39,7 @@ from piezo_hysteresis.waveforms.waveform import Sampled
 
 # Amplitude of the sine of example and test vectors, relative to the range of the model.
 _SHARE = 0.8
-_IDENTIFIER = re.compile(r'[A-Za-z_]\w*')
+IDENTIFIER = re.compile(r'[A-Za-z_]\w*')
 TARGET = 'x86_64-linux'
 
 
@@ -212,7 +212,7 @@ def write_library(
             f'a sine of {frequency:g} Hz cannot be tracked at {1.0 / dt:g} Hz; give a frequency '
             'below a quarter of the rate'
         )
-    if not _IDENTIFIER.fullmatch(name):
+    if not IDENTIFIER.fullmatch(name):
         raise CompensationError(f'{name!r} is no name in C; give letters and digits')
     # without a limit only the length of the window matters; the supply is the voltage range
     power, capacitance, window = energy or (0.0, 1e-6, max(1.0, 20.0 * dt))

@@ -108,6 +108,7 @@ class AxesLoopResult:
 
     dt: float  # [s]
     reference: FloatArray  # (n, axes) [m]
+    inputs: list[list[FloatArray]]  # of each axis what it was given: reference ... phase, (n,)
     voltage: FloatArray  # behind the limiters (n, axes) [V]
     displacement: FloatArray  # measured (n, axes) [m]
     counters: dict[str, int]
@@ -142,4 +143,6 @@ def axes_loop(
     for i in axes:
         counters |= {f'{name}_{i + 1}': n for name, n in limiters[i].counters().items()}
     reference = np.stack([each.value[:n] for each in references], 1)
-    return AxesLoopResult(dt, reference, voltage, displacement, counters)
+    names = ('value', 'velocity', 'acceleration', 'frequency', 'phase')
+    inputs = [[getattr(each, name)[:n] for name in names] for each in references]
+    return AxesLoopResult(dt, reference, inputs, voltage, displacement, counters)

@@ -104,10 +104,15 @@ def forced_by(
     u: float, i: int, widths: FloatArray, powers: FloatArray, weights: FloatArray,
     state: FloatArray,
 ) -> float:  # fmt: skip
-    """Return the driving voltage that the voltage `u` of axis `i` makes [V]."""
+    """Return the driving voltage that the voltage `u` of axis `i` makes [V].
+
+    `state` are the plays, (plays inputs,) flat: a view of another shape needs code of numba, which
+    a library without Python does not have.
+    """
+    inputs = weights.shape[1]
     total = u
     for j in range(widths.size):
-        total += weights[j, i] * play(u, state[j, i], widths[j])
+        total += weights[j, i] * play(u, state[j * inputs + i], widths[j])
     for j in range(powers.size):
         total += weights[widths.size + j, i] * power_of(u, powers[j])
     return total
@@ -169,8 +174,7 @@ def decouple(
     memories = weights.shape[0]
     kept = inputs * (1 + memories)
     last = memory[:inputs]
-    state = memory[inputs:kept].reshape((memories, inputs))
-    strains = memory[kept : memory.size - 1].reshape((strain_widths.size, inputs))
+    state, strains = memory[inputs:kept], memory[kept : memory.size - 1]
     found, seen = scratch((memories + 1, inputs)), scratch((ORDERS, outputs))
     e = scratch(inputs)
     for o in range(outputs):
@@ -179,7 +183,7 @@ def decouple(
     for i in range(inputs):
         answer[i], e[i] = last[i], 0.0
         for j in range(memories):
-            found[j, i] = state[j, i]
+            found[j, i] = state[j * inputs + i]
     sound = True
     for turn in range(_TURNS):
         for o in range(outputs):
@@ -205,14 +209,16 @@ def decouple(
                 square[i] * stretched * stretched + cube[i] * stretched * stretched * stretched
             )
             for j in range(strain_widths.size):
-                forced -= strain_weights[j, i] * play(stretched, strains[j, i], strain_widths[j])
+                forced -= strain_weights[j, i] * play(
+                    stretched, strains[j * inputs + i], strain_widths[j]
+                )
             u = voltage_for(forced, answer[i], i, widths, powers, weights, state)
             if not math.isfinite(u):
                 sound = False
                 break
             answer[i] = u
             for j in range(plays):
-                found[j, i] = play(u, state[j, i], widths[j])
+                found[j, i] = play(u, state[j * inputs + i], widths[j])
             for j in range(powers.size):
                 found[plays + j, i] = power_of(u, powers[j])
         if not sound:
@@ -223,9 +229,9 @@ def decouple(
             continue
         last[i] = answer[i]
         for j in range(memories):
-            state[j, i] = found[j, i]
+            state[j * inputs + i] = found[j, i]
         for j in range(strain_widths.size):
-            strains[j, i] = play(e[i], strains[j, i], strain_widths[j])
+            strains[j * inputs + i] = play(e[i], strains[j * inputs + i], strain_widths[j])
     if not sound:
         memory[memory.size - 1] += 1.0
 

@@ -90,19 +90,19 @@ def static_gains(model: ModalModel) -> FloatArray:
 @leaf
 def gain_between(
     frequency: float, gains: FloatArray, spacing: float, answer: FloatArray
-) -> None:  # answer (inputs, outputs, 2)
+) -> None:  # answer (inputs outputs 2,) flat
     """Fill the inverse of the matrix of gains at a frequency, 0 beyond the last one."""
     place = frequency / spacing
     k = int(place)
     part = place - k
     inside = frequency > 0.0 and k + 1 < gains.shape[0]
-    for i in range(answer.shape[0]):
-        for o in range(answer.shape[1]):
+    for i in range(gains.shape[1]):
+        for o in range(gains.shape[2]):
             for c in range(2):
                 value = 0.0
                 if inside:
                     value = gains[k, i, o, c] + part * (gains[k + 1, i, o, c] - gains[k, i, o, c])
-                answer[i, o, c] = value
+                answer[(i * gains.shape[2] + o) * 2 + c] = value
 
 
 @leaf
@@ -118,11 +118,11 @@ def reset_matrix(
     watch: FloatArray, lines: FloatArray, known: FloatArray, guard: FloatArray
 ) -> None:
     """Reset everything but the settings."""
-    for o in range(watch.shape[0]):
-        reset_watch(watch[o])
+    for o in range(watch.size // WATCH_SIZE):
+        reset_watch(watch[o * WATCH_SIZE : (o + 1) * WATCH_SIZE])
     clear_lines(lines, guard)
-    for k in range(known.shape[0]):
-        known[k, 0] = -1.0
+    for k in range(known.size):  # a frequency below 0 is none
+        known[k] = -1.0
     guard[_SHARE], guard[_BACKED_OFF], guard[_BOUNDED] = 1.0, 0.0, 0.0
 
 
@@ -153,19 +153,21 @@ def attenuate(
     settings: FloatArray,  # (SETTINGS_SIZE,)
     orders: FloatArray,  # without 0 (orders,)
     gains: FloatArray,  # see `gains_of`
-    watch: FloatArray,  # (outputs, WATCH_SIZE)
-    lines: FloatArray,  # (1 + outputs orders) (inputs, 2) flat; the first is the mean
-    known: FloatArray,  # frequency, then gains of each line (1 + outputs orders, 1 + 2 in out)
+    watch: FloatArray,  # (outputs WATCH_SIZE,)
+    lines: FloatArray,  # of 1 + outputs orders, (inputs, 2) each, flat; the first is the mean
+    known: FloatArray,  # of each line its frequency and its gains (inputs, outputs, 2), flat
     guard: FloatArray,  # (GUARD_SIZE,)
     answer: FloatArray,  # [V] (inputs,)
 ) -> None:
     """Subtract the correction of one tick from `answer`, and learn from the last errors."""
     outputs, inputs, count, dt = points.shape[0], answer.size, orders.size, settings[DT]
-    corrections = lines.reshape((1 + outputs * count, inputs, 2))
+    room = 1 + 2 * inputs * outputs
     seen, slowest, errors, sizes = 0, math.inf, 0.0, 0.0
     places = scratch(outputs)
     for o in range(outputs):
-        places[o] = partner_of(points[o], reads[o], watch[o], settings[FROZEN])
+        own = watch[o * WATCH_SIZE : (o + 1) * WATCH_SIZE]
+        places[o] = partner_of(points[o], reads[o], own, settings[FROZEN])
+        places[o] += o * WATCH_SIZE if places[o] >= 0.0 else 0.0
         seen += places[o] >= 0.0
     # Errors of all axes at one tick, or nothing is learnt.
     for o in range(1, outputs):
@@ -174,13 +176,13 @@ def attenuate(
     if seen == outputs:
         for o in range(outputs):
             at = int(places[o])
-            error = reads[o, READ_DISPLACEMENT] - watch[o, at + DISPLACEMENT]
-            frequency = watch[o, at + FREQUENCY]
+            error = reads[o, READ_DISPLACEMENT] - watch[at + DISPLACEMENT]
+            frequency = watch[at + FREQUENCY]
             errors += error * error
             if frequency > 0.0:
                 slowest = min(slowest, frequency)
                 omega = 2.0 * math.pi * frequency
-                speed, bend = watch[o, at + VELOCITY], watch[o, at + ACCELERATION]
+                speed, bend = watch[at + VELOCITY], watch[at + ACCELERATION]
                 sizes += (speed / omega) ** 2 + (bend / (omega * omega)) ** 2
     if seen == outputs and slowest < math.inf:
         judge_window(errors, sizes, slowest, lines, guard, dt)
@@ -190,19 +192,20 @@ def attenuate(
             frequency, turn = slowest, 0.0
             if line > 0:
                 order = orders[(line - 1) % count]
-                frequency = watch[axis, int(places[axis]) + FREQUENCY]
-                turn = order * watch[axis, int(places[axis]) + PHASE]
+                frequency = watch[int(places[axis]) + FREQUENCY]
+                turn = order * watch[int(places[axis]) + PHASE]
             elif settings[WITH_MEAN] == 0.0:
                 continue
-            inverse = known[line, 1:].reshape((inputs, outputs, 2))
-            if known[line, 0] != order * frequency:
-                known[line, 0] = order * frequency
+            inverse = known[line * room + 1 : (line + 1) * room]
+            if known[line * room] != order * frequency:
+                known[line * room] = order * frequency
                 if line > 0:
                     gain_between(order * frequency, gains, settings[SPACING], inverse)
                 else:
                     for i in range(inputs):
                         for o in range(outputs):
-                            inverse[i, o, 0], inverse[i, o, 1] = gains[0, i, o, 0], 0.0
+                            at = 2 * (i * outputs + o)
+                            inverse[at], inverse[at + 1] = gains[0, i, o, 0], 0.0
             if not learns or frequency <= 0.0:
                 continue
             pace = min(settings[STEP] * frequency, settings[FASTEST])
@@ -212,17 +215,18 @@ def attenuate(
             for i in range(inputs):
                 real, imaginary = 0.0, 0.0
                 for o in range(outputs):
-                    error = reads[o, READ_DISPLACEMENT] - watch[o, int(places[o]) + DISPLACEMENT]
-                    real += inverse[i, o, 0] * error
-                    imaginary += inverse[i, o, 1] * error
+                    error = reads[o, READ_DISPLACEMENT] - watch[int(places[o]) + DISPLACEMENT]
+                    real += inverse[2 * (i * outputs + o)] * error
+                    imaginary += inverse[2 * (i * outputs + o) + 1] * error
                 # times exp(-i turn): what the error was at phase 0
-                x = corrections[line, i, 0] + weight * (real * cosine + imaginary * sine)
-                y = corrections[line, i, 1] + weight * (imaginary * cosine - real * sine)
+                at = 2 * (line * inputs + i)
+                x = lines[at] + weight * (real * cosine + imaginary * sine)
+                y = lines[at + 1] + weight * (imaginary * cosine - real * sine)
                 size = math.hypot(x, y)
                 if size > settings[LARGEST]:
                     x, y = x * settings[LARGEST] / size, y * settings[LARGEST] / size
                     guard[_BOUNDED] += 1.0
-                corrections[line, i, 0], corrections[line, i, 1] = x, y
+                lines[at], lines[at + 1] = x, y
     for line in range(1 + outputs * count):
         turn = 0.0
         if line > 0:
@@ -232,7 +236,8 @@ def attenuate(
             turn = orders[(line - 1) % count] * points[axis, PHASE]
         cosine, sine = math.cos(turn), math.sin(turn)
         for i in range(inputs):
-            answer[i] -= corrections[line, i, 0] * cosine - corrections[line, i, 1] * sine
+            at = 2 * (line * inputs + i)
+            answer[i] -= lines[at] * cosine - lines[at + 1] * sine
 
 
 class MatrixAttenuation:
@@ -254,9 +259,9 @@ class MatrixAttenuation:
             model.dt, frozen_ticks(model.dt), settings.step, largest, spacing,
             float(0 in settings.orders), fastest,
         ])  # fmt: skip
-        self.watch = np.zeros((layout.outputs, WATCH_SIZE))
+        self.watch = np.zeros(layout.outputs * WATCH_SIZE)
         self.lines = np.zeros(count * layout.inputs * 2)
-        self.known = np.zeros((count, 1 + 2 * layout.inputs * layout.outputs))
+        self.known = np.zeros(count * (1 + 2 * layout.inputs * layout.outputs))
         self.guard = np.zeros(GUARD_SIZE)
         self._points = np.zeros((layout.outputs, POINT_SIZE))
         self._reads = np.zeros((layout.outputs, READ_SIZE))
@@ -284,5 +289,5 @@ class MatrixAttenuation:
     def counters(self) -> dict[str, int]:
         """Return what was counted: corrections taken back or bounded, readings not used."""
         own = {'backed_off': int(self.guard[_BACKED_OFF]), 'bounded': int(self.guard[_BOUNDED])}
-        unused = self.watch[:, : len(COUNTS)].sum(0)
+        unused = self.watch.reshape(-1, WATCH_SIZE)[:, : len(COUNTS)].sum(0)
         return own | {name: int(count) for name, count in zip(COUNTS, unused, strict=True)}

@@ -1,0 +1,375 @@
+"""The loop of several axes as a C library: decoupling, attenuation and limits in one step."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import carray
+
+from piezo_hysteresis import __version__
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.compensation.coupled import matrix_attenuation as matrix
+from piezo_hysteresis.compensation.coupled.axes_chain import (
+    AxesChain,
+    AxesLoopResult,
+    axes_chain,
+    axes_loop,
+)
+from piezo_hysteresis.compensation.coupled.decoupling import decouple
+from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
+from piezo_hysteresis.compensation.limiter import (
+    HIGH,
+    LIMITER_SIZE,
+    LOW,
+    STEP,
+    VOLTAGE,
+    limit,
+    packed_limits,
+)
+from piezo_hysteresis.compensation.link import POINT_SIZE, READ_SIZE, WATCH_SIZE, Limits
+from piezo_hysteresis.export import compensator as one
+from piezo_hysteresis.export.compensator import INPUT_SIZE, common_doors, is_absurd
+from piezo_hysteresis.export.header import (
+    IMPOSSIBLE,
+    OK,
+    UNINITIALISED,
+    About,
+    Component,
+    Field,
+    archive,
+    checking,
+    cmake,
+    coupled_header,
+    filled,
+    makefile,
+    of_table,
+)
+from piezo_hysteresis.export.native import Entry, known_target, object_code
+from piezo_hysteresis.jit import leaf, scratch
+from piezo_hysteresis.parameters.links import COUPLED
+from piezo_hysteresis.parameters.links import VOLTAGE as VOLTAGE_TABLE
+from piezo_hysteresis.waveforms import Sine
+
+# Ticks of the test vectors, and the frequency of the sine of the first axis [Hz].
+_VECTORS, _FREQUENCY = 4000, 20.0
+# Places in the memory, and of an axis in it: last reference and voltage.
+_MARK, _TICK = range(2)
+_OF_AXIS = 3  # fields: low, high, slew
+_SETTINGS = 6  # numbers of a limiter
+
+
+@dataclass(frozen=True)
+class CoupledRequest:
+    """Specification of a library of several axes."""
+
+    name: str
+    text: str  # the model file
+    chain: Callable[[], AxesChain]  # returns the chain at rest
+    limits: tuple[Limits, ...]  # of each axis
+    target: str
+
+
+def coupled_files(asked: CoupledRequest) -> dict[str, bytes | str]:
+    """Return the files of a library by name."""
+    known_target(asked.target)
+    digest = hashlib.sha256(asked.text.encode()).hexdigest()
+    mark = float(int(digest[:12], 16) + 1)
+    chain, name, axes = asked.chain(), asked.name, len(asked.limits)
+    part = coupled_component(chain, asked.limits, mark)
+    doors = coupled_doors(name, part, axes)
+    modes = chain.model.layout.modes
+    kinds = 'decoupling, attenuation' if chain.attenuation is not None else 'decoupling'
+    about = About(
+        name, f'{axes} axes', f'{modes} modes', digest[:12], __version__, 1.0 / chain.model.dt,
+        asked.target, f'The loop is {kinds}, limits.',
+    )  # fmt: skip
+    code = object_code(doors, asked.target)
+    return {
+        f'{name}.h': coupled_header(about, part, axes),
+        f'lib{name}.a': archive('piezo.o', code, [door.name for door in doors]),
+        'Makefile': makefile(name, False),
+        'CMakeLists.txt': cmake(name, __version__, False),
+        'model.yaml': asked.text,
+        'vectors.h': _vectors(asked),
+        'selftest.c': filled('coupled_selftest.c', name=name, axes=axes),
+    }
+
+
+def coupled_fields(chain: AxesChain, limits: Sequence[Limits]) -> tuple[Field, ...]:
+    """Return what may be set: the limits of each axis, and the pace and bound of corrections."""
+    found = [
+        of_table(VOLTAGE_TABLE, f'limits.{name}', getattr(each, name), f'axis_{i}_{name}')
+        for i, each in enumerate(limits, 1)
+        for name in ('low', 'high', 'slew')
+    ]
+    if chain.attenuation is not None:
+        settings = chain.attenuation.settings
+        found.append(of_table(COUPLED, 'step', settings[matrix.STEP]))
+        found.append(of_table(COUPLED, 'largest_correction', settings[matrix.LARGEST]))
+    return tuple(found)
+
+
+def coupled_component(chain: AxesChain, limits: Sequence[Limits], mark: float) -> Component:
+    """Return the kernels of a chain with its limiters; ``step(s, x, voltages)``."""
+    axes, dt = len(limits), chain.model.dt
+    fields = coupled_fields(chain, limits)
+    law = chain.attenuation
+    sizes = {
+        'head': 2, 'last': 2 * axes, 'decoupling': chain.decoupling.memory.size,
+        'limits': axes * (_SETTINGS + LIMITER_SIZE),
+    }  # fmt: skip
+    if law is not None:
+        sizes |= {
+            'settings': law.settings.size, 'watch': axes * WATCH_SIZE, 'lines': law.lines.size,
+            'gains': law.known.size, 'guard': law.guard.size,
+        }  # fmt: skip
+    ends = np.cumsum(list(sizes.values()))
+    first = dict(zip(sizes, (ends - list(sizes.values())).tolist(), strict=True))
+    size = int(ends[-1])
+    learn = _attenuating(law, first, size)
+    return Component(
+        _stepping(chain, axes, first, learn, mark),
+        *_changing(fields, axes, dt, first, size, law, mark),
+        size, fields, tuple(sizes.items()),
+    )  # fmt: skip
+
+
+def _attenuating(law: Any, first: Mapping[str, int], size: int) -> Any:
+    """Return the kernel of the attenuation on the memory of the library."""
+    if law is None:
+
+        @leaf
+        def nothing(
+            points: FloatArray, reads: FloatArray, s: FloatArray, answer: FloatArray
+        ) -> None:
+            return
+
+        return nothing
+    orders, gains, attenuate = law.orders, law.gains, matrix.attenuate
+    own, watch, lines = first['settings'], first['watch'], first['lines']
+    known, guard = first['gains'], first['guard']
+
+    @leaf
+    def learn(points: FloatArray, reads: FloatArray, s: FloatArray, answer: FloatArray) -> None:
+        attenuate(
+            points, reads, s[own:watch], orders, gains, s[watch:lines], s[lines:known],
+            s[known:guard], s[guard:size], answer,
+        )  # fmt: skip
+
+    return learn
+
+
+def _stepping(
+    chain: AxesChain, axes: int, first: Mapping[str, int], learn: Any, mark: float
+) -> Callable[[FloatArray, FloatArray, FloatArray], int]:
+    numbers = chain.decoupling.numbers
+    drive, strain, rows, products = numbers.drive, numbers.strain, numbers.rows, numbers.products
+    widths, powers, weights = numbers.widths, numbers.powers, numbers.weights
+    strain_widths, strain_weights = numbers.strain_widths, numbers.strain_weights
+    square, cube, nyquist = numbers.square, numbers.cube, 0.5 / chain.model.dt
+    last, own, limiters = first['last'], first['decoupling'], first['limits']
+    each = _SETTINGS + LIMITER_SIZE
+
+    @leaf
+    def step(s: FloatArray, x: FloatArray, voltages: FloatArray) -> int:
+        if s[_MARK] != mark:
+            for i in range(axes):
+                voltages[i] = 0.0
+            return UNINITIALISED
+        points, reads = scratch((axes, POINT_SIZE)), scratch((axes, READ_SIZE))
+        near, answer = scratch((axes, 3)), scratch(axes)
+        tick, code = s[_TICK], OK
+        for i in range(axes):
+            row = x[i * INPUT_SIZE : (i + 1) * INPUT_SIZE]
+            points[i, 0] = tick
+            for k in range(5):
+                points[i, 1 + k] = row[k]
+            if is_absurd(row):
+                points[i, 1], points[i, 2], points[i, 3] = s[last + 2 * i], 0.0, 0.0
+                code |= one.REFERENCE_REFUSED
+            if not (row[one.F] >= 0.0 and row[one.F] < nyquist and abs(row[one.PHI]) < 1e15):
+                points[i, 4] = points[i, 5] = 0.0
+                code |= one.REFERENCE_REFUSED
+            s[last + 2 * i] = points[i, 1]
+            for k in range(3):
+                near[i, k] = points[i, 1 + k]
+            reads[i, 0], reads[i, 1] = np.nan, s[last + 2 * i + 1]
+            reads[i, 2] = row[one.MEASURED]
+            if row[one.AGE] >= 0.5 and row[one.AGE] <= tick:
+                reads[i, 0] = tick - np.floor(row[one.AGE] + 0.5)
+            if not abs(row[one.MEASURED]) < one.ABSURD:
+                reads[i, 2] = np.nan
+                code |= one.NOT_USED
+        decouple(
+            near, drive, strain, rows, products, widths, powers, weights, strain_widths,
+            strain_weights, square, cube, s[own:limiters], answer,
+        )  # fmt: skip
+        learn(points, reads, s, answer)
+        for i in range(axes):
+            begin = limiters + i * each
+            memory = s[begin + _SETTINGS : begin + each]
+            before = memory[2], memory[3], memory[4]
+            voltages[i] = limit(answer[i], memory, s[begin : begin + _SETTINGS])
+            if memory[2] != before[0]:
+                code |= one.NOT_FINITE
+            if memory[3] != before[1]:
+                code |= one.OUT_OF_RANGE
+            if memory[4] != before[2]:
+                code |= one.SLEW_LIMITED
+            s[last + 2 * i + 1] = voltages[i]
+        s[_TICK] = tick + 1.0
+        return code
+
+    return step
+
+
+def _changing(
+    fields: Sequence[Field], axes: int, dt: float, first: Mapping[str, int], size: int, law: Any,
+    mark: float,
+) -> tuple[Any, Any, Any]:  # fmt: skip
+    """Return the kernels that initialise, change and reset a state."""
+    check, limiters, each = checking(fields), first['limits'], _SETTINGS + LIMITER_SIZE
+    count = _OF_AXIS * axes
+    numbers = packed_limits(Limits(), dt)
+    has_law = law is not None
+    settings = law.settings if has_law else np.zeros(1)
+    own, watch = first.get('settings', 0), first.get('watch', 0)
+    lines, known, guard = first.get('lines', 0), first.get('gains', 0), first.get('guard', 0)
+    clear = matrix.reset_matrix
+
+    @leaf
+    def judge(values: FloatArray) -> int:
+        code = check(values)
+        for i in range(axes):
+            if code == OK and not values[_OF_AXIS * i] < values[_OF_AXIS * i + 1]:
+                code = IMPOSSIBLE
+        return int(code)
+
+    @leaf
+    def take(s: FloatArray, values: FloatArray) -> None:
+        for i in range(axes):
+            at = limiters + i * each
+            s[at + LOW], s[at + HIGH] = values[_OF_AXIS * i], values[_OF_AXIS * i + 1]
+            s[at + STEP] = values[_OF_AXIS * i + 2] * dt
+        if has_law:
+            s[own + matrix.STEP] = values[count]
+            s[own + matrix.LARGEST] = values[count + 1]
+
+    @leaf
+    def rest(s: FloatArray) -> None:
+        for k in range(_TICK, limiters):
+            s[k] = 0.0
+        for i in range(axes):
+            at = limiters + i * each
+            for k in range(LIMITER_SIZE):
+                s[at + _SETTINGS + k] = 0.0
+            s[at + _SETTINGS + VOLTAGE] = min(max(0.0, s[at + LOW]), s[at + HIGH])
+        if has_law:
+            clear(s[watch:lines], s[lines:known], s[known:guard], s[guard:size])
+
+    @leaf
+    def change(s: FloatArray, values: FloatArray) -> int:
+        if s[_MARK] != mark:
+            return UNINITIALISED
+        code = judge(values)
+        if code == OK:
+            take(s, values)
+        return int(code)
+
+    @leaf
+    def begin(s: FloatArray, values: FloatArray) -> int:
+        s[_MARK] = 0.0
+        code = judge(values)
+        if code != OK:
+            return int(code)
+        for k in range(size):
+            s[k] = 0.0
+        for i in range(axes):
+            for k in range(_SETTINGS):
+                s[limiters + i * each + k] = numbers[k]
+        if has_law:
+            for k in range(settings.size):
+                s[own + k] = settings[k]
+        take(s, values)
+        rest(s)
+        s[_MARK] = mark
+        return OK
+
+    @leaf
+    def reset(s: FloatArray) -> int:
+        if s[_MARK] != mark:
+            return UNINITIALISED
+        rest(s)
+        return OK
+
+    return begin, change, reset
+
+
+def coupled_doors(name: str, part: Component, axes: int) -> list[Entry]:
+    """Return the functions under the name of the library."""
+    run, size, inputs = part.step, part.size, axes * INPUT_SIZE
+
+    @leaf
+    def step(s: Any, x: Any, voltages: Any) -> int:
+        return run(carray(s, (size,)), carray(x, (inputs,)), carray(voltages, (axes,)))
+
+    return [Entry(f'{name}_step', step, 'ppp'), *common_doors(name, part)]
+
+
+class _Answering:
+    """Displacements that are no model's: late, and a little nonlinear."""
+
+    def __init__(self, axes: int, gain: float) -> None:
+        self._before, self._gain = np.zeros(axes), gain
+
+    def run(self, voltages: FloatArray) -> FloatArray:
+        u = self._before
+        self._before = voltages[0]
+        return np.asarray((self._gain * (u + 0.03 * np.roll(u, 1) + 1e-3 * u**2))[None])
+
+
+def vectors_of(asked: CoupledRequest) -> AxesLoopResult:
+    """Return a run in Python that the self-test repeats."""
+    chain, dt = asked.chain(), asked.chain().model.dt
+    gain = float(1.0 / abs(chain.decoupling.numbers.drive[0]).max())
+    reach = 0.3 * min(min(-each.low, each.high) for each in asked.limits) * gain
+    time = np.arange(_VECTORS, dtype=np.float64) * dt
+    sines = [
+        Sine(reach, _FREQUENCY * (1.0 + 0.25 * i), _VECTORS * dt, ramp=0.1).sample(time)
+        for i in range(len(asked.limits))
+    ]
+    return axes_loop(sines, chain, _Answering(len(asked.limits), gain), asked.limits)
+
+
+def _vectors(asked: CoupledRequest) -> str:
+    """Return inputs and voltages of a run as a C table of exact numbers."""
+    run = vectors_of(asked)
+    measured = np.concatenate([np.full((1, len(asked.limits)), np.nan), run.displacement[:-1]])
+    columns = []
+    for i in range(len(asked.limits)):
+        columns += [*run.inputs[i], measured[:, i], np.ones(len(measured))]
+    columns += list(run.voltage.T)
+    rows = [
+        '    {' + ', '.join('NAN' if v != v else float(v).hex() for v in row) + '},'
+        for row in zip(*columns, strict=True)
+    ]
+    head = (
+        '/* of each axis displacement, velocity, acceleration, frequency, phase, measured, age; '
+        'then voltages */'
+    )
+    first = f'static const double vectors[{len(rows)}][{len(columns)}] = {{'
+    return '\n'.join([head, f'#define VECTORS {len(rows)}', first, *rows, '};', ''])
+
+
+def coupled_request(
+    name: str, text: str, model: Any, limits: Limits, settings: MatrixSettings | None, target: str
+) -> CoupledRequest:
+    """Return the specification with the same limits of all axes, at the rate of the model."""
+    each = (limits,) * model.layout.inputs
+    return CoupledRequest(
+        name, text, lambda: axes_chain(model, each, settings, 1.0 / model.dt), each, target
+    )
