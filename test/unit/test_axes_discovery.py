@@ -13,6 +13,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.axes_discovery import discover_axes
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.cross_talk import cross_talk
+from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError, RecordError
 from piezo_sim.axes_records import SIGNS
@@ -158,3 +159,92 @@ def test_what_the_verb_cannot_do_is_one_sentence(
 ) -> None:
     assert main(['discover', str(stage), '--axes', '3', '--out', str(tmp_path / 'x'), *more]) == 2
     assert sentence in capsys.readouterr().err
+
+
+def through(size: float, natural: float = 300.0) -> list[AxesRecord]:
+    """Return records up to 480 Hz in which axis 3 moves with a mode that axis 1 drives."""
+    rng, found = np.random.default_rng(7), []
+    frequency = np.fft.rfftfreq(SAMPLES, 1.0 / RATE)
+    ratio, own = frequency / natural, frequency / 180.0
+    mode = size / (1.0 - ratio**2 + 0.04j * ratio)
+    resonance = 1.0 / (1.0 - own**2 + 0.06j * own)
+    for k in range(2 * len(SIGNS)):
+        u = np.column_stack([wide(3 * (k // len(SIGNS)) + i) for i in range(3)])
+        u = u * SIGNS[k % len(SIGNS)]
+        stroke = np.fft.rfft(np.column_stack([actuator(column) for column in u.T]), axis=0)
+        moved = stroke * resonance[:, None]
+        moved[:, 2] += stroke[:, 0] * mode
+        y = np.fft.irfft(moved, SAMPLES, axis=0)
+        y += 1e-3 * MICRO * rng.standard_normal(y.shape)
+        found.append(AxesRecord(str(k), 1.0 / RATE, u, y, 1))
+    return found
+
+
+def wide(seed: int) -> FloatArray:
+    rng = np.random.default_rng([9, seed])
+    spectrum = np.zeros(SAMPLES // 2 + 1, complex)
+    spectrum[2:481] = np.exp(2j * np.pi * rng.random(479))
+    x = np.fft.irfft(spectrum, SAMPLES)
+    return np.asarray(x / x.std())
+
+
+@pytest.mark.component
+def test_cross_talk_through_a_mode_has_a_name_of_its_own() -> None:
+    (pair,) = cross_talk(through(0.01))
+    assert (pair.name, pair.voltage, pair.displacement) == ('cross_talk_through_mode', 1, 3)
+    assert pair.frequency == pytest.approx(300.0, rel=0.01)
+    assert pair.damping == pytest.approx(0.02, rel=0.3)
+    assert pair.size == pytest.approx(0.01, rel=0.3)
+    assert 'through a mode at' in str(pair)
+    assert cross_talk(through(0.0)) == []
+    both = through(-0.01)
+    for each in both:
+        each.displacement[:, 1] += 0.02 * each.displacement[:, 2]
+    kinds = {(pair.name, pair.voltage, pair.displacement) for pair in cross_talk(both)}
+    assert ('cross_talk', 3, 2) in kinds
+    assert ('cross_talk_through_mode', 1, 3) in kinds
+    assert discover_axes(both, 'gain').effects == ('cross_talk', 'cross_talk_through_mode')
+
+
+@pytest.mark.component
+def test_the_verb_takes_the_voltage_of_another_axis_as_a_column(
+    stage: Path, tmp_path: Path
+) -> None:
+    with np.load(stage) as whole:
+        arrays = {
+            name: each[:, [2, 1]] if name[0] == 'u' else each[:, 2:]
+            for name, each in whole.items()
+            if name != 'dt'
+        }
+        np.savez(tmp_path / 'one.npz', dt=whole['dt'], **arrays)
+    words = ['discover', str(tmp_path / 'one.npz'), '--baseline', 'gain', '--axes', '2']
+    assert main([*words, '--out', str(tmp_path / 'found')]) == 0
+    verdict = json.loads((tmp_path / 'found' / 'verdict.json').read_text())
+    (effect,) = verdict['effects']
+    assert (effect['name'], effect['voltage'], effect['displacement']) == ('cross_talk', 2, 1)
+    assert effect['size'] == pytest.approx(0.01, rel=0.2)
+    assert not effect['measured']
+
+
+@pytest.mark.component
+def test_validation_of_several_axes_has_a_page(
+    stage: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with np.load(stage) as whole:
+        layout = ModalLayout(3, 3, 1)
+        vector = layout.zeros()
+        layout.named(vector)['log_omega'][:] = np.log(2.0 * np.pi * 400.0)
+        layout.named(vector)['log_damping'][:] = np.log(0.02)
+        output = np.zeros((len(layout.signal_names), 3))
+        output[2:] = 3e-7 * np.eye(3)
+        ModalModel(layout, vector, output, 10.0, float(whole['dt'])).save(tmp_path / 'm.yaml')
+    words = ['validate', str(stage), '--axes', '3', '--model', str(tmp_path / 'm.yaml')]
+    assert main([*words, '--out', str(tmp_path / 'out')]) == 0
+    assert 'open' in capsys.readouterr().out
+    page = (tmp_path / 'out' / 'report.html').read_text()
+    for word in ('Validation of several axes', 'What is left', 'softening [%]', 'noise [µm]'):
+        assert word in page
+    summary = json.loads((tmp_path / 'out' / 'summary.json').read_text())
+    assert set(summary['levels']) == {'5V', '10V'}
+    assert len(summary['records']) == 18
+    assert all(row['free_run_rms_m'] > row['noise_m'] > 0.0 for row in summary['records'])

@@ -10,6 +10,7 @@ import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes import modal_file
+from piezo_hysteresis.axes.axes_discovery import discover_axes
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.cross_talk import cross_talk
 from piezo_hysteresis.axes.frequency_response import response, vector_fit
@@ -308,3 +309,24 @@ def test_cross_talk_is_named_by_its_pair(hidden: tuple[tuple[int, int], ...]) ->
         found = cross_talk(records, below=100.0)
         assert {(each.voltage - 1, each.displacement - 1) for each in found} == set(hidden)
         assert all(abs(each.size - 0.01) < 4.0 * each.std for each in found)
+
+
+@pytest.mark.slow
+def test_a_kept_model_shows_what_has_changed_and_nothing_where_nothing_has(tmp_path: Path) -> None:
+    before = identify_axes(linear_records(noise=0.003), modes=3, effects=[])
+    file = str(tmp_path / 'model.yaml')
+    before.save(file)
+    assert discover_axes(linear_records(noise=0.003), file).effects == ()
+    softer = discover_axes(linear_records(noise=0.003, softening=0.02), file)
+    assert {step.effect for step in softer.steps} <= {'level_softening', 'mode_change'}
+    assert softer.identification is not None
+    first, last = softer.identification.steps[0], softer.identification.steps[-1]
+    assert first.effect == 'baseline'
+    assert min(first.held_out[each] / last.held_out[each] for each in first.held_out) > 3.0
+    grown = [replace(each, displacement=1.1 * each.displacement) for each in linear_records(0.003)]
+    assert discover_axes(grown, file).effects == ('output_change',)
+    other = replace(before.model, dt=2.0 * before.model.dt)
+    with pytest.raises(IdentificationError, match='the baseline has 2 voltages'):
+        identify_axes(linear_records(), kept=other)
+    with pytest.raises(IdentificationError, match=r'or the model\.yaml of several axes'):
+        discover_axes(linear_records(), 'nowhere.yaml')

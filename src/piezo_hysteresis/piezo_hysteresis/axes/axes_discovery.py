@@ -6,7 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
+from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.cross_talk import CrossTalk, cross_talk
 from piezo_hysteresis.axes.modal_search import ModalIdentification, ModalStep, identify_axes
@@ -24,11 +26,11 @@ class AxesDiscovery(Guided):
     Attributes
     ----------
     baseline : str
-        ``gain`` or ``modes``.
+        ``gain``, ``modes``, or the file of a model that was kept.
     cross_talk : tuple of CrossTalk
         Pairs of axes, the largest first.
     identification : ModalIdentification or None
-        Modal model with its steps, for the baseline ``modes``.
+        Modal model with its steps, unless the baseline is ``gain``.
     seconds : float
         Computing time [s].
     """
@@ -40,13 +42,13 @@ class AxesDiscovery(Guided):
 
     @property
     def steps(self) -> tuple[ModalStep, ...]:
-        """Effects that the modes needed, in the order in which they were added."""
+        """Effects that the baseline needed, in the order in which they were added."""
         return self.identification.steps[1:-1] if self.identification else ()
 
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of what was found."""
-        names = ['cross_talk'] if self.cross_talk else []
+        names = sorted({pair.name for pair in self.cross_talk})
         return tuple(dict.fromkeys([*names, *(step.effect for step in self.steps)]))
 
     @property
@@ -92,13 +94,18 @@ def discover_axes(
     progress: Callable[[float], None] = lambda _: None,
 ) -> AxesDiscovery:
     """Return the cross-talk of records, and the effects that linear modes lack in them."""
-    began = time.perf_counter()
+    began, kept = time.perf_counter(), None
     if baseline not in BASELINES:
-        raise IdentificationError(
-            f'the baseline of several axes is {" or ".join(BASELINES)}, not {baseline!r}'
-        )
-    pairs = cross_talk(records)
+        if not Path(baseline).is_file():
+            raise IdentificationError(
+                f'the baseline of several axes is {" or ".join(BASELINES)} or the model.yaml of '
+                f'several axes, not {baseline!r}'
+            )
+        kept = modal_file.load(baseline)
+    pairs = cross_talk(records) if kept is None else []
     found = None
-    if baseline == 'modes':
-        found = identify_axes(records, workers=workers, report=report, progress=progress)
+    if baseline != 'gain':
+        found = identify_axes(
+            records, kept=kept, workers=workers, report=report, progress=progress
+        )
     return AxesDiscovery(baseline, tuple(pairs), found, time.perf_counter() - began)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
@@ -12,9 +12,15 @@ from piezo_hysteresis.arrays import ComplexArray, FloatArray, IntArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.frequency_response import excited, response, spectra
 from piezo_hysteresis.axes.modal_model import play_bank
+from piezo_hysteresis.axes.mode_talk import ModeTalk, mode_talk
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.numerics.linalg import failing_as
 
+# Names of the effect.
+STATIC, THROUGH_MODE = 'cross_talk', 'cross_talk_through_mode'
+# Next to a mode, static cross-talk is named from this part of that of the mode on: the response of
+# the axis that drives it is known to a few percent at each frequency.
+_NEXT_TO_MODE = 0.5
 # Lines below this part of the first resonance are static.
 _STATIC = 0.2
 _FEWEST_LINES = 4
@@ -31,7 +37,7 @@ _SAME = 1e-3  # voltages are the same that differ by a smaller part
 
 @dataclass(frozen=True)
 class CrossTalk:
-    """The static cross-talk of one pair."""
+    """The cross-talk of one pair, static or through a mode."""
 
     voltage: int  # axis whose voltage acts, from 1 on
     displacement: int  # axis that moves, from 1 on
@@ -41,23 +47,35 @@ class CrossTalk:
     std: float  # standard deviation of the size
     p_value: float  # chance of such a size in any pair of records without cross-talk
     measured: bool = True  # whether the displacement of the axis of the voltage is measured
+    frequency: float = 0.0  # of the mode that it goes through [Hz]; 0 is static cross-talk
+    damping: float = 0.0  # ratio of that mode
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return THROUGH_MODE if self.frequency > 0.0 else STATIC
 
     def __str__(self) -> str:
         of = f'the motion of axis {self.voltage}'
         if not self.measured:
             of = f'its own motion with the same voltage of axis {self.voltage}'
         size = f'{100.0 * self.size:{".2g" if abs(self.size) < 1.0 else ".0f"}}'
-        return (
-            f'cross_talk: axis {self.displacement} moves {size} ± {100.0 * self.std:.1g} % of {of}'
-        )
+        if self.frequency > 0.0:
+            of += (
+                f' through a mode at {self.frequency:.4g} Hz, '
+                f'{0.5 / self.damping:.2g} times as much at that frequency'
+            )
+        size = f'{size} ± {100.0 * self.std:.1g} %'
+        return f'{self.name}: axis {self.displacement} moves {size} of {of}'
 
 
 def cross_talk(records: Sequence[AxesRecord], below: float | None = None) -> list[CrossTalk]:
-    """Return the pairs of axes with static cross-talk, the largest first.
+    """Return the pairs of axes with cross-talk, static or through a mode, the largest first.
 
     Records are periodic and drive the axes independently. Displacement j is that of the actuator
     with voltage j; other voltages may follow. Below a fifth of the first resonance, unless `below`
-    [Hz] is stated, the response counts as static.
+    [Hz] is stated, the response counts as static. A mode is sought where an axis repeats its
+    voltage in records in which the others do not.
     """
     inputs, outputs = records[0].axes, records[0].outputs
     if inputs < max(outputs, 2):
@@ -69,6 +87,7 @@ def cross_talk(records: Sequence[AxesRecord], below: float | None = None) -> lis
         if below is None:
             below = _STATIC * _resonance(records)
         measured = measured_pairs(records, below)
+        modes = _through_modes(records, outputs)
     tests = outputs * (inputs - 1)
     pairs = [
         CrossTalk(
@@ -81,8 +100,37 @@ def cross_talk(records: Sequence[AxesRecord], below: float | None = None) -> lis
         )
         for (j, i), (size, std) in measured.items()
     ]
+    pairs = [_beyond_mode(each, modes) for each in pairs]
     found = [each for each in pairs if each.p_value < FALSE_PAIRS and abs(each.size) > LEAST]
+    found += [
+        CrossTalk(
+            i + 1, j + 1, mode.size, mode.std, 0.0, frequency=mode.frequency, damping=mode.damping
+        )
+        for (j, i), mode in modes.items()
+    ]
     return sorted(found, key=lambda pair: -abs(pair.size))
+
+
+def _through_modes(records: Sequence[AxesRecord], outputs: int) -> dict[tuple[int, int], ModeTalk]:
+    """Return the modes through which axes act on others, by (moved j, voltage i) from 0 on."""
+    _, u, _ = spectra(records)
+    found = {}
+    for j in range(outputs):
+        groups = _repeated(u[:, excited(u), j])
+        for i in range(outputs):
+            mode = mode_talk(records, (j, i), groups) if i != j and groups else None
+            if mode is not None:
+                found[j, i] = mode
+    return found
+
+
+def _beyond_mode(pair: CrossTalk, modes: dict[tuple[int, int], ModeTalk]) -> CrossTalk:
+    """Return the static cross-talk of a pair without what goes through a mode."""
+    mode = modes.get((pair.displacement - 1, pair.voltage - 1))
+    if mode is None:
+        return pair
+    static = mode.static if abs(mode.static) > _NEXT_TO_MODE * abs(mode.size) else 0.0
+    return replace(pair, size=static, std=mode.static_std)
 
 
 def _resonance(records: Sequence[AxesRecord]) -> float:

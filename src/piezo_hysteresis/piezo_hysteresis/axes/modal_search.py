@@ -171,6 +171,14 @@ EFFECTS = (
     ModalEffect('rate_drive', 'the rate of the voltage drives the modes', ('rate_shape',)),
 )
 MODE = ModalEffect('structural_mode', 'one more mode')
+# What a model that is kept may lack as well.
+CHANGES = (
+    ModalEffect('output_change', 'the displacement for each signal of the model is another one'),
+    ModalEffect(
+        'mode_change', 'frequency, damping and shape of the modes are others',
+        ('log_omega', 'log_damping', 'shape'),
+    ),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,6 +265,7 @@ def identify_axes(
     *,
     modes: int | None = None,
     effects: Sequence[str] | None = None,
+    kept: ModalModel | None = None,
     workers: int = 1,
     report: Callable[[str], None] = lambda _: None,
     progress: Callable[[float], None] = lambda _: None,
@@ -272,6 +281,8 @@ def identify_axes(
         Number of poles of the linear start; selected if omitted.
     effects : sequence of str, optional
         Effects to add without trials, in this order; tried one by one if omitted.
+    kept : ModalModel, optional
+        A model that is kept in place of linear modes: only what is added to it is fitted.
     workers : int
         Number of threads.
     report : callable
@@ -288,7 +299,8 @@ def identify_axes(
         'the records do not determine the modes: drive all axes independently, over the whole band'
     )
     with failing_as(unusable):
-        return _Search(records, workers, report, progress).run(modes, effects)
+        search = _Search(records, workers, report, progress)
+        return search.run(modes, effects) if kept is None else search.beyond(kept)
 
 
 class _Search:
@@ -326,7 +338,7 @@ class _Search:
         model = self._linear(modes)
         steps = [self._step('linear', f'{model.layout.modes} linear modes', model, {})]
         if effects is None:
-            model = self._searched(model, steps)
+            model = self._searched(model, steps, EFFECTS)
         for name in effects or ():
             effect = next((each for each in (*EFFECTS, MODE) if each.name == name), None)
             if effect is None:
@@ -336,15 +348,50 @@ class _Search:
             model = self._kept(effect, started, {}, steps)
         model = self._final(model)
         steps.append(self._step('all together', 'all parameters', model, {}))
+        return self._identification(model, steps)
+
+    def _identification(
+        self, model: ModalModel, steps: Sequence[ModalStep]
+    ) -> ModalIdentification:
         fitted = [each.name for those in self._usable.values() for each in those]
         held = [each.name for each in self._held.values()]
         return ModalIdentification(
             model, tuple(steps), tuple(fitted), tuple(held), tuple(self._disturbed)
         )
 
-    def _searched(self, model: ModalModel, steps: list[ModalStep]) -> ModalModel:
+    def beyond(self, model: ModalModel) -> ModalIdentification:
+        """Return what a model lacks whose parameters are kept."""
+        here = self._held[next(iter(self._held))]
+        ours = here.axes, here.outputs, f'{self._dt:.6g}'
+        theirs = model.layout.inputs, model.layout.outputs, f'{model.dt:.6g}'
+        if ours != theirs:
+            raise IdentificationError(
+                f'the baseline has {theirs[0]} voltages, {theirs[1]} displacements, '
+                f'{theirs[2]} s; the records {ours[0]}, {ours[1]}, {ours[2]} s'
+            )
+        self._weigh(model)
+        self._sort_out(model)
+        self._active, self._full = {}, model.full_level
+        steps = [self._step('baseline', 'the model that is kept', model, {})]
+        effects = [CHANGES[1], *(each for each in EFFECTS if not _has(model, each))]
+        refitted = self._fitted(model, (), 0)
+        score = self._score(refitted) / self._score(model)
+        changed = score < 1.0 - LEAST_GAIN
+        # every fit finds the output matrix anew: it is named where nothing else is found
+        model = self._searched(refitted if changed else model, steps, effects)
+        if changed and not self._active:
+            effect = CHANGES[0]
+            steps.append(self._step(effect.name, effect.sentence, model, {effect.name: score}))
+        if self._active:
+            model = self._final(model)
+        steps.append(self._step('all together', 'all that was added', model, {}))
+        return self._identification(model, steps)
+
+    def _searched(
+        self, model: ModalModel, steps: list[ModalStep], effects: Sequence[ModalEffect]
+    ) -> ModalModel:
         """Add effects while one lowers the held-out error more than the same turns without it."""
-        left, added = list(EFFECTS), 0
+        left, added = list(effects), 0
         while left or added < _MOST_ADDED_MODES:
             candidates = [(each, 0) for each in left]
             if added < _MOST_ADDED_MODES:
@@ -421,6 +468,11 @@ class _Search:
             for level, those in self._usable.items()
         }
         model = self._fitted(model, _LINEAR, _TURNS)
+        self._sort_out(model)
+        return self._fitted(model, _LINEAR, _TURNS)
+
+    def _sort_out(self, model: ModalModel) -> None:
+        """Leave out records with more error than the others, and order the rest by it."""
         for level, those in self._usable.items():
             errors = [rms_error(model, each) for each in those]
             usual = float(np.median(errors))
@@ -434,7 +486,6 @@ class _Search:
                 those[place] for error, place in ordered if error <= _DISTURBED * usual
             ]
             self._weight[level] = 1.0 / usual
-        return self._fitted(model, _LINEAR, _TURNS)
 
     def _final(self, model: ModalModel) -> ModalModel:
         """Return the model fitted to all records but the held-out ones, with deviations."""
@@ -464,8 +515,10 @@ class _Search:
         return float(1.0 / np.sqrt(self._weight[level] ** -2 + known))
 
     def _fitted(self, model: ModalModel, names: Sequence[str], turns: int) -> ModalModel:
-        data = self._data(model, _PER_LEVEL)
-        return ModalFit(model, data, self._workers).run(names, turns)
+        fit = ModalFit(model, self._data(model, _PER_LEVEL), self._workers)
+        return (
+            fit.run(names, turns) if names else fit.run(('delay',), 0)
+        )  # the output matrix alone
 
     def _tried(self, model: ModalModel, effect: ModalEffect, peak: int) -> ModalModel:
         started = self._with_mode(model, peak) if effect is MODE else self._with(model, effect)
@@ -524,3 +577,16 @@ class _Search:
             parameters['shape'][:, -1] = 0.05 * found_shape[1][:, -1]
         parameters['softening'][:, -1] = parameters['softening'][:, :-1].mean(1)
         return replace(model, layout=layout, vector=vector)
+
+
+def _has(model: ModalModel, effect: ModalEffect) -> bool:
+    """Return whether a model has an effect already."""
+    if effect.name in ('voltage_hysteresis', 'voltage_powers', 'elongation_hysteresis'):
+        layout = model.layout
+        parts = {
+            'voltage_hysteresis': layout.voltage_plays, 'voltage_powers': layout.powers,
+            'elongation_hysteresis': layout.elongation_plays,
+        }  # fmt: skip
+        return bool(parts[effect.name])
+    own = [name for name in effect.parameters if name != 'level_power']
+    return any(bool(np.any(model.parameters[name])) for name in own)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -109,10 +108,11 @@ def identify_several(arguments: argparse.Namespace) -> int:
 
 
 def validate_several(arguments: argparse.Namespace) -> int:
-    """Write the error of a modal model on records, by level."""
+    """Write the error of a modal model on records, by level, and a page."""
     from piezo_hysteresis.axes import modal_file
     from piezo_hysteresis.axes.modal_search import levels_of, rms_error
-    from piezo_hysteresis.reporting.folder import check_folder, write_folder
+    from piezo_hysteresis.reporting.axes_report import write_axes_validation
+    from piezo_hysteresis.reporting.folder import check_folder
 
     check_folder(arguments.out, 'validate')
     model = modal_file.load(arguments.model)
@@ -127,10 +127,8 @@ def validate_several(arguments: argparse.Namespace) -> int:
             )
             known = '' if noise is None else f', noise {1e6 * noise:.4g} µm'
             print(f'{record.name} ({level}): free run {1e6 * left:.4g} µm{known}')
-    write_folder(
-        arguments.out, {'summary.json': json.dumps({'records': rows}, indent=1)}, 'validate'
-    )
-    print(f'written to {arguments.out}/summary.json')
+    write_axes_validation(arguments.out, model, records, rows)
+    print(f'written to {arguments.out}; open {arguments.out}/report.html')
     return 0
 
 

@@ -19,6 +19,7 @@ from piezo_hysteresis.cli.shared_options import (
 )
 from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.models.modelfile import is_modal
 from piezo_hysteresis.process_setup import number_of_workers
 
 EXAMPLE = 'discover out/sweep --baseline bouc_wen_mode --out out/found'
@@ -33,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         required=True,
         metavar='NAME[+BLOCK...]|YAML',
         help='named model, fitted to these data; or model.yaml of other data, kept fixed; of '
-        'several axes: gain or modes',
+        'several axes: gain, modes or their model.yaml',
     )
     add(
         '--reference',
@@ -88,7 +89,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Discover and write the results."""
-    if states_axes(arguments) or arguments.baseline == MODES:
+    if states_axes(arguments) or arguments.baseline == MODES or is_modal(arguments.baseline):
         return discover_several(arguments)
     from piezo_hysteresis.interface.verbs import discover
     from piezo_hysteresis.reporting.discovery_report import write_discovery

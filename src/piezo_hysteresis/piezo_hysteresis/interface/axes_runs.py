@@ -33,6 +33,7 @@ from piezo_hysteresis.errors import CompensationError, IdentificationError
 from piezo_hysteresis.export.coupled_library import coupled_files, coupled_request
 from piezo_hysteresis.export.native import known_target
 from piezo_hysteresis.interface.model_functions import IDENTIFIER
+from piezo_hysteresis.models.modelfile import is_modal
 from piezo_hysteresis.reporting.folder import write_folder
 
 _COUNT = struct.Struct('<q')
@@ -106,7 +107,7 @@ _OURS = {'dt', 'fs', 'workers', 'progress', 'modes', 'effects'}
 def is_several(data: object, model: object) -> bool:
     """Return whether a call is of several axes, by its model or by its records."""
     given = data if isinstance(data, (list, tuple)) else [data]
-    of_axes = isinstance(model, str) and model == MODES
+    of_axes = isinstance(model, (str, Path)) and (str(model) == MODES or is_modal(model))
     return of_axes or any(isinstance(each, AxesRecord) for each in given)
 
 

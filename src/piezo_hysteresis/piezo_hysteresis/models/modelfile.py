@@ -437,7 +437,9 @@ _KEYS = {
 
 
 def is_modal(path: str | Path) -> bool:
-    """Return whether a file is that of a model of several axes."""
+    """Return whether there is such a file, of a model of several axes."""
+    if not Path(path).is_file():
+        return False
     found = read_yaml(path)
     return isinstance(found, dict) and found.get('schema') == MODAL_SCHEMA
 

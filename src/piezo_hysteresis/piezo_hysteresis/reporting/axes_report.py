@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def write_axes_discovery(out: str, found: AxesDiscovery, records: Sequence[AxesR
     """Write report.html and verdict.json, with modes model.yaml as well."""
     model = found.identification
     effects: list[dict[str, object]] = [
-        {'name': 'cross_talk', 'sentence': str(pair), **vars(pair)} for pair in found.cross_talk
+        {'name': pair.name, 'sentence': str(pair), **vars(pair)} for pair in found.cross_talk
     ]
     effects += [
         {'name': step.effect, 'sentence': step.sentence, 'held_out_m': step.held_out}
@@ -58,14 +59,15 @@ def write_axes_discovery(out: str, found: AxesDiscovery, records: Sequence[AxesR
     }
     rows = [
         (pair.voltage, pair.displacement, f'{100.0 * pair.size:.3g} ± {100.0 * pair.std:.2g}',
-         probability_text(pair.p_value))
+         f'{pair.frequency:.4g}' if pair.frequency else 'static', probability_text(pair.p_value))
         for pair in found.cross_talk
     ]  # fmt: skip
     text = (
         'Motion of an axis with the voltage of another one, below the first resonance, as a part '
-        f'of the motion of that other one. {found.remark}'
+        'of the motion of that other one; through a mode it is larger at its frequency. '
+        f'{found.remark}'
     )
-    head = ('voltage of axis', 'moves axis', 'size [%]', 'p')
+    head = ('voltage of axis', 'moves axis', 'size [%]', 'mode [Hz]', 'p')
     sections = [
         PageSection(
             'Cross-talk', text if rows else 'None.', (), (table(head, rows),) if rows else ()
@@ -77,6 +79,51 @@ def write_axes_discovery(out: str, found: AxesDiscovery, records: Sequence[AxesR
         files['model.yaml'] = yaml_text(modal_file.content_of(model.model, summary_of(model)))
     files['report.html'] = render('Discovery on several axes', found.summary, sections)
     write_folder(out, files, 'discover')
+
+
+def write_axes_validation(
+    out: str,
+    model: ModalModel,
+    records: Sequence[AxesRecord],
+    rows: Sequence[Mapping[str, Any]],  # record, level, free_run_rms_m and noise_m of each
+) -> None:
+    """Write report.html and summary.json of a model on records that it was not fitted to."""
+    noise = [row['noise_m'] for row in rows]
+    listed = [
+        (row['record'], row['level'], micrometres(row['free_run_rms_m']),
+         '' if own is None else micrometres(own),
+         micrometres(float(np.mean(np.std(record.displacement, 0)))))
+        for row, own, record in zip(rows, noise, _ordered(records, rows), strict=True)
+    ]  # fmt: skip
+    levels = list(dict.fromkeys(row['level'] for row in rows))
+    errors = {
+        level: float(np.mean([row['free_run_rms_m'] for row in rows if row['level'] == level]))
+        for level in levels
+    }
+    last = {row['level']: row['record'] for row in rows}
+    shown = [each for each in records if each.name in last.values()]
+    text = ', '.join(f'{micrometres(error)} µm at {level}' for level, error in errors.items())
+    sections = [
+        PageSection(
+            'Errors',
+            'Rms over the outputs of measured displacement minus free run, without the mean of a '
+            'period; the noise is that of the record.',
+            (),
+            (table(('record', 'level', 'free run [µm]', 'noise [µm]', 'motion [µm]'), listed),),
+        ),
+        PageSection('What is left', '', tuple(_left(model, each) for each in shown)),
+        _modes(model),
+    ]
+    page = render('Validation of several axes', f'The model leaves {text}.', sections)
+    summary = {'records': list(rows), 'levels': errors}
+    files = {'report.html': page, 'summary.json': json.dumps(summary, indent=1)}
+    write_folder(out, files, 'validate')
+
+
+def _ordered(records: Sequence[AxesRecord], rows: Sequence[Mapping[str, Any]]) -> list[AxesRecord]:
+    """Return the records in the order of the rows."""
+    by_name = {each.name: each for each in records}
+    return [by_name[row['record']] for row in rows]
 
 
 def write_axes_tracking(
@@ -215,14 +262,7 @@ def _sections(found: ModalIdentification, records: Sequence[AxesRecord]) -> list
     return [
         _story(found),
         PageSection('What is left', '', tuple(_left(found.model, each) for each in held)),
-        PageSection(
-            'Modes',
-            'The shape is that of the drive, and that in which the mode stretches the axes. '
-            'Softening is the change of the frequency at the level of the largest records.',
-            (),
-            (table(('frequency [Hz]', 'damping [%]', 'softening [%]', 'shape'),
-                   mode_rows(found.model)),),
-        ),
+        _modes(found.model),
         PageSection(
             'Records',
             f'- fitted: {", ".join(found.fitted)}\n- held out: {", ".join(found.held_out)}\n'
@@ -232,6 +272,15 @@ def _sections(found: ModalIdentification, records: Sequence[AxesRecord]) -> list
                    [(each.name, micrometres(rms_error(found.model, each))) for each in records]),),
         ),
     ]  # fmt: skip
+
+
+def _modes(model: ModalModel) -> PageSection:
+    text = (
+        'The shape is that of the drive, and that in which the mode stretches the axes. '
+        'Softening is the change of the frequency at the level of the largest records.'
+    )
+    head = ('frequency [Hz]', 'damping [%]', 'softening [%]', 'shape')
+    return PageSection('Modes', text, (), (table(head, mode_rows(model)),))
 
 
 def _story(found: ModalIdentification) -> PageSection:
