@@ -14,7 +14,9 @@ from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_tracking import tracked
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
 from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.compensation.coupled.axes_chain import repeated
 from piezo_hysteresis.errors import CompensationError
+from piezo_hysteresis.waveforms import Sine
 
 RATE, MICRO = 2000.0, 1e-6
 FAST = '1=triangle:frequency=20,amplitude=2e-6,duration=0.5'
@@ -111,7 +113,8 @@ def test_what_of_a_reference_is_not_followed_is_stated(
         (['--reference', FAST.replace('1=', '3=', 1)], 'axes are 1 to 2'),
         (['--reference', FAST, '--reference', FAST], 'each at most once'),
         (['--reference', FAST, '--reference', SLOW.replace('0.5', '1')], 'one duration for all'),
-        (['--reference', FAST, '--orders', '3'], '--orders: of one axis'),
+        (['--reference', FAST, '--orders', '3'], 'give --periods'),
+        (['--reference', FAST, '--law', 'gain'], '--law: of one axis'),
         (['--reference', FAST, '--high', '1'], 'beyond --low and --high'),
         (['--reference', FAST, '--slew', '10'], 'more than --slew'),
         (['--reference', FAST, '--low', '5', '--high', '1'], 'must be below --high'),
@@ -191,3 +194,30 @@ def test_a_reference_beyond_the_simulated_plant_is_refused(
     files[files.index('--plant') + 1] = 'preset:xy_scanner'
     assert main([*files, '--reference', FAST.replace('2e-6', '90e-6')]) == 2
     assert 'xy_scanner takes -50 to 50 V' in capsys.readouterr().err
+
+
+@pytest.mark.component
+def test_the_law_of_the_nodes_follows_the_references_tick_by_tick(
+    files: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [*files, '--reference', FAST, '--reference', SLOW, '--periods', '3']
+    assert main(words) == 2
+    assert 'on a simulated plant preset:NAME' in capsys.readouterr().err
+    words[4] = 'preset:xy_scanner'
+    assert main([*words, '--orders', '0', '1', '3']) == 0
+    runs = json.loads((Path(files[-1]) / 'summary.json').read_text())['runs']
+    names = ['feedforward, by ticks', 'attenuation, by ticks', 'with attenuation']
+    assert [each['run'] for each in runs][-3:] == names
+    forward, learnt = runs[-3]['rms_m'], runs[-2]['rms_m']
+    assert learnt[0] < forward[0]
+
+
+def test_a_repeated_waveform_continues_its_phase() -> None:
+    time = np.arange(500) / RATE
+    one = Sine(MICRO, 20.0, 0.25).sample(time)
+    long = Sine(MICRO, 20.0, 1.0).sample(np.arange(1500) / RATE)
+    found = repeated(one, 3)
+    for name in ('value', 'velocity', 'acceleration', 'frequency', 'phase'):
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(long, name), rtol=1e-6, atol=1e-12, err_msg=name
+        )

@@ -34,7 +34,7 @@ EXAMPLE = (
 # Options of both modes, options that only a controller takes, and those for several axes.
 _COMMON = {'model', 'reference', 'out', 'overwrite', 'low', 'high', 'slew', 'plant', 'on'}
 _OF_CONTROLLER = {'axis', 'rounds', 'take_over'}
-_OF_SEVERAL = {'noise', 'seed', 'plant_set'}
+_OF_SEVERAL = {'noise', 'seed', 'plant_set', 'periods', 'orders'}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -88,6 +88,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         help='start of the evaluated part [s] (default: half of the reference)',
     )
+    add(
+        '--periods',
+        type=int,
+        default=0,
+        metavar='N',
+        help='of several axes: follow the references N periods tick by tick as well, as nodes do',
+    )
     add_statements(parser)
     links.configure(parser)
 
@@ -98,11 +105,11 @@ def run(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.reporting.compensation_report import write_compensation
 
     started = time.perf_counter()
-    _require_used(arguments, several=False)
-    if is_modal(arguments.model):
+    several = is_modal(arguments.model)
+    _require_used(arguments, several=several)
+    if several:
         from piezo_hysteresis.cli.compensate_axes import compensate_several
 
-        _require_used(arguments, several=True)
         return compensate_several(arguments)
     arguments.reference = _only(arguments.reference)
     check_folder(arguments.out, 'compensate')
@@ -148,6 +155,8 @@ def _require_used(arguments: argparse.Namespace, *, several: bool) -> None:
         unused, ways = given - _OF_CONTROLLER, ('a study', '--on')
     else:
         unused, ways = given & _OF_CONTROLLER, ('a controller', '--plant')
+    if not several and 'periods' in given:
+        unused, ways = {'periods'}, ('several axes', 'a model of one')
     if unused:
         names = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(unused))
         raise CompensationError(f'{names}: of {ways[0]}, not used with {ways[1]}; leave it out')

@@ -10,11 +10,13 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_tracking import tracked
-from piezo_hysteresis.cli import verbosity
+from piezo_hysteresis.cli import compensate_links, verbosity
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.study import require_sampled, waveform_of
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.interface.axes_runs import axes_plant
+from piezo_hysteresis.interface.axes_runs import axes_plant, orders_of, tick_by_tick
 from piezo_hysteresis.reporting.folder import check_folder
+from piezo_hysteresis.waveforms.waveform import Samples
 
 # Ratio of a level to that of the identification from which its model extrapolates.
 _BEYOND = 1.2
@@ -29,12 +31,16 @@ def compensate_several(arguments: argparse.Namespace) -> int:
     check_folder(arguments.out, 'compensate')
     model = modal_file.load(arguments.model)
     _require_numbers(arguments)
-    texts, reference = references_of(arguments.reference, model.layout.outputs, model.dt)
+    texts, samples = references_of(arguments.reference, model.layout.outputs, model.dt)
+    reference = np.stack([each.value for each in samples], 1)
     noise, seed = arguments.noise, arguments.seed
     with axes_plant(
         arguments.plant, model.dt, noise=noise, seed=seed, settings=arguments.plant_set
     ) as plant:
         runs = tracked(model, plant, reference, noise=noise, seed=seed)
+        if arguments.periods:
+            limits, settings = _limits(arguments, plant, model.dt), orders_of(arguments.orders)
+            runs[-1:-1] = tick_by_tick(model, plant, samples, limits, settings, arguments.periods)
     _require_within(arguments, runs[-1].voltage, model.dt)
     write_axes_tracking(arguments.out, runs, model.dt, texts)
     headers, rows = tracking_rows(runs)
@@ -52,8 +58,19 @@ def compensate_several(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def references_of(given: Sequence[str], outputs: int, dt: float) -> tuple[list[str], FloatArray]:
-    """Return the text and the samples of the reference of each output, (n, outputs) [m]."""
+def _limits(arguments: argparse.Namespace, plant: object, dt: float) -> Limits:
+    """Return the limits of each axis: those that are stated, or the range of the plant."""
+    about = getattr(plant, 'about', {})
+    low = about.get('low_v', -np.inf) if arguments.low is None else arguments.low
+    high = about.get('high_v', np.inf) if arguments.high is None else arguments.high
+    slew = (high - low) / dt if arguments.slew is None else arguments.slew
+    return Limits(low, high, slew)
+
+
+def references_of(
+    given: Sequence[str], outputs: int, dt: float
+) -> tuple[list[str], list[Samples]]:
+    """Return the text and one period of the reference of each output [m]."""
     # dt [s]
     texts, waves = [''] * outputs, {}
     for each in given:
@@ -77,10 +94,11 @@ def references_of(given: Sequence[str], outputs: int, dt: float) -> tuple[list[s
             f'the references last {stated} s; state one duration for all: they repeat with it'
         )
     time: FloatArray = dt * np.arange(round(max(lengths) / dt), dtype=np.float64)
-    reference = np.zeros((time.size, outputs))
+    still = np.zeros(time.size)
+    found = [Samples(still, still, still, still, still) for _ in range(outputs)]
     for place, wave in waves.items():
-        reference[:, place] = wave.sample(time).value
-    return texts, reference
+        found[place] = wave.sample(time)
+    return texts, found
 
 
 def _remarks(reference: FloatArray) -> list[str]:
@@ -107,6 +125,12 @@ def _require_numbers(arguments: argparse.Namespace) -> None:
     if not arguments.noise >= 0.0:
         raise CompensationError(f'--noise must be 0 or more, got {arguments.noise!r}')
     low, high, slew = arguments.low, arguments.high, arguments.slew
+    if not arguments.periods and tuple(arguments.orders) != compensate_links.DEFAULT.orders:
+        raise CompensationError(
+            '--orders: of the runs tick by tick; give --periods, or leave it out'
+        )
+    if arguments.periods < 0:
+        raise CompensationError(f'--periods must be 0 or more, got {arguments.periods}')
     if low is not None and high is not None and not low < high:
         raise CompensationError(f'--low {low:g} must be below --high {high:g}')
     if slew is not None and not slew > 0.0:

@@ -23,6 +23,7 @@ from piezo_hysteresis.axes.axes_tracking import AxesRun, PeriodicPlant, tracked
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
 from piezo_hysteresis.axes.modal_search import ModalIdentification
 from piezo_hysteresis.common.wording import Guided
+from piezo_hysteresis.compensation.coupled.axes_chain import axes_chain, axes_loop, repeated
 from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
 from piezo_hysteresis.compensation.harmonics.lines import EVERY
 from piezo_hysteresis.compensation.limiter import require_limits
@@ -35,6 +36,7 @@ from piezo_hysteresis.export.native import known_target
 from piezo_hysteresis.interface.model_functions import IDENTIFIER
 from piezo_hysteresis.models.modelfile import is_modal
 from piezo_hysteresis.reporting.folder import write_folder
+from piezo_hysteresis.waveforms.waveform import Samples
 
 _COUNT = struct.Struct('<q')
 _SETTLING = 0.5  # of periods before a measured one [s]
@@ -59,6 +61,10 @@ class SteadyAxes(ProcessPlant):
         given = np.ascontiguousarray(voltage, '<f8')
         answer = self.ask(_COUNT.pack(len(given)) + given.tobytes(), given.nbytes)
         return np.frombuffer(answer, '<f8').reshape(given.shape)
+
+    def reset(self) -> None:
+        """Return all axes to rest and restart their noise."""
+        self.ask(_COUNT.pack(0), 0)
 
     def simulate(self, record: AxesRecord) -> FloatArray:
         """Return a period of displacements without their mean, after some that settle it."""
@@ -98,6 +104,41 @@ def axes_plant(
     if settings:
         raise CompensationError('--plant-set is for a simulated plant, preset:NAME')
     yield given if isinstance(given, ModalModel) else ModalModel.load(given)
+
+
+def tick_by_tick(
+    model: ModalModel,
+    plant: PeriodicPlant,
+    references: Sequence[Samples],  # one period of each axis [m]
+    limits: Limits,  # of each axis
+    settings: MatrixSettings | None,
+    periods: int,
+) -> list[AxesRun]:
+    """Return the last period of references that the law of the nodes follows, from rest.
+
+    The plant must be a simulated one, which takes single ticks.
+    """
+    if not isinstance(plant, SteadyAxes):
+        raise CompensationError('--periods follows tick by tick, on a simulated plant preset:NAME')
+    each = [limits] * len(references)
+    whole = [repeated(samples, periods) for samples in references]
+    n, found = references[0].value.size, list[AxesRun]()
+    for name, own in (('feedforward, by ticks', None), ('attenuation, by ticks', settings)):
+        if own is None and found:
+            break
+        plant.reset()
+        chain = axes_chain(model, each, own, 1.0 / model.dt)
+        run = axes_loop(whole, chain, plant, each)
+        error, moved = -run.error[-n:], run.displacement[-n:]
+        found.append(AxesRun(name, run.voltage[-n:], moved - moved.mean(0), error - error.mean(0)))
+    return found
+
+
+def orders_of(orders: Sequence[int]) -> MatrixSettings | None:
+    """Return the settings for orders; none of them is no attenuation, -1 those by default."""
+    if not orders:
+        return None
+    return MatrixSettings() if EVERY in orders else MatrixSettings(tuple(orders))
 
 
 MODES = 'modes'
@@ -200,9 +241,7 @@ def write_coupled_library(
             f'the model is of {1.0 / found.dt:g} Hz, which its library keeps; leave out --rate'
         )
     require_limits(limits)
-    settings = None
-    if orders:
-        settings = MatrixSettings() if EVERY in orders else MatrixSettings(tuple(orders))
+    settings = orders_of(orders)
     text = Path(model).read_text(encoding='utf-8')
     files = coupled_files(coupled_request(name, text, found, limits, settings, target))
     write_folder(path, files, 'export')

@@ -448,8 +448,8 @@ def _from_dict(content: object) -> ModelFile:
     whole = mapping(content, 'a model file')
     if str(whole.get('schema')).startswith(_OF_SEVERAL):
         raise ModelError(
-            'it is a model of several axes, which `validate`, `compensate` and Python take, but '
-            'nothing that needs a model of one axis'
+            'it is a model of several axes, which `validate`, `discover`, `compensate`, `export`, '
+            'the node `coupled` and Python take, but nothing that needs a model of one axis'
         )
     refuse_unknown(whole, _KEYS, 'the model file')
     if whole.get('schema') != SCHEMA:

@@ -119,6 +119,18 @@ class AxesLoopResult:
         return self.displacement - self.reference
 
 
+def repeated(samples: Samples, periods: int) -> Samples:
+    """Return a waveform of one period, whole periods of its fundamental, so many times."""
+    whole = samples.phase.size * float(samples.phase[1] - samples.phase[0])
+    turn = 2.0 * math.pi * round(whole / (2.0 * math.pi))
+    value, velocity, acceleration, frequency = (
+        np.tile(each, periods)
+        for each in (samples.value, samples.velocity, samples.acceleration, samples.frequency)
+    )
+    phase = np.concatenate([samples.phase + k * turn for k in range(periods)])
+    return Samples(value, velocity, acceleration, frequency, phase)
+
+
 def axes_loop(
     references: Sequence[Samples], chain: AxesChain, plant: AxesLoopPlant, limits: Sequence[Limits]
 ) -> AxesLoopResult:
