@@ -33,6 +33,7 @@ LONG = (
     'test_fault_campaign',
     'test_demo',
     'test_chain',
+    'test_coupled_loop',
     'test_lock_step',
     'test_investigation_live',
     'test_verbs_for_nodes',

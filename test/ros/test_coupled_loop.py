@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from piezo_hysteresis.axes.axes_load import load_axes
 from piezo_hysteresis.compensation.coupled.axes_chain import axes_chain, axes_loop
 from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
 from piezo_hysteresis.compensation.link import Limits
-from piezo_hysteresis.ros.processes import NodeProcess
+from piezo_hysteresis.ros.processes import NodeProcess, ros_arguments
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.waveforms import Sine
 from piezo_interfaces.msg import ActuatorState, Reference
@@ -233,3 +235,41 @@ def test_a_simulator_that_is_started_anew_is_driven_from_rest(
         ticks = np.diff([-1, *(state.sample for state in each)])
         assert np.all(np.abs(np.diff(applied)) <= 1.0001 * LIMITS.slew / RATE * ticks)
         assert np.ptp(applied) > 5.0
+
+
+FAILING = """
+import sys
+from piezo_hysteresis.nodes.links.control_loop import create
+from piezo_hysteresis.ros.running import run_nodes
+from piezo_hysteresis.runtime.coupled_ticks import CoupledLoop
+
+whole, ticks = CoupledLoop.voltages, []
+
+def voltages(self, tick):
+    ticks.append(tick)
+    if len(ticks) > 1500:
+        raise ValueError('the law is broken')
+    return whole(self, tick)
+
+CoupledLoop.voltages = voltages
+sys.exit(run_nodes(create))
+"""
+
+
+def test_a_law_that_fails_takes_all_axes_to_safety(
+    processes: LiveNodes, listener: Listener
+) -> None:
+    states, health = listen(listener), listener.watch_health()
+    real = {'clock': 'real_time', 'speed_factor': 0.02, 'command_timeout': 100.0}
+    processes.start('piezo_sim', 'simulator', {**SIMULATED, **real})
+    given = settings(10_000_000) | {'watchdog': 0.01, 'safe_ramp': 5000.0, 'sensor_check': False}
+    loop = subprocess.Popen(
+        [sys.executable, '-c', FAILING, *ros_arguments(given)], env=processes.environment
+    )
+    try:
+        listener.until(lambda: all(any(abs(s.voltage) > 1.0 for s in each) for each in states))
+        goes_to_rest(listener, states, 0)
+        listener.says(health, 'coupled', None, 'no voltage is commanded')
+    finally:
+        loop.terminate()
+        loop.wait()

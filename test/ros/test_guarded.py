@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 import piezo_hysteresis
+from piezo_hysteresis.ros.guarded import callback_name, sends_floats
 from piezo_interfaces.action import RunSweep
 
 pytestmark = pytest.mark.ros
@@ -98,3 +100,10 @@ def test_no_node_avoids_the_guard() -> None:
         text = path.read_text()
         for word in ('(Node):', '(LifecycleNode):', 'ActionServer(', 'executor.create_task('):
             assert word not in text, f'{path} avoids the guard: {word}'
+
+
+def test_failures_of_the_callback_of_an_axis_are_its_own() -> None:
+    first, second = (callback_name(partial(sends_floats, axis)) for axis in (1, 2))
+    assert first != second
+    assert first == callback_name(partial(sends_floats, 1))
+    assert callback_name(sends_floats) == 'sends_floats'

@@ -11,7 +11,7 @@ import math
 import time
 import traceback
 from collections.abc import Awaitable, Callable
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -82,7 +82,7 @@ class Guarded(Node):
 
     def guard(self, callback: Callback, answer: Callback | None = None) -> Callback:
         """Return `callback` without its exceptions."""
-        name = getattr(callback, '__qualname__', type(callback).__name__)
+        name = callback_name(callback)
         in_succession = self._in_succession
 
         @wraps(callback)
@@ -125,6 +125,17 @@ class GuardedNode(Guarded):
 
 class GuardedLifecycleNode(Guarded, LifecycleNode):
     """A managed node whose callbacks may fail."""
+
+
+def callback_name(callback: Any) -> str:
+    """Return the name under which failures count, of a partial one with its numbers.
+
+    The callbacks of several axes are one function with other numbers; each has its own failures.
+    """
+    if isinstance(callback, partial):
+        numbers = ', '.join(str(each) for each in callback.args if isinstance(each, int))
+        return f'{callback_name(callback.func)}({numbers})'
+    return str(getattr(callback, '__qualname__', type(callback).__name__))
 
 
 def sends_floats(publisher: Publisher) -> Publisher:

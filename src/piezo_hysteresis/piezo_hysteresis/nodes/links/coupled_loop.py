@@ -120,7 +120,7 @@ class CoupledControlLoop:
 
     def _advance(self) -> None:
         tick = self._book.take()
-        if tick is None:
+        if tick is None or self.coupled.failed:
             return
         voltages = self._loop.voltages(tick)
         sample = tick.points[0].sample

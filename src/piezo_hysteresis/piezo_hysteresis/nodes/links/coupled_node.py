@@ -57,6 +57,7 @@ class Coupled(GuardedNode):
         Diagnostics(self, self._judge)
         self.stop, self.exit_code = Future(), 0
         self.dropped = 0
+        self.failed = ''  # why nothing is commanded any more, so that the watchdogs act
         self._loop: CoupledLoop | None = None
         self._links: list[VoltageLink] = []
         self._watch = CounterWatch(_SENTENCES)
@@ -93,6 +94,11 @@ class Coupled(GuardedNode):
         )  # fmt: skip
         return self._loop
 
+    def go_safe(self, reason: str) -> None:
+        """Command nothing, because a callback fails persistently: all voltages go to safety."""
+        self.get_logger().error(f'all axes go to their safe voltage: {reason}')
+        self.failed = reason
+
     def _apply(self, changes: dict[str, Value]) -> None:
         if self._loop is not None and changes:
             self._loop.use(self.parameters.values)
@@ -106,6 +112,7 @@ class Coupled(GuardedNode):
         if self._loop is not None:
             self._loop.reset_correction()
             self._cross_fade()
+        self.failed = ''
         response.success, response.message = True, 'the correction restarts'
         return response
 
@@ -114,6 +121,8 @@ class Coupled(GuardedNode):
             return Health(Level.OK, 'starts')
         counts = {**self._loop.counters(), 'dropped': self.dropped}
         findings = self._watch.findings(counts)
+        if self.failed:
+            findings.append((Level.ERROR, f'no voltage is commanded: {self.failed}'))
         findings += [(Level.ERROR, text) for name, text in ALARMS.items() if counts.get(name)]
         work = CHECKING if self._loop.withheld else CORRECTS
         if self._loop.chain.attenuation is None:
