@@ -11,6 +11,7 @@ import pytest
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.axes_discovery import discover_axes
+from piezo_hysteresis.axes.axes_load import load_axes
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.cross_talk import cross_talk
 from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
@@ -248,3 +249,16 @@ def test_validation_of_several_axes_has_a_page(
     assert set(summary['levels']) == {'5V', '10V'}
     assert len(summary['records']) == 18
     assert all(row['free_run_rms_m'] > row['noise_m'] > 0.0 for row in summary['records'])
+
+
+@pytest.mark.component
+def test_modes_that_all_axes_share_are_not_told_apart_from_static_cross_talk(
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / 'mirror.npz'
+    line = ['axes', '--preset', 'mirror_three_piezos', '--levels', '0.3,0.6', '--seconds', '0.4']
+    assert simulate([*line, '--out', str(out)]) == 0
+    found = discover_axes(load_axes(out), 'gain')
+    assert found.effects == ('cross_talk',)
+    assert len(found.cross_talk) == 6
+    assert all(0.07 < abs(pair.size) < 0.09 for pair in found.cross_talk)

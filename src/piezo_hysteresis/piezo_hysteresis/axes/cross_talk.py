@@ -21,6 +21,10 @@ STATIC, THROUGH_MODE = 'cross_talk', 'cross_talk_through_mode'
 # Next to a mode, static cross-talk is named from this part of that of the mode on: the response of
 # the axis that drives it is known to a few percent at each frequency.
 _NEXT_TO_MODE = 0.5
+# What is static and what goes through a mode add up to the slow motion. Where both together are
+# more than so many times that, they cancel each other: the axes share the mode, and nothing tells
+# the two apart.
+_CANCELLED = 2.0
 # Lines below this part of the first resonance are static.
 _STATIC = 0.2
 _FEWEST_LINES = 4
@@ -87,7 +91,11 @@ def cross_talk(records: Sequence[AxesRecord], below: float | None = None) -> lis
         if below is None:
             below = _STATIC * _resonance(records)
         measured = measured_pairs(records, below)
-        modes = _through_modes(records, outputs)
+        modes = {
+            pair: mode
+            for pair, mode in _through_modes(records, outputs).items()
+            if abs(mode.size) + abs(mode.static) < _CANCELLED * abs(measured[pair][0])
+        }
     tests = outputs * (inputs - 1)
     pairs = [
         CrossTalk(

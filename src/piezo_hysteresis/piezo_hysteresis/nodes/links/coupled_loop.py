@@ -11,6 +11,8 @@ from rclpy.subscription import Subscription
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.stamps import SequenceFilter
 from piezo_hysteresis.compensation.link import ReferencePoint
+from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.models.modelfile import is_modal
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_hysteresis.nodes.links.coupled_node import Coupled, VoltageLink
 from piezo_hysteresis.nodes.messages import measured_of, point_of
@@ -25,11 +27,17 @@ LOOK = 0.1
 
 
 def is_requested() -> bool:
-    """Return whether the arguments of the process, or a parameter file, give several axes."""
+    """Return whether the arguments, or a parameter file, give a model of several axes.
+
+    A `model_file` that is for all nodes of the process may be one of one axis.
+    """
     probe = Node('coupled', enable_rosout=False, start_parameter_services=False)
     given = probe._parameter_overrides.get('model_file')
     probe.destroy_node()
-    return given is not None and bool(given.value)
+    try:
+        return given is not None and is_modal(str(given.value))
+    except PiezoError:  # the nodes that read it say why
+        return False
 
 
 class CoupledControlLoop:
