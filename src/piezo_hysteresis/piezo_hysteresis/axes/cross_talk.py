@@ -22,8 +22,8 @@ STATIC, THROUGH_MODE = 'cross_talk', 'cross_talk_through_mode'
 # the axis that drives it is known to a few percent at each frequency.
 _NEXT_TO_MODE = 0.5
 # What is static and what goes through a mode add up to the slow motion. Where both together are
-# more than so many times that, they cancel each other: the axes share the mode, and nothing tells
-# the two apart.
+# more than so many times that, they cancel each other: the axes share the mode, and the records
+# do not distinguish the two.
 _CANCELLED = 2.0
 # Lines below this part of the first resonance are static.
 _STATIC = 0.2
