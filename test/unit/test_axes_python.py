@@ -61,10 +61,16 @@ def test_a_modal_model_is_identified_simulated_and_saved(
 @pytest.mark.component
 def test_discover_names_the_cross_talk_of_the_scanner(records: list[ph.AxesRecord]) -> None:
     verdict = ph.discover(records, 'gain')
-    assert verdict.effects == ('cross_talk',)
-    pairs = {(each.voltage, each.displacement): each.size for each in verdict.cross_talk}
-    assert pairs[1, 2] == pytest.approx(0.023, rel=0.1)
-    assert pairs[2, 1] == pytest.approx(-0.023, rel=0.1)
+    assert verdict.effects == ('cross_talk', 'cross_talk_through_mode')
+    static, modes = (
+        {(p.voltage, p.displacement): p for p in verdict.cross_talk if (p.frequency > 0.0) == mode}
+        for mode in (False, True)
+    )
+    assert static[1, 2].size == pytest.approx(0.02, rel=0.05)
+    assert static[2, 1].size == pytest.approx(-0.02, rel=0.05)
+    assert modes[1, 2].size == pytest.approx(0.003, rel=0.2)
+    assert modes[2, 1].size == pytest.approx(-0.003, rel=0.2)
+    assert modes[1, 2].frequency == pytest.approx(930.0, rel=0.03)
 
 
 @pytest.mark.component

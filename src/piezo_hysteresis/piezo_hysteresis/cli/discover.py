@@ -19,7 +19,6 @@ from piezo_hysteresis.cli.shared_options import (
 )
 from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.models.modelfile import is_modal
 from piezo_hysteresis.process_setup import number_of_workers
 
 EXAMPLE = 'discover out/sweep --baseline bouc_wen_mode --out out/found'
@@ -89,6 +88,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Discover and write the results."""
+    from piezo_hysteresis.models.modelfile import is_modal
+
     if states_axes(arguments) or arguments.baseline == MODES or is_modal(arguments.baseline):
         return discover_several(arguments)
     from piezo_hysteresis.interface.verbs import discover
