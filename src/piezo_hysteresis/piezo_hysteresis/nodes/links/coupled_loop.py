@@ -16,7 +16,7 @@ from piezo_hysteresis.models.modelfile import is_modal
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_hysteresis.nodes.links.coupled_node import Coupled, VoltageLink
 from piezo_hysteresis.nodes.messages import measured_of, point_of
-from piezo_hysteresis.ros.flat import nanoseconds_of_head
+from piezo_hysteresis.ros.cdr_header import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.running import wall_timer
 from piezo_hysteresis.runtime.coupled_ticks import CoupledBook
