@@ -273,3 +273,14 @@ def test_a_law_that_fails_takes_all_axes_to_safety(
     finally:
         loop.terminate()
         loop.wait()
+
+
+def test_a_model_file_that_does_not_exist_starts_no_loop_of_one_axis(
+    processes: LiveNodes, tmp_path: Path
+) -> None:
+    """The loop of one axis ran in its place, and nothing was decoupled."""
+    given = {'coupled:model_file': str(tmp_path / 'absent.yaml')}
+    node = processes.start('piezo_hysteresis', 'control_loop', given)
+    assert processes.wait_for(node, 60.0) == 2
+    assert f'there is no model file {tmp_path / "absent.yaml"}' in node.tail()
+    processes.retire(node)

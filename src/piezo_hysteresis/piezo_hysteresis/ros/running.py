@@ -28,6 +28,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from piezo_hysteresis.common.wording import near
+from piezo_hysteresis.errors import PiezoError
 
 # Names the file of profiles that Fast DDS reads when the first node of a process is created.
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -292,6 +293,8 @@ def _init(options: list[str]) -> None:
 def _create(create: Callable[[], Sequence[Node]]) -> Sequence[Node]:
     try:
         return create()
+    except PiezoError as error:
+        _refuse(error, 'mend the arguments or the parameter file')
     except RCLError as error:
         _refuse(error, 'mend the names, or the ROS_SECURITY settings where they are set')
 

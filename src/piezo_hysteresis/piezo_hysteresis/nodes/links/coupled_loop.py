@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.subscription import Subscription
@@ -11,7 +12,7 @@ from rclpy.subscription import Subscription
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.stamps import SequenceFilter
 from piezo_hysteresis.compensation.link import ReferencePoint
-from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.models.modelfile import is_modal
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_hysteresis.nodes.links.coupled_node import Coupled, VoltageLink
@@ -29,15 +30,17 @@ LOOK = 0.1
 def is_requested() -> bool:
     """Return whether the arguments, or a parameter file, give a model of several axes.
 
-    A `model_file` that is for all nodes of the process may be one of one axis.
+    A `model_file` that is for all nodes of the process may be one of one axis; one that cannot be
+    read is an error, so that the loop of one axis does not run in place of that of several.
     """
     probe = Node('coupled', enable_rosout=False, start_parameter_services=False)
     given = probe._parameter_overrides.get('model_file')
     probe.destroy_node()
-    try:
-        return given is not None and is_modal(str(given.value))
-    except PiezoError:  # the nodes that read it say why
+    if given is None:
         return False
+    if not Path(str(given.value)).is_file():
+        raise ModelError(f'there is no model file {given.value}; give the path of one')
+    return is_modal(str(given.value))
 
 
 class CoupledControlLoop:
