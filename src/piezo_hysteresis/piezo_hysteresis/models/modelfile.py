@@ -436,9 +436,17 @@ _KEYS = {
 }  # fmt: skip
 
 
+def is_there(path: str | Path) -> bool:
+    """Return whether there is such a file; a name that is too long is none."""
+    try:
+        return Path(path).is_file()
+    except OSError:
+        return False
+
+
 def is_modal(path: str | Path) -> bool:
     """Return whether there is such a file, of a model of several axes."""
-    if not Path(path).is_file():
+    if not is_there(path):
         return False
     found = read_yaml(path)
     return isinstance(found, dict) and found.get('schema') == MODAL_SCHEMA

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.subscription import Subscription
@@ -13,7 +12,7 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.stamps import SequenceFilter
 from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.models.modelfile import is_modal
+from piezo_hysteresis.models.modelfile import is_modal, is_there
 from piezo_hysteresis.nodes.excitation.excitation import Excitation
 from piezo_hysteresis.nodes.links.coupled_node import Coupled, VoltageLink
 from piezo_hysteresis.nodes.messages import measured_of, point_of
@@ -38,7 +37,7 @@ def is_requested() -> bool:
     probe.destroy_node()
     if given is None:
         return False
-    if not Path(str(given.value)).is_file():
+    if not is_there(str(given.value)):
         raise ModelError(f'there is no model file {given.value}; give the path of one')
     return is_modal(str(given.value))
 
