@@ -130,6 +130,7 @@ def test_only_what_is_near_is_suggested() -> None:
     known = ('feedforward', 'feedback', 'attenuation')
     assert near('Attenuation', known) == ' (did you mean attenuation?)'
     assert near('xyz', known) == near('', known) == near('fee', known) == ''
+    assert near('-q', ['-q']) == ''  # of another verb: no other name is meant
 
 
 def test_values_and_words_of_others_are_no_slips() -> None:

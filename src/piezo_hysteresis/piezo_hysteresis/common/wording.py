@@ -17,7 +17,7 @@ _SHORT_LIST = 16  # longer lists hide the name that was meant
 
 def near(name: str, known: Iterable[str]) -> str:
     """Return ``' (did you mean X?)'`` where `name` is nearly one of `known`, '' elsewhere."""
-    lower = {each.lower(): each for each in known}
+    lower = {each.lower(): each for each in known if each != name}
     found = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
     matching = [each for each in lower if len(name) > 1 and each.startswith(name.lower())]
     if not found and len(matching) == 1:
