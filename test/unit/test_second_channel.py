@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.data.second_channel import CURVES, RIVALS, sensor_curve
 from piezo_hysteresis.errors import RecordError
@@ -151,3 +152,15 @@ def test_a_current_is_summed_to_a_charge(tmp_path: Path) -> None:
 def test_a_second_channel_of_another_length_is_refused() -> None:
     with pytest.raises(RecordError, match='second has 4 samples but voltage has 5'):
         Record('r', DT, np.zeros(5), np.zeros(5), second=np.zeros(4))
+
+
+def test_a_bag_that_holds_no_second_channel_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'record.csv'
+    path.write_text(
+        'time_s,voltage_V,displacement_um,charge_uC\n'
+        + '\n'.join(f'{k * DT},{k},{k},{k}' for k in range(40))
+    )
+    assert main(['import', str(path), '--out', str(tmp_path / 'bag')]) == 0
+    assert 'a bag has no second channel' in capsys.readouterr().err

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
+from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.data_report import print_survey_notes, records_table
 from piezo_hysteresis.cli.shared_options import add_reading, options_of
 from piezo_hysteresis.common.wording import counted
@@ -61,6 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
 
         records = [corrected(record) for record in records]
     write_bag(arguments.out, records, storage=arguments.storage)
+    if any(record.second is not None for record in records):
+        verbosity.warn('a bag has no second channel; give its file to discover')
     print_survey_notes(found)
     print(records_table(records))
     print(f'{counted(len(records), "record")} in {arguments.out}')
