@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_record import AxesRecord
@@ -14,6 +13,7 @@ from piezo_hysteresis.axes.cross_talk import CrossTalk, cross_talk
 from piezo_hysteresis.axes.modal_search import ModalIdentification, ModalStep, identify_axes
 from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.models.modelfile import is_there
 
 #: Baselines: a gain of each axis, or linear modes of all axes.
 BASELINES = ('gain', 'modes')
@@ -96,7 +96,7 @@ def discover_axes(
     """Return the cross-talk of records, and the effects that linear modes lack in them."""
     began, kept = time.perf_counter(), None
     if baseline not in BASELINES:
-        if not Path(baseline).is_file():
+        if not is_there(baseline):
             raise IdentificationError(
                 f'the baseline of several axes is {" or ".join(BASELINES)} or the model.yaml of '
                 f'several axes, not {baseline!r}'

@@ -510,13 +510,11 @@ def look_alikes(
     found = records.left(step.fit)
     if found is None:
         return ()
-    before, second = step.round.before, evaluator.data.second
-    names = {added.effect for added in before.added}
     pairs = [
         (candidate, values)
         for candidate in records.candidates()
         if candidate.effect.name != step.fit.effect
-        and not (second and second.excludes(candidate.effect.name, names, before.rms))
+        and not evaluator.excludes(candidate.effect.name, step.round.before)
         for values in candidate.starts
     ]
     size = float(np.sqrt(inner(found, found)))

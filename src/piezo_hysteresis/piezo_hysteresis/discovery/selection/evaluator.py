@@ -241,6 +241,11 @@ class Evaluator(ABC):
         """Return the model extended by each effect that it can accept."""
         return candidates(spec.model, self.data.amplitude, self.data.span)
 
+    def excludes(self, effect: str, before: CandidateFit) -> bool:
+        """Return whether a second channel of the records excludes an effect beyond a model."""
+        second, names = self.data.second, {added.effect for added in before.added}
+        return second is not None and second.excludes(effect, names, before.rms)
+
     def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
         """Return the excess that the inexact laws of a model can leave."""
         return 0.0

@@ -25,12 +25,10 @@ def refined_candidates(evaluator: Evaluator, before: CandidateFit) -> tuple[Cand
 
     A second channel of the records excludes a curve of the sensor, or what resembles it.
     """
-    second, names = evaluator.data.second, {added.effect for added in before.added}
     return tuple(
         each
         for each in evaluator.candidates(before)
-        if not _is_had(each, before)
-        and not (second is not None and second.excludes(each.effect.name, names, before.rms))
+        if not _is_had(each, before) and not evaluator.excludes(each.effect.name, before)
     )
 
 

@@ -45,7 +45,7 @@ def changes_of(
     width, width_std = loop.deviates(loop.width)
     found = [
         f'{name} {_between(start.values[name], numbers[name])}'
-        for name in _changed(numbers, start, loop.gain({}))
+        for name in _changed(numbers, start, 1.0 + gain)
     ]
     if len(found) > LISTED:
         found[LISTED:] = [counted(len(found) - LISTED, 'further parameter')]
@@ -119,9 +119,12 @@ class _Loop:
 
     def gain(self, other: Mapping[str, float]) -> float:
         """Return the gain over that of the baseline, with some `other` values."""
-        if self._slow is None:
+        return self._gain_of(self._respond(self._values(other)))
+
+    def _gain_of(self, after: FloatArray) -> float:
+        before = self._before
+        if not before.size:
             return 1.0
-        before, after = self._before, self._respond(self._values(other))
         return float(before @ after) / max(float(before @ before), 1e-300)
 
     def width(self, other: Mapping[str, float]) -> float:
@@ -133,7 +136,7 @@ class _Loop:
         area, known = (float(np.trapezoid(y, voltage)) for y in (after, self._before))
         # a loop of a thousandth of the stroke has no width that could change
         least = 1e-3 * float(np.ptp(self._before) * np.ptp(voltage))
-        return area / (self.gain(other) * known) if abs(known) > least else 1.0
+        return area / (self._gain_of(after) * known) if abs(known) > least else 1.0
 
     def deviates(self, function: Callable[[Mapping[str, float]], float]) -> tuple[float, float]:
         """Return the relative change that a function states, and its standard deviation."""
