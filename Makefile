@@ -63,10 +63,11 @@ peers: dev
 	@$(run) python studies/study.py leaderboard --quick --peers out/peers/*/bin/python \
 	  | tee out/peers/quick.txt; ! grep 'left out' out/peers/quick.txt
 
-# In an environment of its own: nothing else needs these packages.
-site:
+# In an environment of its own: nothing else needs these packages. The verbs print their own page.
+site: setup-demo
 	@test -x .venv-docs/bin/pip || python3 -m venv .venv-docs
 	@.venv-docs/bin/pip install -q --disable-pip-version-check -r requirements-docs.txt
+	@$(run) python tools/write_reference.py out/cli.md
 	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build -q --strict
 	@echo out/site/index.html
 

@@ -1,4 +1,4 @@
-"""Hooks of mkdocs.yml: wildcards in the navigation, the notebook and pages outside of docs/."""
+"""Hooks of mkdocs.yml: wildcards in the navigation, the notebook, pages from outside of docs/."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ NOTEBOOK = 'tutorials/python.ipynb'
 REST = '*.md'  # in the navigation: what nothing else lists
 # Pages of the repository that the site shows, by their path there.
 OUTSIDE = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.md': 'changelog.md'}
+# The page of the verbs, by the file that `make site` has `write_reference.py` write.
+VERBS, VERBS_FILE = 'reference/cli.md', ROOT / 'out' / 'cli.md'
 # A browser starts no worker for a page that is opened as a file, and the theme would then load a
 # substitute from the network. This one runs the search in a hidden frame.
 SUBSTITUTE = re.compile(r'<script src="https://unpkg.com/iframe-worker/shim"></script>')
@@ -78,12 +80,13 @@ def _expanded(nav: Any, listed: set[str]) -> Any:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the notebook and the pages of the repository."""
+    """Add the notebook, the page of the verbs and the pages of the repository."""
     from mkdocs.structure.files import File
 
     for path, name in OUTSIDE.items():
         text = (ROOT / path).read_text(encoding='utf-8')
         files.append(File.generated(config, name, content=relinked(text, '.', '')))
+    files.append(File.generated(config, VERBS, content=VERBS_FILE.read_text(encoding='utf-8')))
     if notebook := files.get_file_from_path(NOTEBOOK):
         files.remove(notebook)
     page = NOTEBOOK.replace('.ipynb', '.md')

@@ -1,7 +1,7 @@
 """Write the pages that come from the code.
 
-docs/nodes.md from the parameter tables, docs/reference/ from docstrings and programs, the tables
-of models, parameters and new effects from the blocks, docs/equations.md from tags.
+docs/nodes.md from the parameter tables, docs/reference/ from tables and policies, the tables of
+models, parameters and new effects from the blocks, docs/equations.md from tags.
 
     python tools/write_docs.py [--check]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / 'tools'))
 
-from write_reference import PAGES  # noqa: E402 - from tools
+from write_reference import SECTIONS  # noqa: E402 - from tools
 
 PACKAGES = (ROOT / 'src' / 'piezo_hysteresis', ROOT / 'src' / 'piezo_sim')
 # Packages of which everything that they export is public.
@@ -115,7 +115,7 @@ def reached(name: Name) -> Iterator[Name]:
 def roots() -> Iterator[Name]:
     """Yield what pages, packages and the imports in pages name, and the nodes."""
     for module in (
-        *(f'piezo_hysteresis.{name}' for _, names in PAGES.values() for name in names),
+        *(f'piezo_hysteresis.{name}' for _, names in SECTIONS.values() for name in names),
         *EXPORTING,
     ):
         yield from (found for name in exported(module) if (found := home(module, name)))

@@ -124,11 +124,19 @@ def test_tables_have_a_whole_head(page: Path) -> None:
         assert columns(lines[k - 1]) == columns(lines[k]), lines[k - 1]
 
 
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page."""
+    heads = re.findall(r'^#+ (.+)$', page.read_text(encoding='utf-8'), re.M)
+    return {re.sub(r'[^\w -]', '', head).lower().replace(' ', '-') for head in heads}
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r'\]\(([^)#\s]+)', page.read_text()):
+    for target, anchor in re.findall(r'\]\(([^)#\s]*)(?:#([^)\s]+))?\)', page.read_text()):
         if not target.startswith(('http:', 'https:', 'mailto:')):
-            assert (page.parent / target).exists(), f'{page.name} links to {target}'
+            place = page.parent / target if target else page
+            assert place.exists(), f'{page.name} links to {target}'
+            assert not anchor or anchor in anchors(place), f'{page.name}: {target}#{anchor}'
 
 
 @pytest.mark.parametrize('page', pages(), ids=lambda page: page.name)

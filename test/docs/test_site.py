@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import re
 import sys
+from pathlib import Path
 
 import pytest
 import yaml
 from pages import ROOT
 
+from piezo_hysteresis.cli.main import VERBS
+
 sys.path.insert(0, str(ROOT / 'tools'))
 import site_hooks
+import write_reference
 
 CONFIG = yaml.safe_load((ROOT / 'mkdocs.yml').read_text(encoding='utf-8'))
 
@@ -26,7 +30,7 @@ def entries(nav: object) -> list[str]:
 def test_every_page_is_in_the_navigation_once() -> None:
     listed = entries(site_hooks.on_config({'nav': CONFIG['nav']})['nav'])
     pages = {path.relative_to(ROOT / 'docs').as_posix() for path in ROOT.glob('docs/**/*.md')}
-    generated = {*site_hooks.OUTSIDE.values(), 'tutorials/python.md'}
+    generated = {*site_hooks.OUTSIDE.values(), site_hooks.VERBS, 'tutorials/python.md'}
     assert sorted(listed) == sorted(pages | generated)
 
 
@@ -56,6 +60,14 @@ def test_the_notebook_becomes_a_page_with_its_pictures() -> None:
     assert page.startswith('# ')
     assert '```python' in page
     assert 'src="data:image/png;base64,' in page
+
+
+@pytest.mark.component
+def test_the_page_of_the_verbs_has_every_verb(tmp_path: Path) -> None:
+    write_reference.main(tmp_path / 'new' / 'cli.md')
+    page = (tmp_path / 'new' / 'cli.md').read_text(encoding='utf-8')
+    assert set(VERBS) <= set(re.findall(r'^## (\w+)$', page, re.M))
+    assert '--overwrite' in page
 
 
 def test_tools_are_pinned() -> None:
