@@ -122,8 +122,6 @@ def relinked(markdown: str, folder: str, root: str) -> str:
             inside = OUTSIDE[whole]
         elif whole.startswith('docs/'):
             inside = whole.removeprefix('docs/').replace(NOTEBOOK, NOTEBOOK[:-5] + 'md')
-            if (DOCS / inside).is_dir():  # its first page
-                inside = min(p.relative_to(DOCS).as_posix() for p in (DOCS / inside).glob('*.md'))
         else:
             return text
         here = '' if root == '' else folder

@@ -1,8 +1,8 @@
-"""Write tables and pages of blocks and effects from their traits.
+"""Write tables and sections of blocks and effects from their traits.
 
 Called by ``python tools/write_docs.py``. It replaces the table of effects in docs/models.md,
-writes docs/reference/parameters.md, and creates the page of an effect that has none; later edits
-of that page are manual.
+writes docs/reference/parameters.md, and adds a section to docs/effects.md for each effect that has
+none; later edits of a section are manual.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from piezo_hysteresis.models import EFFECT_NAMES, described
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 MODELS = DOCS / 'models.md'
-EFFECTS = DOCS / 'effects'
+EFFECTS = DOCS / 'effects.md'
 PARAMETERS = DOCS / 'reference' / 'parameters.md'
 PARAMETERS_INTRO = """# Parameters of the blocks
 
 Bounds are physical limits; defaults are for 1 V and 130 µm. The play bank has `w1` to `w9` like
-`w1` below (thresholds 0.1 to 0.9 of `pi_range`), Preisach `mu_0_0` to `mu_7_7`, and the selector
-every `inverse_` parameter at ten knots (`inverse_gain_at1` ...). `python tools/write_docs.py`
-writes this page.
+`w1` below (thresholds 0.1 to 0.9 of `pi_range`), the nonlocal memory `memory1` to `memory9` (0.1
+to 0.9 of `memory_range`) or `fine_memory1` to `fine_memory39` (1/40 to 39/40 of
+`fine_memory_range`), Preisach `mu_0_0` to `mu_7_7`, and the selector every `inverse_` parameter at
+ten knots (`inverse_gain_at1` ...). `python tools/write_docs.py` writes this page.
 """
 
 _BLOCKS_HEAD = (
@@ -38,12 +39,19 @@ def model_pages() -> dict[Path, str]:
     page = MODELS.read_text(encoding='utf-8')
     page = _replaced(page, _EFFECTS_HEAD, _effect_rows())
     table = '\n'.join([PARAMETERS_INTRO, _BLOCKS_HEAD, *_block_rows(), ''])
-    pages = {MODELS: page, PARAMETERS: table}
-    for name in EFFECT_NAMES:
-        path = EFFECTS / f'{name}.md'
-        if not path.is_file():
-            pages[path] = _new_page(name)
-    return pages
+    return {MODELS: page, PARAMETERS: table, EFFECTS: _effects()}
+
+
+def sections() -> dict[str, str]:
+    """Return the text of each section of docs/effects.md by the name of its effect."""
+    _, *parts = re.split(r'^## (\w+)\n', EFFECTS.read_text(encoding='utf-8'), flags=re.M)
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def _effects() -> str:
+    head = re.split(r'^## ', EFFECTS.read_text(encoding='utf-8'), maxsplit=1, flags=re.M)[0]
+    found = {name: _new_section(name) for name in EFFECT_NAMES} | sections()
+    return head + '\n'.join(f'## {name}\n{found[name].rstrip()}\n' for name in sorted(found))
 
 
 def _replaced(page: str, head: str, rows: Iterable[str]) -> str:
@@ -79,22 +87,18 @@ def _kind(parameter: Parameter) -> tuple[str, str]:
 def _effect_rows() -> Iterator[str]:
     for name in EFFECT_NAMES:
         variants = ', '.join(f'`{effect.variant}`' for effect in described(name))
-        yield f'| [{name}](effects/{name}.md) | {variants} |'
+        yield f'| [{name}](effects.md#{name}) | {variants} |'
 
 
-def _new_page(name: str) -> str:
-    """Return a page for an effect that has none, from its file."""
+def _new_section(name: str) -> str:
+    """Return a section for an effect that has none, from its file."""
     effects = described(name)
-    lines = [
-        f'# {name}',
-        '',
-        '**Physical cause.** ' + _by_variant((e.variant, e.physics) for e in effects),
-        '',
-    ]
+    causes = _by_variant((e.variant, e.physics) for e in effects)
+    lines = ['', f'**Physical cause.** {causes}', '']
     lines += ['**Signature.** See the picture: a model without and with the effect.', '']
-    lines += [f'![A model without and with {name}](../pictures/effects/{name}.png)', '']
+    lines += [f'![A model without and with {name}](pictures/effects/{name}.png)', '']
     others = dict.fromkeys(other for effect in effects for other in effect.mistaken_for)
-    links = ', '.join(f'[{other}]({other}.md)' for other in others)
+    links = ', '.join(f'[{other}](#{other})' for other in others)
     lines += [f'**Similar effects.** {links or "None"}.', '']
     lines += [
         '**Distinguishing experiment.** '
@@ -103,13 +107,6 @@ def _new_page(name: str) -> str:
     ]
     lines += ['**Model blocks.**', '', '| variant | block | neutral |', '|---|---|---|']
     lines += [_variant(effect) for effect in effects]
-    lines += ['', '| parameter | unit | bounds | meaning |', '|---|---|---|---|']
-    blocks = dict.fromkeys(e.block for e in effects if e.block is not None)
-    lines += [
-        f'| `{q.name}` | {q.unit} | {q.low:g} .. {q.high:g} | {q.description} |'
-        for block in blocks
-        for q in shown_parameters(block)
-    ]
     return '\n'.join(lines) + '\n'
 
 

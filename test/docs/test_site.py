@@ -42,7 +42,6 @@ def test_every_page_is_in_the_navigation_once() -> None:
         ('[a](../CITATION.cff)', 'docs', 'a'),
         ('[a](python.ipynb)', 'docs/tutorials', '[a](python.md)'),
         ('![a](pictures/a.png)', 'docs', '![a](pictures/a.png)'),
-        ('[a](effects/)', 'docs', '[a](effects/amplifier_lag.md)'),
         ('[a](https://a.b/c) [b](#c)', 'docs', '[a](https://a.b/c) [b](#c)'),
     ],
 )

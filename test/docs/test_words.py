@@ -62,9 +62,9 @@ NAMES = re.compile(
 
 # Written from docstrings and --help.
 GENERATED = ('docs/reference/',)
-# Words of a page with its tables, lists and code; the tables of the nodes are a reference.
+# Words of a page with its tables, lists and code; nodes and effects are looked up one by one.
 LONGEST_PAGE = 2500
-REFERENCE = ('docs/nodes.md',)
+REFERENCE = ('docs/nodes.md', 'docs/effects.md')
 
 
 def pages() -> list[str]:

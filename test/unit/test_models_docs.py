@@ -30,7 +30,7 @@ def test_every_model_and_block_is_on_the_page_of_models() -> None:
 
 def test_tables_and_pages_agree_with_the_blocks() -> None:
     pages = write_models.model_pages()
-    written = [write_models.MODELS, write_models.PARAMETERS]
+    written = [write_models.MODELS, write_models.PARAMETERS, write_models.EFFECTS]
     assert list(pages) == written, 'run python tools/write_docs.py'
     for path in written:
         assert pages[path] == path.read_text(encoding='utf-8')
@@ -45,19 +45,31 @@ def test_of_a_long_series_of_parameters_the_first_is_shown() -> None:
     ]
 
 
-def test_no_page_is_of_an_effect_that_is_not_there() -> None:
-    assert {path.stem for path in (DOCS / 'effects').glob('*.md')} == set(models.EFFECT_NAMES)
+def test_the_sections_are_of_the_effects_that_are_there() -> None:
+    assert list(write_models.sections()) == sorted(models.EFFECT_NAMES)
+
+
+def test_an_effect_without_a_section_gets_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = write_models.EFFECTS.read_text(encoding='utf-8')
+    begin, end = page.index('## creep'), page.index('## drift')
+    (tmp_path / 'effects.md').write_text(page[:begin] + page[end:], encoding='utf-8')
+    monkeypatch.setattr(write_models, 'EFFECTS', tmp_path / 'effects.md')
+    written = write_models.model_pages()[write_models.EFFECTS]
+    assert written[:begin] + written[written.index('## drift') :] == page[:begin] + page[end:]
+    assert '| `creep_pair` | `creep_pair` |' in written[begin : written.index('## drift')]
 
 
 @pytest.mark.parametrize('name', models.EFFECT_NAMES)
-def test_every_effect_has_a_page_that_matches_the_code(name: Any) -> None:
-    page = (DOCS / 'effects' / f'{name}.md').read_text(encoding='utf-8')
+def test_every_effect_has_a_section_that_matches_the_code(name: Any) -> None:
+    page = write_models.sections()[name]
     for effect in models.described(name):
         assert f'`{effect.variant}`' in page
         assert effect.physics in page
         assert effect.experiment in page
         for other in effect.mistaken_for:
-            assert f'[{other}]({other}.md)' in page
+            assert f'[{other}](#{other})' in page
     for heading in ('Physical cause', 'Signature', 'Similar effects', 'Distinguishing experiment'):
         assert f'**{heading}.**' in page
 
@@ -90,9 +102,8 @@ def harmonic(changes: Any, name: Any, order: int) -> np.ndarray:
 
 @pytest.mark.component
 @pytest.mark.parametrize('name', models.EFFECT_NAMES)
-def test_every_page_shows_a_picture_of_a_change(changes: dict[Any, Any], name: Any) -> None:
-    page = (ROOT / 'docs/effects' / f'{name}.md').read_text()
-    assert f'](../pictures/effects/{name}.png)' in page
+def test_every_section_shows_a_picture_of_a_change(changes: dict[Any, Any], name: Any) -> None:
+    assert f'](pictures/effects/{name}.png)' in write_models.sections()[name]
     assert (ROOT / 'docs/pictures/effects' / f'{name}.png').stat().st_size > 10_000
     assert max(np.abs(change).max() for change in changes[name].values()) > 1e-8
 
