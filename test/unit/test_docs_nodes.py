@@ -47,7 +47,7 @@ def test_every_launch_argument_is_documented(launch: str) -> None:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'ARGUMENTS'
     )
     arguments = ast.literal_eval(values)
-    page = (ROOT / 'docs/launch.md').read_text()
+    page = (ROOT / 'docs/ros2.md').read_text()
     for name, (default, _) in arguments.items():
         assert f'`{name}`' in page
         if launch == 'loop' and default:
