@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 # Options that write into docs/, where figures of small numbers do not belong.
-PAGES = ('page', 'picture', 'write')
+PAGES = ('page', 'picture', 'write', 'exams')
 
 
 def command_lines() -> list[tuple[str, ...]]:

@@ -2,8 +2,8 @@
 
     python studies/reliability.py [--picture docs/pictures/reliability.png]
 
-It is read from the pages of the tests on data that were not simulated with the suite and that set
-no threshold. A name in addition to a hidden effect counts as wrong.
+It is read from docs/exams.json, of the tests on data that were not simulated with the suite and
+that set no threshold. A name in addition to a hidden effect counts as wrong.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -24,11 +25,11 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.quick import parsed
+from studies.exams import read
 from studies.worlds.hidden import HIDDEN
 from studies.worlds.lottery_world import EFFECTS
 
-DOCS = Path(__file__).resolve().parents[1] / 'docs'
-PAGES = ('discovery_hidden.md', 'discovery_foreign.md', 'discovery_lottery.md')
+WORLDS = ('hidden', 'foreign', 'lottery')
 TRUTHS = {**{name: truth for name, (_, truth) in HIDDEN.items()}, **EFFECTS}
 EDGES = (0.0, 0.5, 0.7, 0.8, 1.0001)
 _NAME = re.compile(r'([a-z_]+) ([01]\.\d+)')
@@ -56,19 +57,13 @@ class Class:
         return float(found.low), float(found.high)
 
 
-def said_in(page: str) -> list[tuple[float, bool]]:
-    """Return probability and truth of every name in the table of a page."""
+def said_in(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, bool]]:
+    """Return probability and truth of every name in the rows of an exam."""
     found: list[tuple[float, bool]] = []
-    columns: list[str] = []
-    for line in page.splitlines():
-        cells = [cell.strip() for cell in line.strip('|').split('|')]
-        if 'reported' in cells:
-            columns = cells
-        elif columns and len(cells) == len(columns) and not cells[0].startswith('---'):
-            row = dict(zip(columns, cells, strict=True))
-            truths = {TRUTHS.get(part, '') for part in row['hidden'].split(' and ')}
-            told = re.sub(r'\([^)]*\)', '', row['reported'])
-            found += [(float(p), name in truths) for name, p in _NAME.findall(told)]
+    for row in rows:
+        truths = {TRUTHS.get(part, '') for part in row['hidden'].split(' and ')}
+        told = re.sub(r'\([^)]*\)', '', row['reported'])
+        found += [(float(p), name in truths) for name, p in _NAME.findall(told)]
     return found
 
 
@@ -123,8 +118,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--picture', type=Path)
     arguments = parsed(parser)
-    pages = [DOCS / name for name in PAGES if (DOCS / name).exists()]
-    named = [pair for page in pages for pair in said_in(page.read_text(encoding='utf-8'))]
+    exams = [each for each in read() if each['world'] in WORLDS]
+    named = [pair for each in exams for pair in said_in(each.get('rows', ()))]
     found = classes(named)
     print('| named with | mean | names | right | 95 % |\n|---|---:|---:|---:|---|')
     for each in found:

@@ -18,6 +18,7 @@ if not __package__:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bench.quick import parsed
+from studies.exams import Exam
 
 WORLDS = {
     'simulated': 'random actuators of piezo_sim, effects of random size',
@@ -37,6 +38,9 @@ WORLDS = {
     'cross_talk': 'simulated stages of three axes, of which some have a hidden cross-talk',
     'story': 'the mode at 68 Hz that the models of Fujii 2018 lack',
 }
+
+#: Worlds that return exams.
+EXAMS = ('simulated', 'lottery', 'foreign', 'hidden', 'repeats', 'false_alarms')
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -60,13 +64,22 @@ def main(words: Sequence[str] | None = None) -> int:
     add('--workers', type=int, default=1)
     if 'time_limit' in world.QUICK:
         add('--time-limit', type=float, default=math.inf, help='of each search [s]')
-    add('--page', type=Path, help='also write the page of documentation')
+    if name in EXAMS:
+        add('--exams', type=Path, help='also store the result there: docs/exams.json')
+    else:
+        add('--page', type=Path, help='also write the page of documentation')
     world.configure(parser)
     asked = parsed(parser, given[1:], **world.QUICK)
-    text: str = world.run(asked)
-    print(text)
-    if asked.page:
-        asked.page.write_text(text, encoding='utf-8')
+    found: str | list[Exam] = world.run(asked)
+    if isinstance(found, str):
+        print(found)
+        if asked.page:
+            asked.page.write_text(found, encoding='utf-8')
+        return 0
+    for exam in found:
+        print(f'\n{name} {exam.variant}\n{exam.text()}')
+        if asked.exams:
+            exam.store(asked.exams)
     return 0
 
 

@@ -1,7 +1,8 @@
 """Write the pages that come from the code.
 
 docs/nodes.md from the parameter tables, docs/reference/ from tables and policies, the tables of
-models, parameters and new effects from the blocks, docs/equations.md from tags.
+models, parameters and new effects from the blocks, docs/equations.md from tags, the tables of
+docs/exams.md from docs/exams.json.
 
     python tools/write_docs.py [--check]
 
@@ -16,6 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from write_equations import equation_pages
+from write_exams import exam_pages
 from write_models import model_pages
 from write_reference import FOLDER as REFERENCE
 from write_reference import reference_pages
@@ -157,7 +159,8 @@ def _name(name: str) -> str:
 
 def main() -> int:
     """Write or check the pages."""
-    pages = {PAGE: page(), **equation_pages(), **model_pages(), **reference_pages()}
+    generated = equation_pages() | exam_pages() | model_pages() | reference_pages()
+    pages = {PAGE: page(), **generated}
     stray = set(REFERENCE.glob('*.md')) - pages.keys()
     if '--check' in sys.argv[1:]:
         old = {path.name for path, text in pages.items() if not _holds(path, text)}

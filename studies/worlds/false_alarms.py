@@ -4,13 +4,13 @@
 
 A model is identified on the first part of a record, and the rest, with a second record where there
 is one, is cut into blocks. Nothing was changed, so a verdict other than `none` is a false alarm.
-The table has its rate by the test that opens a search, and by a conformal bar: half of the blocks,
+The exam has its rate by the test that opens a search, and by a conformal bar: half of the blocks,
 drawn, calibrate it, and a block of the other half is an alarm if
 
     p = (1 + number of calibration blocks with at least its score) / (n + 1)
 
 is 5 % at most. The score is the power beyond the expected one. Below 19 calibration blocks no p is
-that small, and the table says so.
+that small, and the exam says so.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load
+from studies.exams import Exam
 from studies.worlds.hidden import CASES, Case, chain, cut
 from studies.worlds.stand_ins import records_in
 
@@ -96,19 +97,18 @@ def examined(case: Case, word: str, data: Path, seconds: float, part: float) -> 
     return rows
 
 
-def table(rows: Sequence[Blocks], seed: int) -> str:
-    """Return the table of the page."""
-    lines = [
-        '| actuator | baseline | record | blocks | false alarms | by a conformal bar |',
-        '|---|---|---|---:|---:|---:|',
-    ]
-    for row in rows:
-        conformal = row.conformal(np.random.default_rng(seed))
-        lines.append(
-            f'| {row.case} | `{row.baseline}` | {row.record} | {row.scores.size} | {row.alarms} '
-            f'({100.0 * row.alarms / max(row.scores.size, 1):.1f} %) | {conformal} |'
-        )
-    return '\n'.join(lines)
+def exam(rows: Sequence[Blocks], seed: int, seconds: float) -> Exam:
+    """Return the exam: alarms by record, and those by a conformal bar."""
+    cells = [
+        {
+            'actuator': row.case, 'baseline': row.baseline, 'record': row.record,
+            'alarms': int(row.alarms), 'blocks': row.scores.size,
+            'by_a_conformal_bar': row.conformal(np.random.default_rng(seed)),
+        }
+        for row in rows
+    ]  # fmt: skip
+    total = int(sum(row.alarms for row in rows)), sum(row.scores.size for row in rows)
+    return Exam('false_alarms', seed, {'alarms': total}, cells, f'blocks of {seconds:g} s')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -124,8 +124,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 QUICK = {'data': None, 'cases': 1, 'baselines': 1, 'seconds': 0.4}
 
 
-def run(asked: argparse.Namespace) -> str:
-    """Examine every actuator; return the table."""
+def run(asked: argparse.Namespace) -> list[Exam]:
+    """Examine every actuator."""
     cases = CASES[: asked.cases]
     files = sorted({file for case in cases for file in (case.fitted, *case.evaluated)})
     rows: list[Blocks] = []
@@ -133,4 +133,4 @@ def run(asked: argparse.Namespace) -> str:
         for case in cases:
             for word in case.baselines[: asked.baselines]:
                 rows += examined(case, word, data, asked.seconds, asked.part)
-    return table(rows, asked.seed)
+    return [exam(rows, asked.seed, asked.seconds)]

@@ -1,6 +1,6 @@
 """Discovery test: effects in actuators from the literature (Maxwell, Duhem, LuGre, leakage).
 
-    python studies/study.py foreign --seed 21 --page docs/discovery_foreign.md
+    python studies/study.py foreign --seed 21 --exams docs/exams.json
 
 As the world `hidden`, but the records come from `studies/worlds/foreign_world.py`. A baseline
 that cannot be exact there is identified on six untouched records; effects hide in six others.
@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from piezo_hysteresis.records import write_bag
+from studies.exams import Exam
 from studies.worlds.foreign_world import WORLDS, recorded
-from studies.worlds.hidden import HIDDEN, Case, Row, Search, examined, page
+from studies.worlds.hidden import HIDDEN, Case, Row, Search, exam, examined
 
 FITTED = tuple((a, f) for f in (1.0, 7.0, 23.0) for a in (0.5, 1.0))
 JUDGED = tuple((a, f) for f in (2.0, 5.0, 17.0) for a in (0.6, 0.9))
@@ -28,24 +29,6 @@ BASELINES = {
     'two modes, friction': 'linear_mode',
     'leaking charge': 'bouc_wen_mode',
 }
-HEAD = (
-    '# Discovery test: actuators from the literature',
-    '',
-    'Four actuators from textbook equations, integrated in continuous time by SciPy, share',
-    'nothing with the models (`studies/worlds/foreign_world.py`): elastoslides (Goldfarb and',
-    'Celanovic 1997), Duhem (Coleman and Hodgson 1986), two modes with friction (Canudas de',
-    'Wit 1995), and leaking charge. A baseline that cannot be exact is identified on six',
-    'sines. An effect of random size is added to six others; `discover` gets these and the',
-    '`model.yaml`. The search is frozen before any of these records exists.',
-    '[validation.md](validation.md) has the summary, [draws.md](draws.md) every draw.',
-    '',
-    '    python studies/study.py foreign --seed {seed} --page docs/discovery_foreign.md',
-)
-SIZES = (
-    'Sizes are 0.25 to 1. Size 1 is a delay or lag of 4 ms, a sensor nonlinearity of 2.5 % at',
-    'the ends, a tone of 1.5 % of the stroke, a drift of 15 % of the stroke and a gain loss of',
-    '16 % in 5 s. Noise is 0.2 % of the stroke.',
-)
 
 
 def records_into(folder: Path, seed: int, worlds: int, seconds: float) -> list[Case]:
@@ -71,12 +54,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 QUICK = {'worlds': 1, 'effects': 2, 'seconds': 1.0, 'time_limit': 2.0}
 
 
-def run(asked: argparse.Namespace) -> str:
-    """Examine every actuator; return the page."""
+def run(asked: argparse.Namespace) -> list[Exam]:
+    """Examine every actuator."""
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as made:
         how = Search(asked.workers, asked.time_limit, asked.effects)
         cases = records_into(Path(made), asked.seed, asked.worlds, asked.seconds)
         for place, case in enumerate(cases):
             rows += examined(case, case.baselines[0], Path(made), (asked.seed, place), how)
-    return page(rows, asked.seed, HEAD, SIZES)
+    return [exam('foreign', rows, asked.seed)]

@@ -1,6 +1,6 @@
 """Discovery test: effects added to measured records of an identified actuator.
 
-    python studies/study.py hidden --data ../shared/data --page docs/discovery_hidden.md
+    python studies/study.py hidden --data ../shared/data --exams docs/exams.json
 
 A baseline is identified on untouched records of a measured actuator and saved. Then an effect of
 random size is put into the measured displacement, by code that shares nothing with the suite, and
@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -32,6 +33,7 @@ from piezo_hysteresis.discovery.selection.start import as_on
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import Model, ModelFile, named
 from piezo_hysteresis.records import Record, load
+from studies.exams import Exam, counted, hits
 from studies.worlds.scores import in_a_cell
 from studies.worlds.stand_ins import records_in
 
@@ -193,9 +195,14 @@ class Row:
         return [effect.effect_class for effect in self.verdict.effects]
 
     @property
-    def truth(self) -> str:
-        """Name of what is hidden, empty for nothing."""
-        return (HIDDEN | CURVED)[self.hidden][1]
+    def kind(self) -> str:
+        """Whether one effect is hidden or none."""
+        return 'single' if self.truth else 'null'
+
+    @property
+    def truth(self) -> set[str]:
+        """Name of what is hidden, none for nothing."""
+        return {(HIDDEN | CURVED)[self.hidden][1]} - {''}
 
     @property
     def right(self) -> bool:
@@ -204,7 +211,7 @@ class Row:
             return self.verdict.verdict == 'none'
         if self.hidden == 'curved actuator':  # no sensor, whichever law of the actuator
             return bool(self.names) and HIDDEN['curved sensor'][1] not in self.names
-        return self.names[:1] == [self.truth]
+        return set(self.names[:1]) == self.truth
 
     @property
     def told(self) -> str:
@@ -215,6 +222,18 @@ class Row:
     def ratio(self) -> float:
         """Held-out error after over that of the control."""
         return self.verdict.held_out.gap_after_rms_m / self.control
+
+    @property
+    def cells(self) -> dict[str, Any]:
+        """The row of the exam."""
+        gap = self.verdict.held_out
+        return {
+            'actuator': self.case, 'baseline': self.baseline, 'hidden': self.hidden,
+            'size': round(self.size, 2), 'reported': self.told, 'right': self.right,
+            'before_um': round(1e6 * gap.gap_before_rms_m, 3),
+            'after_um': round(1e6 * gap.gap_after_rms_m, 3),
+            'over_unchanged': round(self.ratio, 2),
+        }  # fmt: skip
 
 
 def cut(record: Record, until: float) -> Record:
@@ -332,95 +351,12 @@ def examined(
     return rows
 
 
-HEAD = (
-    '# Discovery test: effects added to measured records',
-    '',
-    'A baseline is identified on unchanged records of a measured actuator. An effect of random',
-    'size is then added to the measured displacement by code that shares nothing with the',
-    'models (`studies/worlds/hidden.py`). `discover` gets the changed records and the',
-    '`model.yaml`. The effect sizes are new. The records, and three of the four baselines, are',
-    'those on which thresholds were set. [validation.md](validation.md) has the summary,',
-    '[draws.md](draws.md) every draw.',
-    '',
-    '    python studies/study.py hidden --data DATA --seed {seed} \\',
-    '        --page docs/discovery_hidden.md',
-)
-REFERENCE_HEADS = {
-    'repeated': (
-        '## With `--reference`: the same experiments again',
-        '',
-        'The reference is the set of unchanged records. The effect is added to the same',
-        'records with new white noise of the size at rest; day-to-day changes of an actuator',
-        'are not included. `discover` gets both sets and the name of a baseline.',
-        '',
-        '    python studies/study.py hidden --data DATA --seed {seed} --reference repeated',
-    ),
-    'parts': (
-        '## With `--reference`: the first part of a record',
-        '',
-        'The reference is the first part of the sine of each actuator (20 s; 7 s at 150 V).',
-        'The effect is added to the rest, which starts in motion with an unknown memory. A',
-        'drift and a loss reach their full size at its end.',
-        '',
-        '    python studies/study.py hidden --data DATA --seed {seed} --reference parts',
-    ),
-    'second': (
-        '## With a second channel',
-        '',
-        'A second sensor of the same noise follows the actuator. A curve of the first sensor',
-        'bends one channel, a curve of the actuator both; the latter is right with any name but',
-        'that of the sensor.',
-        '',
-        '    python studies/study.py hidden --data DATA --seed {seed} --second 3',
-    ),
-}
-SIZES = (
-    'Sizes are 0.25 to 1. Size 1 is a delay or lag of 40 ms (8 ms at 150 V), a sensor',
-    'nonlinearity of 2.5 % at the ends, a tone of 1.5 % of the stroke, a drift of 15 % of the',
-    'stroke and a gain loss of 16 % in 70 s (10 s at 150 V).',
-)
-
-
-def page(
-    rows: Sequence[Row], seed: int, head: Sequence[str] = HEAD, sizes: Sequence[str] = SIZES
-) -> str:
-    """Return the page of docs."""
-    hidden = [row for row in rows if row.hidden != 'nothing']
-    controls = [row for row in rows if row.hidden == 'nothing']
-    right = sum(row.right for row in hidden)
-    among = sum(any(row.truth in names for names in row.classes) for row in hidden)
-    false = sum(any(row.truth not in names for names in row.classes) for row in hidden)
-    besides = sum(len(set(row.names) - {row.truth}) > 0 for row in hidden)
-    back = sum(row.ratio <= AS_CONTROL for row in hidden)
-    lines = [
-        *(line.format(seed=seed) for line in head),
-        '',
-        (
-            f'- right effect ranked first: {right} of {len(hidden)}; '
-            f'first or in a stated class: {among}'
-        ),
-        f'- sets with an effect whose class lacks the hidden one: {false} of {len(hidden)}',
-        f'- sets with a wrong name: {besides} of {len(hidden)}',
-        (
-            f'- unchanged actuator reported as `none`: {sum(r.right for r in controls)} '
-            f'of {len(controls)}'
-        ),
-        f'- held-out error within {AS_CONTROL} of the unchanged actuator: {back} of {len(hidden)}',
-        f'- longest run: {max(r.seconds for r in rows):.0f} s on a busy machine',
-        '',
-        *sizes,
-        '',
-        '| actuator | baseline | hidden | size | reported | held-out µm | over unchanged |',
-        '|---|---|---|---:|---|---:|---:|',
-    ]
-    for row in rows:
-        gap = row.verdict.held_out
-        lines.append(
-            f'| {row.case} | `{row.baseline}` | {row.hidden} | {row.size:.2f} | '
-            f'{"" if row.right else "**wrong** "}{row.told} | {gap.gap_before_rms_m * 1e6:.3f} to '
-            f'{gap.gap_after_rms_m * 1e6:.3f} | {row.ratio:.2f} |'
-        )
-    return '\n'.join(lines) + '\n'
+def exam(world: str, rows: Sequence[Row], seed: int, variant: str = '') -> Exam:
+    """Return the exam of a world with effects from `HIDDEN`."""
+    back = hits([row.ratio <= AS_CONTROL for row in rows if row.truth])
+    counts = {**counted(rows), 'held_out': back}
+    longest = max(row.seconds for row in rows)
+    return Exam(world, seed, counts, [row.cells for row in rows], variant, round(longest))
 
 
 def everything(asked: argparse.Namespace, data: Path) -> list[Row]:
@@ -449,12 +385,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 QUICK = {'data': None, 'baselines': 1, 'effects': 2, 'time_limit': 2.0}
 
 
-def run(asked: argparse.Namespace) -> str:
-    """Examine every actuator; return the page."""
+def run(asked: argparse.Namespace) -> list[Exam]:
+    """Examine every actuator."""
     files = {file for case in CASES[:1] for file in (case.fitted, *case.evaluated)}
     with records_in(asked.data, sorted(files)) as data:
         rows = everything(asked, data)
     if not rows:
         sys.exit(f'no measured record in {asked.data}')
-    kind = 'second' if asked.second else asked.reference
-    return page(rows, asked.seed, REFERENCE_HEADS.get(kind, HEAD))
+    return [exam('hidden', rows, asked.seed, 'second' if asked.second else asked.reference)]

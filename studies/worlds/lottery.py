@@ -1,6 +1,6 @@
 """Discovery test: effects in an independent simulation with random recording conditions.
 
-    python studies/study.py lottery --seed 31 --page docs/discovery_lottery.md
+    python studies/study.py lottery --seed 31 --exams docs/exams.json
 
 What hides and how it is recorded is in `studies/worlds/lottery_world.py`, which shares no physics
 with the suite. `discover` gets the records and the name of a baseline, nothing else.
@@ -14,6 +14,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -22,6 +23,7 @@ from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.verdict.verdict import Verdict
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import named
+from studies.exams import Exam, counted
 from studies.worlds.lottery_world import (
     EFFECTS,
     UNKNOWN_EFFECTS,
@@ -35,18 +37,6 @@ from studies.worlds.scores import in_a_cell
 
 BASELINE = 'bouc_wen_mode'
 SINGLES, PAIRS, NULLS, OTHERS = 33, 10, 20, 6
-HEAD = (
-    '# Discovery test: random recording conditions',
-    '',
-    'The actuator is a Bouc-Wen hysteresis with one mode. It has one additional effect, two,',
-    'none, or one that is not in the library. The initial condition (rest, step, mid-period,',
-    'remanent), noise (white or coloured, constant or growing with the amplitude), zeros, 8 to',
-    '16 bits, 0.2 to 20 kHz and the kinds of records are drawn by seed. The simulation shares',
-    'no code with the models (`studies/worlds/lottery_world.py`). `discover` gets the records and',
-    'the name `bouc_wen_mode`. The search is frozen before the draw.',
-    '',
-    '    python studies/study.py lottery --seed {seed} --page docs/discovery_lottery.md',
-)
 
 
 @dataclass(frozen=True)
@@ -81,7 +71,7 @@ class Row:
         word = self.verdict.verdict if self.verdict else 'refused'
         if self.kind == 'null':
             return word == 'none'
-        if self.kind == 'outsider':
+        if self.kind == 'outside':
             return word == 'unknown' or bool(self.verdict and self.verdict.unexplained.significant)
         return set(self.names[: len(self.truth)]) == self.truth
 
@@ -89,6 +79,22 @@ class Row:
     def told(self) -> str:
         """The verdict in a cell."""
         return in_a_cell(self.verdict) if self.verdict else f'refused: {self.refused}'
+
+    @property
+    def cells(self) -> dict[str, Any]:
+        """The row of the exam."""
+        c, gap = self.conditions, self.verdict.held_out if self.verdict else None
+        return {
+            'hidden': ' and '.join(self.hidden) or 'nothing',
+            'start': c.start,
+            'noise': f'{"coloured" if c.coloured else "white"}{", grows" if c.grows else ""}',
+            'bits': c.bits,
+            'rate_hz': round(c.rate),
+            'reported': self.told,
+            'right': self.right,
+            'before_floors': round(gap.before_in_floors, 2) if gap else None,
+            'after_floors': round(gap.after_in_floors, 2) if gap else None,
+        }
 
 
 def sets(count: Sequence[int]) -> list[tuple[str, tuple[str, ...]]]:
@@ -101,7 +107,7 @@ def sets(count: Sequence[int]) -> list[tuple[str, tuple[str, ...]]]:
             for i in range(pairs)
         ),
         *(('null', ()) for _ in range(nulls)),
-        *(('outsider', (UNKNOWN_EFFECTS[i % len(UNKNOWN_EFFECTS)],)) for i in range(others)),
+        *(('outside', (UNKNOWN_EFFECTS[i % len(UNKNOWN_EFFECTS)],)) for i in range(others)),
     ]
 
 
@@ -127,72 +133,13 @@ def examined(
     return Row(kind, hidden, conditions, verdict, refused, time.perf_counter() - started)
 
 
-def calibration(rows: Sequence[Row]) -> list[str]:
-    """Return the frequency of right names by class of reported probability."""
-    said = [
-        (effect.probability, effect.name in row.truth)
-        for row in rows
-        if row.verdict
-        for effect in row.verdict.effects
-    ]
-    lines = ['| probability | names | right |', '|---|---:|---:|']
-    for low, high in ((0.0, 0.5), (0.5, 0.9), (0.9, 0.99), (0.99, 1.01)):
-        hits = [right for probability, right in said if low <= probability < high]
-        if hits:
-            lines.append(f'| {low:g} to {min(high, 1.0):g} | {len(hits)} | {sum(hits)} |')
-    return lines
-
-
-def page(rows: Sequence[Row], seed: int) -> str:
-    """Return the page of docs."""
-
-    def of(kind: str) -> list[Row]:
-        return [row for row in rows if row.kind == kind]
-
-    def counted(kind: str) -> str:
-        return f'{sum(row.right for row in of(kind))} of {len(of(kind))}'
-
-    named_sets = [*of('single'), *of('pair')]
-    among = sum(row.truth <= set().union(*row.classes) for row in of('single'))
-    besides = sum(bool(set(row.names) - row.truth) for row in named_sets)
-    false = sum(any(row.truth.isdisjoint(c) for c in row.classes) for row in named_sets)
-    worse = sum(
-        row.verdict.held_out.gap_after_rms_m > 1.02 * row.verdict.held_out.gap_before_rms_m
-        for row in rows
-        if row.verdict
-    )
-    lines = [
-        *(line.format(seed=seed) for line in HEAD),
-        '',
-        f'- single effects ranked first: {counted("single")}; first or in a stated class: {among}',
-        f'- pairs, both ranked first: {counted("pair")}',
-        f'- sets with a false positive: {besides} of {len(named_sets)}',
-        f'- sets with an effect whose class lacks every hidden one: {false} of {len(named_sets)}',
-        f'- no effect, reported as `none`: {counted("null")}',
-        (
-            f'- effects outside the library, `unknown` or with a stated residual: '
-            f'{counted("outsider")}'
-        ),
-        f'- held-out error increased by more than 2 %: {worse} of {len(rows)}',
-        f'- longest run: {max(row.seconds for row in rows):.0f} s on a busy machine',
-        '',
-        'Probabilities:',
-        '',
-        *calibration(rows),
-        '',
-        '| hidden | initial condition | noise | bits | rate Hz | reported | held out, floors |',
-        '|---|---|---|---:|---:|---|---:|',
-    ]
-    for row in rows:
-        c = row.conditions
-        noise = f'{"coloured" if c.coloured else "white"}{", grows" if c.grows else ""}'
-        gap = row.verdict.held_out if row.verdict else None
-        held = f'{gap.before_in_floors:.2f} to {gap.after_in_floors:.2f}' if gap else ''
-        lines.append(
-            f'| {" and ".join(row.hidden) or "nothing"} | {c.start} | {noise} | {c.bits} | '
-            f'{c.rate:.0f} | {"" if row.right else "**wrong** "}{row.told} | {held} |'
-        )
-    return '\n'.join(lines) + '\n'
+def exam(rows: Sequence[Row], seed: int) -> Exam:
+    """Return the exam of all sets."""
+    gaps = [row.verdict.held_out for row in rows if row.verdict]
+    worse = sum(gap.gap_after_rms_m > 1.02 * gap.gap_before_rms_m for gap in gaps)
+    counts = {**counted(rows), 'worse': (worse, len(rows))}
+    longest = max(row.seconds for row in rows)
+    return Exam('lottery', seed, counts, [row.cells for row in rows], seconds=round(longest))
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -203,12 +150,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 QUICK = {'count': [1, 0, 0, 0], 'time_limit': 2.0}
 
 
-def run(asked: argparse.Namespace) -> str:
-    """Examine every set; return the page."""
+def run(asked: argparse.Namespace) -> list[Exam]:
+    """Examine every set."""
     rows: list[Row] = []
     for place, (kind, hidden) in enumerate(sets(asked.count)):
         rows.append(examined(kind, hidden, (asked.seed, place), asked.workers, asked.time_limit))
         row = rows[-1]
         sign = '' if row.right else ' WRONG'
         print(f'{kind} {hidden}{sign}: {row.told} ({row.seconds:.0f} s)', flush=True)
-    return page(rows, asked.seed)
+    return [exam(rows, asked.seed)]

@@ -29,6 +29,7 @@ from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load
 from piezo_sim.sweep import simulate
+from studies.exams import Exam, hits
 from studies.worlds.hidden import HIDDEN as ALL
 from studies.worlds.hidden import Case, Hide, chain
 from studies.worlds.scores import in_a_cell
@@ -201,20 +202,28 @@ def examined(
     return rows
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Return the table of the page."""
-    head = 'experiment | runs | unchanged: `none` | false names | hidden: first | in the class'
-    lines = [f'| {head} | false names |', '|---|---:|---:|---:|---:|---:|---:|']
+def exams(rows: Sequence[Row]) -> list[Exam]:
+    """Return the exam of each experiment."""
+    found = []
     for name in dict.fromkeys(row.experiment for row in rows):
         own = [row for row in rows if row.experiment == name]
         same = [row for row in own if row.hidden == 'nothing']
         new = [row for row in own if row.hidden != 'nothing']
-        lines.append(
-            f'| {name} | {len(same)} | {sum(r.right for r in same)} | '
-            f'{sum(r.false for r in same)} | {sum(r.right for r in new)} of {len(new)} | '
-            f'{sum(r.among for r in new)} | {sum(r.false for r in new)} |'
-        )
-    return '\n'.join(lines)
+        counts = {
+            'first': hits([row.right for row in new]),
+            'class': hits([row.among for row in new]),
+            'wrong': hits([row.false for row in new]),
+            'none': hits([row.right and not row.false for row in same]),
+        }
+        cells = [
+            {
+                'baseline': row.baseline, 'record': row.record, 'hidden': row.hidden,
+                'size': round(row.size, 3), 'reported': in_a_cell(row.verdict),
+            }
+            for row in own
+        ]  # fmt: skip
+        found.append(Exam('repeats', None, counts, cells, name))
+    return found
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -231,8 +240,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 QUICK = {'data': None, 'effects': 1, 'time_limit': 2.0}
 
 
-def run(asked: argparse.Namespace) -> str:
-    """Leave out every record; return the table."""
+def run(asked: argparse.Namespace) -> list[Exam]:
+    """Leave out every record."""
     found = [e for e in experiments(asked.data) if asked.experiments in e.name]
     if not found:
         sys.exit(f'no repeated record in {asked.data}')
@@ -241,4 +250,4 @@ def run(asked: argparse.Namespace) -> str:
         for word in each.baselines:
             kinds = list(HIDDEN)[: asked.effects]
             rows += examined(each, word, kinds, asked.times, asked.time_limit, asked.fitted)
-    return table(rows)
+    return exams(rows)

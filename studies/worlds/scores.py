@@ -9,8 +9,10 @@ from itertools import pairwise
 from typing import Any
 
 from piezo_hysteresis.discovery import Verdict
+from studies.exams import Exam, hits
 
 Row = Mapping[str, Any]
+KINDS = ('single', 'pair', 'null', 'unknown')
 
 
 def in_a_cell(verdict: Verdict) -> str:
@@ -67,65 +69,10 @@ def interval(hits: int, count: int) -> str:
     return f'{100 * p:.0f} % ({hits}/{count}; {low:.0f}..{high:.0f})'
 
 
-def _share(rows: Sequence[Row], test: Any) -> str:
-    return interval(sum(bool(test(row)) for row in rows), len(rows))
-
-
-def _spread(values: Sequence[float]) -> str:
+def _spread(values: Sequence[float]) -> list[float]:
     ordered = sorted(value for value in values if not math.isnan(value))
-    if not ordered:
-        return '-'
-    at = [ordered[min(int(q * len(ordered)), len(ordered) - 1)] for q in (0.5, 0.9)]
-    return f'median {at[0]:.3g}, 90 % {at[1]:.3g}, largest {ordered[-1]:.3g}'
-
-
-def summary(rows: Sequence[Row]) -> list[str]:
-    """Return the measured figures, line by line."""
-    lines = []
-    for design in ('careful', 'poor'):
-        these = [row for row in rows if row['design'] == design]
-        for kind in ('single', 'pair', 'null', 'unknown'):
-            group = [row for row in these if row['kind'] == kind]
-            if group:
-                lines += [f'{kind} ({design} records, {len(group)} sets)', *_lines(kind, group)]
-    return lines
-
-
-def _lines(kind: str, rows: Sequence[Row]) -> list[str]:
-    rules = {'unknown': lambda row: row['verdict'] == 'unknown',
-            'null': lambda row: row['verdict'] == 'none'}  # fmt: skip
-    lines = []
-    if kind in rules:
-        lines.append(f'  verdict right             {_share(rows, rules[kind])}')
-    else:
-        lines.append(f'  named first               {_share(rows, first_right)}')
-        lines.append(f'  all of them named         {_share(rows, all_right)}')
-        lines.append(f'  named or an alternative   {_share(rows, among)}')
-        lines.append(f'  nothing else named        {_share(rows, lambda row: not extra(row))}')
-        after = [row['held_out']['after_in_floors'] for row in rows]
-        near = sum(gap <= 1.2 for gap in after)
-        lines.append(f'  held-out gap <= 1.2 floors {interval(near, len(after))}')
-        lines.append(f'  held-out gap after [floors] {_spread(after)}')
-    seconds = [row['seconds'] for row in rows]
-    samples = sorted(row['samples'] for row in rows)[len(rows) // 2]
-    lines.append(f'  seconds per set            {_spread(seconds)} ({samples} samples)')
-    return lines
-
-
-def calibration(rows: Sequence[Row]) -> list[str]:
-    """Return how often a name of a given probability was right."""
-    told = []
-    for row in rows:
-        every = {name for names in row['names'] for name in names}
-        if row['verdict'] == 'named':
-            told += [(e['probability'], e['name'] in every) for e in row['effects']]
-    lines = ['calibration: stated probability, and fraction of right names']
-    edges = (0.0, 0.5, 0.8, 0.95, 0.999, 1.01)
-    for low, high in pairwise(edges):
-        inside = [right for chance, right in told if low <= chance < high]
-        if inside:
-            lines.append(f'  {low:g} to {min(high, 1):g}: {interval(sum(inside), len(inside))}')
-    return lines
+    at = [ordered[min(int(q * len(ordered)), len(ordered) - 1)] for q in (0.5, 0.9, 1.0)]
+    return [float(f'{value:.3g}') for value in at]
 
 
 def hidden_words(row: Row) -> str:
@@ -136,36 +83,42 @@ def hidden_words(row: Row) -> str:
         else name
         for name in row['hidden']
     ]
-    return ' + '.join(words) or '(nothing)'
+    return ' + '.join(words) or 'nothing'
 
 
-def confusion(rows: Sequence[Row]) -> list[str]:
-    """Return the reported names for every hidden effect; pairs are listed separately."""
-    lines = []
-    for kinds, title in (
-        (('single', 'null', 'unknown'), 'confusion: hidden -> reported (sets)'),
-        (('pair',), 'pairs: hidden -> reported (sets)'),
-    ):
-        table: dict[str, Counter[str]] = {}
-        for row in rows:
-            if row['kind'] in kinds:
-                table.setdefault(hidden_words(row), Counter())[' + '.join(named(row))] += 1
-        width = max((len(hidden) for hidden in table), default=0)
-        lines += [title] if table else []
-        for hidden in sorted(table):
-            text = ', '.join(f'{word} {count}' for word, count in table[hidden].most_common())
-            lines.append(f'  {hidden:{width}} {text}')
-    return lines
-
-
-def page(rows: Sequence[Row], table: str) -> str:
-    """Return the table as a page, with what it was made from."""
-    seeds = sorted({row['key'].split('-')[2] for row in rows})
-    commits = sorted({row.get('commit', '') for row in rows} - {''})
-    return (
-        '# Discovery test: simulated actuators\n\n'
-        f'{len(rows)} sets, seed {", ".join(seeds)}, commit {", ".join(commits) or "unknown"}; '
-        'written by `studies/study.py simulated --page`. [validation.md](validation.md) describes '
-        'the protocol and summarises the results.\n\n'
-        f'```text\n{table}\n```\n'
-    )
+def exam(rows: Sequence[Row], seed: int) -> Exam:
+    """Return the exam: what was named, gaps, times, and right names by their probability."""
+    group = {kind: [row for row in rows if row['kind'] == kind] for kind in KINDS}
+    hidden = [*group['single'], *group['pair']]
+    counts = {
+        'first': hits([first_right(row) for row in group['single']]),
+        'class': hits([among(row) for row in group['single']]),
+        'pairs': hits([all_right(row) for row in group['pair']]),
+        'wrong': hits([bool(extra(row)) for row in hidden]),
+        'none': hits([row['verdict'] == 'none' for row in group['null']]),
+        'outside': hits([row['verdict'] == 'unknown' for row in group['unknown']]),
+    }
+    figures: dict[str, Sequence[float]] = {}
+    for kind, own in group.items():
+        after = [row['held_out']['after_in_floors'] for row in own]
+        if kind in ('single', 'pair') and own:
+            figures[f'{kind}, held out [floors]: median, 90 %, largest'] = _spread(after)
+            figures[f'{kind}, within 1.2 floors'] = hits([gap <= 1.2 for gap in after])
+        if own:
+            seconds = [row['seconds'] for row in own]
+            figures[f'{kind} [s]: median, 90 %, largest'] = _spread(seconds)
+    names = [
+        (effect['probability'], effect['name'] in set().union(*row['names']))
+        for row in rows
+        for effect in (row['effects'] if row['verdict'] == 'named' else ())
+    ]
+    for low, high in pairwise((0.0, 0.5, 0.8, 0.95, 0.999, 1.01)):
+        if inside := [right for chance, right in names if low <= chance < high]:
+            title = f'right names of probability {low:g} to {min(high, 1):g}'
+            figures[title] = hits(inside)
+    kinds = Counter((hidden_words(row), ' + '.join(named(row))) for row in rows)
+    cells = [{'hidden': a, 'reported': b, 'sets': n} for (a, b), n in sorted(kinds.items())]
+    counts = {key: count for key, count in counts.items() if count[1]}
+    commits = ', '.join(sorted({row.get('commit', '') for row in rows} - {''}))
+    longest = round(max(row['seconds'] for row in rows))
+    return Exam('simulated', seed, counts, cells, '', longest, figures, commits)

@@ -28,10 +28,10 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.records import write_bag
-from studies.worlds.scores import calibration, confusion, named, page, summary
+from studies.exams import Exam, commit
+from studies.worlds.scores import KINDS, exam, named
 from studies.worlds.simulated_world import Hidden, draw, records_of
 
-KINDS = ('single', 'pair', 'null', 'unknown')
 # So long may one set take before it counts as a failure [s].
 TIMEOUT = 1800
 
@@ -79,16 +79,6 @@ def examine(hidden: Hidden, seed: int, how: Sequence[str]) -> dict[str, Any]:
     empty = {'held_out': {'after_in_floors': float('inf')}, 'seconds': float('nan')}
     kept = ('verdict', 'effects', 'held_out', 'seconds', 'summary', 'suspects', 'unexplained')
     return row | empty | {key: verdict[key] for key in (*kept, 'said') if key in verdict}
-
-
-def commit() -> str:
-    """Return the commit of the working tree, empty where there is none to ask."""
-    root = Path(__file__).resolve().parent
-    command = ['git', '-C', str(root), 'rev-parse', '--short', 'HEAD']
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return ''
 
 
 def wanted(kinds: Iterable[str], sets: int, seed: int, design: str) -> list[tuple[Any, ...]]:
@@ -145,8 +135,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 QUICK = {'sets': 1, 'kind': 'single', 'time_limit': 3.0}
 
 
-def run(asked: argparse.Namespace) -> str:
-    """Examine what is missing; return the page."""
+def run(asked: argparse.Namespace) -> list[Exam]:
+    """Examine what is missing; the exam is of all sets of the seed that are there."""
     asked.out.mkdir(parents=True, exist_ok=True)
     results = asked.out / 'results.jsonl'
     kinds = KINDS if asked.kind == 'all' else (asked.kind,)
@@ -163,7 +153,5 @@ def run(asked: argparse.Namespace) -> str:
         if math.isfinite(asked.time_limit):
             how += ['--time-limit', str(asked.time_limit)]
         examine_all(todo, results, asked.workers, how)
-    rows = load(results)
-    table = '\n'.join([*summary(rows), '', *calibration(rows), '', *confusion(rows)])
-    (asked.out / 'table.txt').write_text(table + '\n', encoding='utf-8')
-    return page(rows, table)
+    rows = [row for row in load(results) if row['key'].split('-')[2] == str(asked.seed)]
+    return [exam(rows, asked.seed)]

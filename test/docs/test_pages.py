@@ -37,17 +37,14 @@ NOT_RUN = {
     'docs/controllers.md': 3,
     'docs/dashboard.md': 5,
     'docs/detection_limits.md': 1,
-    'docs/discovery_foreign.md': 1,
-    'docs/discovery_hidden.md': 3,
-    'docs/discovery_lottery.md': 1,
+    'docs/exams.md': 3,
     'docs/leaderboard.md': 1,
     'docs/hardware.md': 1,
     'docs/records.md': 2,
     'docs/ros2.md': 6,
     'docs/security.md': 5,
     'docs/tutorials/discover.md': 1,
-    'docs/discovery_repeats.md': 2,
-    'docs/validation.md': 6,
+    'docs/validation.md': 5,
 }
 
 

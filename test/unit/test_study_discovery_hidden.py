@@ -1,4 +1,4 @@
-"""The code that adds effects to measured records, and the page of the results."""
+"""The code that adds effects to measured records, and the exam of the results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from piezo_hysteresis.discovery.verdict.verdict import (
 from piezo_hysteresis.models import EFFECT_NAMES
 from piezo_hysteresis.records import Record, write_csv
 from studies.worlds import foreign_world as foreign
-from studies.worlds.hidden import CASES, HIDDEN, Row, compared, hide, noisy, page
+from studies.worlds.hidden import CASES, HIDDEN, Row, compared, exam, hide, noisy
 
 DT, STROKE = 1e-3, 2e-5
 
@@ -78,7 +78,7 @@ def verdict(word: str, names: tuple[str, ...], after: float) -> Verdict:
     )
 
 
-def test_the_page_counts_what_was_right_wrong_and_taken_out() -> None:
+def test_the_exam_counts_what_was_right_wrong_and_taken_out() -> None:
     rows = [
         Row('P-885', 'classical', 'nothing', 0.5, verdict('none', (), 1e-7), 1e-7, 3.0),
         Row(
@@ -87,14 +87,14 @@ def test_the_page_counts_what_was_right_wrong_and_taken_out() -> None:
         Row('P-885', 'classical', 'tone', 0.5, verdict('named', ('creep',), 1.5e-7), 1e-7, 3.0),
         Row('P-885', 'classical', 'drift', 0.5, verdict('unknown', (), 1.5e-7), 1e-7, 3.0),
     ]
-    text = page(rows, 7)
-    assert 'right effect ranked first: 1 of 3; first or in a stated class: 1' in text
-    assert 'an effect whose class lacks the hidden one: 1 of 3' in text
-    assert 'sets with a wrong name: 1 of 3' in text
-    assert 'unchanged actuator reported as `none`: 1 of 1' in text
-    assert 'held-out error within 1.2 of the unchanged actuator: 1 of 3' in text
-    assert '| amplifier_lag 0.90 (or creep) |' in text
-    assert text.count('**wrong**') == 2
+    found = exam('hidden', rows, 7)
+    assert found.counts == {
+        'first': (1, 3), 'class': (1, 3), 'wrong': (1, 3), 'class_without': (1, 3),
+        'none': (1, 1), 'held_out': (1, 3),
+    }  # fmt: skip
+    assert 'right effect first: 1 of 3' in found.text()
+    assert found.rows[1]['reported'] == 'amplifier_lag 0.90 (or creep)'
+    assert [row['right'] for row in found.rows] == [True, True, False, False]
 
 
 @pytest.mark.component

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from studies.reliability import classes, said_in
-from studies.worlds.lottery import Row, page, sets
+from studies.worlds.lottery import Row, exam, sets
 from studies.worlds.lottery_world import (
     EFFECTS,
     Actuator,
@@ -93,21 +93,17 @@ def test_sets_hide_every_effect_once_before_any_twice() -> None:
     assert all(len(set(hidden)) == 2 for kind, hidden in drawn if kind == 'pair')
 
 
-def test_results_are_counted_from_the_page() -> None:
+def test_names_are_counted_from_the_rows() -> None:
     refused = Row('null', (), CONDITIONS, None, 'too short', 1.0)
-    text = page([refused, replace(refused, kind='single', hidden=('delay',))], 3)
-    assert 'single effects ranked first: 0 of 1' in text
-    assert 'refused: too short' in text
-    assert said_in(text) == []
-    told = text.replace(
-        '| **wrong** refused: too short |',
-        '| transport_delay 0.66 (or amplifier_lag); creep 0.60 |',
-    )
-    names = said_in(told)
-    assert (0.66, True) in names
-    assert (0.60, False) in names
-    (found,) = classes(names[-2:])
-    assert (found.named, found.right, found.share) == (2, 1, 0.5)
-    low, high = found.interval
+    found = exam([refused, replace(refused, kind='single', hidden=('delay',))], 3)
+    assert found.counts['first'] == found.counts['none'] == (0, 1)
+    assert found.rows[0]['reported'] == 'refused: too short'
+    assert said_in(found.rows) == []
+    told = {**found.rows[1], 'reported': 'transport_delay 0.66 (or amplifier_lag); creep 0.60'}
+    names = said_in([told])
+    assert names == [(0.66, True), (0.60, False)]
+    (both,) = classes(names)
+    assert (both.named, both.right, both.share) == (2, 1, 0.5)
+    low, high = both.interval
     assert low == pytest.approx(0.0126, abs=1e-3)
     assert high == pytest.approx(0.9874, abs=1e-3)
