@@ -40,6 +40,10 @@ if (location.protocol === 'file:') window.Worker = class extends EventTarget {
   terminate() {}
 };
 </script>"""
+# The theme makes each column at least 5 rem wide, so that tables of numbers leave the page.
+STYLE = """<style>
+.md-typeset table:not([class]) :is(th, td) { min-width: 0; padding: .6em .7em }
+</style>"""
 LINK = re.compile(r'(!?)\[([^\]]*)\]\(([^)\s]+)\)')
 
 
@@ -102,8 +106,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
 
 
 def on_post_page(output: str, page: Any, config: Any) -> str:
-    """Let the search work without a network."""
-    return SUBSTITUTE.sub(lambda _: FRAME, output)
+    """Let the search work without a network, and tables fit the page."""
+    return SUBSTITUTE.sub(lambda _: FRAME, output).replace('</head>', f'{STYLE}\n</head>', 1)
 
 
 def relinked(markdown: str, folder: str, root: str) -> str:

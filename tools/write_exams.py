@@ -30,7 +30,7 @@ TESTS = {
 }
 AGAIN = '[again](#the-same-experiment-again), {}'
 SUMS = ('first', 'class', 'pairs', 'wrong', 'class_without', 'none')
-HEADS = ('first', 'class', 'pair', 'wrong', 'lacking', '`none`')
+HEADS = ('first', 'class', 'pair', 'wrong', 'lacking', 'none')
 Entry = Mapping[str, Any]
 
 

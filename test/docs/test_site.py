@@ -61,6 +61,12 @@ def test_the_notebook_becomes_a_page_with_its_pictures() -> None:
     assert 'src="data:image/png;base64,' in page
 
 
+def test_columns_of_tables_are_as_wide_as_their_numbers() -> None:
+    page = site_hooks.on_post_page('<head></head><p></head>', None, None)
+    assert page.index('min-width: 0') < page.index('</head><p>')
+    assert page.count('<style>') == 1
+
+
 @pytest.mark.component
 def test_the_page_of_the_verbs_has_every_verb(tmp_path: Path) -> None:
     write_reference.main(tmp_path / 'new' / 'cli.md')
