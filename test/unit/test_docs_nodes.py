@@ -15,6 +15,7 @@ from piezo_hysteresis.cli import loop
 from piezo_hysteresis.common.node_sheet import NodeSheet
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
 from piezo_hysteresis.common.registry import NODES, package_of
+from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.parameters.sheets import SHEETS
 from piezo_sim.nodes.simulator_tables import SHEETS as SIMULATOR_SHEETS
 
@@ -129,3 +130,20 @@ def test_the_loop_gives_no_node_an_empty_text(model: str) -> None:
     for link in ('feedforward', 'attenuation', 'feedback'):  # each limits the voltage
         assert found['control_loop'].get(f'{link}:model_file', '') == model
     assert ('gap_monitor' in found) == bool(model)
+
+
+def test_the_loop_of_several_axes_excites_each_and_needs_limits() -> None:
+    model = str(ROOT / 'test' / 'ros' / 'xy_scanner.yaml')
+    parser = argparse.ArgumentParser()
+    loop.configure(parser)
+    given = ['--preset', 'xy_scanner', '--limits', '-50', '40', '1e5']
+    found = loop.nodes_of_axes(parser.parse_args(given), model)
+    control = found['control_loop']
+    assert control['coupled:model_file'] == model
+    assert control['limits.low'] == -50.0
+    assert control['excitation_2:frequency'] == 1.25 * control['excitation_1:frequency']
+    # half of the range at rest: 0.17 um/V
+    assert control['reference.amplitude'] == pytest.approx(3.8e-6, rel=0.1)
+    assert found['simulator']['rate'] == control['rate'] == pytest.approx(1e4)
+    with pytest.raises(PiezoError, match='give --preset and --limits'):
+        loop.nodes_of_axes(parser.parse_args(given[:2]), model)

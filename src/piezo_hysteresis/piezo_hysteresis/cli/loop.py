@@ -12,24 +12,27 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.common.registry import inside, package_of
 from piezo_hysteresis.compensation.inverses.reach import usual_reference
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.models.modelfile import ModelFile
+from piezo_hysteresis.models.modelfile import ModelFile, is_modal
 
 if TYPE_CHECKING:
     from piezo_hysteresis.ros.processes import NodeProcesses
 
 EXAMPLE = 'loop --model out/model/model.yaml'
+ONE_AXIS = 'fdk_pzba_00030'
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
     add('--model', metavar='YAML', help='model file of identify (default: no compensation)')
-    add('--preset', default='fdk_pzba_00030', help='preset of the simulated actuator')
+    add('--preset', help=f'preset of the simulated actuator (default: {ONE_AXIS}, for one axis)')
     add(
         '--frequency',
         type=float,
@@ -49,6 +52,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default='lock_step',
         help='clock of the simulator',
     )
+    add(
+        '--limits',
+        nargs=3,
+        type=float,
+        metavar=('LOW', 'HIGH', 'SLEW'),
+        help='limits of the voltage [V] and of its slew [V/s] for a model of several axes',
+    )
     add('--port', type=int, default=5006, help='port of the live page')
     add('--folder', default='~/piezo_hysteresis', help='folder for sweeps and discoveries')
     add('--seconds', type=float, metavar='S', help='run time [s] (default: until Ctrl-C)')
@@ -57,8 +67,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Start every node and wait for their end."""
     model = _checked(arguments.model)
-    loaded = ModelFile.load(model) if model else None
-    rate, reference = rate_of(loaded), _reference(loaded, arguments.amplitude)
+    of = nodes_of_axes if is_modal(model) else _of_one_axis
+    started = of(arguments, model)
     with ros_needed():
         from piezo_hysteresis.ros import processes
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -67,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     domain = int(os.environ.get('ROS_DOMAIN_ID') or 0)
     try:
         with processes.NodeProcesses(domain) as group:
-            for name, settings in nodes(arguments, model, rate, reference).items():
+            for name, settings in started.items():
                 group.start(package_of(name), name, settings)
             _print_addresses(group, arguments, model)
             while time.monotonic() < end:
@@ -88,6 +98,49 @@ def _checked(model: str | None) -> str:
     return str(Path(model).resolve())
 
 
+def _of_one_axis(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, object]]:
+    """Return the parameters of every node of a loop of one axis."""
+    if arguments.limits is not None:
+        raise PiezoError('--limits is for a model of several axes; this loop takes its own')
+    loaded = ModelFile.load(model) if model else None
+    rate, reference = rate_of(loaded), _reference(loaded, arguments.amplitude)
+    return nodes(arguments, model, rate, reference)
+
+
+def nodes_of_axes(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, object]]:
+    """Return the parameters of every node of a loop of several axes."""
+    from piezo_hysteresis.axes import modal_file
+    from piezo_hysteresis.compensation.coupled.decoupling import transfers
+
+    if arguments.limits is None or arguments.preset is None:
+        raise PiezoError(
+            'a model of several axes names no stage and states no limits; give --preset and '
+            '--limits LOW HIGH SLEW'
+        )
+    loaded = modal_file.load(model)
+    low, high, slew = arguments.limits
+    still = abs(transfers(loaded, np.zeros(1, complex))[0][0].real.diagonal())
+    usual = 0.25 * (high - low) * float(still.min())
+    amplitude = usual if arguments.amplitude is None else 1e-6 * arguments.amplitude
+    rate = 1.0 / loaded.dt
+    excited = {
+        # one frequency each, so that cross-talk has lines of its own
+        f'excitation_{axis + 1}': {'frequency': arguments.frequency * (1.0 + 0.25 * axis)}
+        for axis in range(loaded.layout.inputs)
+    }
+    return {
+        'simulator': {
+            'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': 1, 'rate': rate,
+        },
+        'control_loop': {
+            'rate': rate, 'limits.low': low, 'limits.high': high, 'limits.slew': slew,
+            'mode': 'reference', 'reference.amplitude': amplitude,
+            **inside({'coupled': {'model_file': model}, **excited}),
+        },
+        'dashboard': {'folder': arguments.folder, 'port': arguments.port},
+    }  # fmt: skip
+
+
 def _reference(model: ModelFile | None, amplitude: float | None) -> tuple[float, float]:
     """Return mean and amplitude [m] of the reference; `amplitude` is given in µm."""
     mean, usual = usual_reference(model) if model else (0.0, 1.2e-4)
@@ -103,7 +156,8 @@ def nodes(
     timed: dict[str, object] = {'rate': rate}
     return {
         'simulator': {
-            'clock': arguments.clock, 'preset': arguments.preset, 'wait_for': readers, **timed
+            'clock': arguments.clock, 'preset': arguments.preset or ONE_AXIS,
+            'wait_for': readers, **timed,
         },
         'control_loop': inside({
             'feedforward': {**(known or {'gain': 1.2857e-4}), **timed},
@@ -111,7 +165,7 @@ def nodes(
             'feedback': {**known, **timed},
             'excitation': {
                 'mode': 'reference', 'frequency': arguments.frequency,
-                'actuator': arguments.preset, 'folder': arguments.folder,
+                'actuator': arguments.preset or ONE_AXIS, 'folder': arguments.folder,
                 'reference.offset': reference[0], 'reference.amplitude': reference[1], **timed,
             },
         }),
@@ -125,7 +179,8 @@ def _print_addresses(group: NodeProcesses, arguments: argparse.Namespace, model:
     with ros_needed():
         from piezo_hysteresis.nodes.live import Observer
     with Observer(group) as observer:
-        observer.until_ready('simulator', 'excitation', 'dashboard')
+        several = is_modal(model)
+        observer.until_ready('simulator', 'excitation_1' if several else 'excitation', 'dashboard')
     print(f'open http://localhost:{arguments.port}/ (Ctrl-C ends the loop)', flush=True)
     if not model:
         print('no --model: nothing is compensated and no gap is watched', flush=True)

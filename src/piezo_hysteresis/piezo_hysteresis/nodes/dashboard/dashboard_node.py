@@ -85,7 +85,7 @@ class Dashboard(GuardedNode):
         self._lives: dict[str, Live] = {}
         self._found: list[str] = []
         self._collector_node = silent_node(self, 'dashboard_ear')
-        self._common = SharedTopics(self._collector_node, self._live_of, self._on_event)
+        self._common = SharedTopics(self._collector_node, self._lives_of, self._on_event)
         self._look()
         self._server = self._serve()
         self._ticked, self._lags = self._now(), 0
@@ -157,16 +157,17 @@ class Dashboard(GuardedNode):
 
     def _look(self) -> None:
         self._found = self._find_actuators()
-        spaces: dict[str, set[str]] = {}
-        for name, space in self.get_node_names_and_namespaces():
-            if shown(name):
-                spaces.setdefault(space.strip('/'), set()).add(name)
+        every = [
+            f'{space.rstrip("/")}/{name}'
+            for name, space in self.get_node_names_and_namespaces()
+            if shown(name)
+        ]
         for actuator, session in self._sessions.items():
             publishers = self.get_publishers_info_by_topic(session.collector.topic(topics.STATE))
             session.live.published = bool(publishers)
             if publishers:
                 session.collector.counting = publishers[0].node_name
-            session.directory.look(spaces.get(actuator, set()))
+            session.directory.look(topics.nodes_of(actuator, every))
             session.watch()
 
     def _wanted(self) -> list[str]:
@@ -185,15 +186,19 @@ class Dashboard(GuardedNode):
             and self.count_publishers(name)
         )
 
-    def _live_of(self, full: str) -> tuple[Live | None, str]:
-        space, _, name = full.rpartition('/')
-        return self._lives.get(space.strip('/')), name
+    def _lives_of(self, full: str) -> list[tuple[Live, str]]:
+        """Return the actuators to which a node belongs, with its name there."""
+        return [
+            (live, name)
+            for actuator, live in list(self._lives.items())  # a page may add one
+            for name in topics.nodes_of(actuator, [full])
+        ]
 
     def _on_event(self, event: ParameterEvent) -> None:
-        space, _, name = event.node.rpartition('/')
-        session = self._sessions.get(space.strip('/'))
-        if session is not None:
-            session.directory.follow(name, event)
+        for live, name in self._lives_of(event.node):
+            session = self._sessions.get(live.actuator)
+            if session is not None:
+                session.directory.follow(name, event)
 
     def _open(self, live: Live) -> None:
         self._sessions[live.actuator] = ActuatorSession(self, live, self._folder)

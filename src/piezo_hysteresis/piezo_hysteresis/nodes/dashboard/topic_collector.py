@@ -6,7 +6,7 @@ subscriptions are therefore in no executor; they are polled at about 30 Hz.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
@@ -169,10 +169,10 @@ class SharedTopics:
     def __init__(
         self,
         node: Node,
-        live_of: Callable[[str], tuple[Live | None, str]],
+        lives_of: Callable[[str], Iterable[tuple[Live, str]]],
         on_event: Callable[[ParameterEvent], None],
     ) -> None:
-        self._live_of, self._on_event = live_of, on_event
+        self._lives_of, self._on_event = lives_of, on_event
         self._channels = (
             Channel(node, ParameterEvent, '/parameter_events', EVENTS, self._events),
             Channel(node, Log, '/rosout', EVENTS, self._logs),
@@ -190,16 +190,16 @@ class SharedTopics:
 
     def _logs(self, messages: list[Log]) -> None:
         for message in messages:
-            live, name = self._live_of('/' + message.name.replace('.', '/'))
-            if live is not None and message.level >= 30:  # warnings and errors
-                level = 'warning' if message.level < 40 else 'error'
+            if message.level < 30:  # warnings and errors
+                continue
+            level = 'warning' if message.level < 40 else 'error'
+            for live, name in self._lives_of('/' + message.name.replace('.', '/')):
                 live.words.append(LogLine(live.clock(), name, level, message.msg))
 
     def _diagnostics(self, messages: list[DiagnosticArray]) -> None:
         for message in messages:
             for status in message.status:
-                live, name = self._live_of(status.name)
-                if live is not None:
+                for live, name in self._lives_of(status.name):
                     level = {b'\x00': 'ok', b'\x01': 'warning'}.get(status.level, 'error')
                     live.diagnostics[name] = LogLine(live.clock(), name, level, status.message)
                     if state_of(status) in WORKS:
@@ -238,11 +238,13 @@ class NodeRegistry:
     def __init__(self, node: Node, live: Live) -> None:
         self._node, self._live = node, live
         self._clients: dict[str, AsyncParameterClient] = {}
+        self._full: dict[str, str] = {}  # full names of the nodes by their names on the page
         self._asked: dict[str, float] = {}  # nodes with a pending parameter request
         self._answers: list[tuple[float, str, Answer]] = []
 
-    def look(self, present: set[str]) -> None:
-        """Update the running nodes; request the parameters of new ones."""
+    def look(self, present: Mapping[str, str]) -> None:
+        """Update the running nodes, full names by those on the page; request their parameters."""
+        self._full |= present
         now = self._live.clock()
         nodes = self._live.nodes
         for name in present:
@@ -259,8 +261,7 @@ class NodeRegistry:
 
     def _client(self, name: str) -> AsyncParameterClient:
         if name not in self._clients:
-            full = f'/{self._live.actuator}/{name}' if self._live.actuator else f'/{name}'
-            self._clients[name] = AsyncParameterClient(self._node, full)
+            self._clients[name] = AsyncParameterClient(self._node, self._full[name])
         return self._clients[name]
 
     def _ask(self, name: str) -> None:
