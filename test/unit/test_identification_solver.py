@@ -90,6 +90,33 @@ def test_the_solver_finds_the_valley_and_the_bound() -> None:
     assert list(bounded.history) == sorted(bounded.history, reverse=True)
 
 
+class Limited(Problem):
+    """The valley, in micrometres, next to a limit far away that acts below 10 only."""
+
+    minimum_steps = np.zeros(3)
+
+    def _residual(self, x: np.ndarray) -> np.ndarray:
+        return 1e-6 * np.array([10 * (x[1] - x[0] ** 2), 1 - x[0], min(x[2] - 10.0, 0.0)])
+
+    def cost(self, x: np.ndarray) -> float:
+        r = self._residual(x)
+        return 0.5 * float(r @ r)
+
+    def linearise(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        acts = float(x[2] < 10.0)
+        rows = 1e-6 * np.array([[-20 * x[0], 10.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, acts]])
+        q, factor = np.linalg.qr(rows)
+        return factor, q.T @ self._residual(x), self.cost(x)
+
+
+@pytest.mark.parametrize('limit', [1e5, 9.0])
+def test_a_limit_that_is_never_reached_does_not_end_the_fit_of_the_others(limit: float) -> None:
+    """Its value of 1e5 once counted as the size of the unknowns: every step was negligible."""
+    far = np.array([10.0, 10.0, 1e5])
+    found = solve(Limited(), np.array([-1.2, 1.0, limit]), -far, far)
+    np.testing.assert_allclose(found.x, [1.0, 1.0, max(limit, 10.0)], atol=1e-6)
+
+
 def test_the_solver_gives_up_what_cannot_be_of_use() -> None:
     far, begin = np.full(2, 10.0), np.array([-1.2, 1.0])
     whole = solve(Rosenbrock(), begin, -far, far)
