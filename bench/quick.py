@@ -21,7 +21,7 @@ def command_lines() -> list[tuple[str, ...]]:
         (str(path), *words)
         for folder in ('bench', 'studies', 'studies/papers')
         for path in sorted((ROOT / folder).glob('*.py'))
-        if path.name != 'quick.py' and '__main__' in path.read_text('utf-8')
+        if '\nif __name__ == ' in path.read_text('utf-8')
         for words in (([w] for w in WORLDS) if path.stem == 'study' else [[]])
     ]
 

@@ -39,6 +39,9 @@ WORLDS = {
     'story': 'the mode at 68 Hz that the models of Fujii 2018 lack',
 }
 
+# What the whole is about, in seconds.
+FIRST = 'story'
+
 #: Worlds that return exams.
 EXAMS = ('simulated', 'lottery', 'foreign', 'hidden', 'repeats', 'false_alarms')
 
@@ -46,12 +49,16 @@ EXAMS = ('simulated', 'lottery', 'foreign', 'hidden', 'repeats', 'false_alarms')
 def main(words: Sequence[str] | None = None) -> int:
     """Run the study of a world; its module has `configure`, `QUICK` and `run`."""
     given = list(sys.argv[1:] if words is None else words)
+    if not given or (given[0].startswith('-') and given[0] not in ('-h', '--help')):
+        given.insert(0, FIRST)
     chooser = argparse.ArgumentParser(
         description=(__doc__ or '').splitlines()[0],
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='worlds:\n' + '\n'.join(f'  {name:<20} {text}' for name, text in WORLDS.items()),
     )
-    chooser.add_argument('world', choices=WORLDS, help='followed by its options')
+    chooser.add_argument(
+        'world', choices=WORLDS, help=f'followed by its options, as --quick (default: {FIRST})'
+    )
     name = chooser.parse_args(given[:1]).world
     world = importlib.import_module(f'studies.worlds.{name}')
     parser = argparse.ArgumentParser(
