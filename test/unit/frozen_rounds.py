@@ -20,16 +20,16 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import annotated
-from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
     evaluated_on,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Deadline, Evaluator
+from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import FixedBaselineEvaluator
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.search import search
-from piezo_hysteresis.discovery.selection.start import Searching, held_data
+from piezo_hysteresis.discovery.selection.start import SearchOptions, held_data
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import ModelFile, named
@@ -117,9 +117,9 @@ def held(kind: str) -> tuple[Evaluator, CandidateFit]:
     """Return the evaluator of a model file, and the model as the file says."""
     given = ModelFile.load(FROZEN / 'plays.yaml')
     data = split(annotated(records(kind, plays, ((1, 1.0), (5, 1.0)))))
-    how = Searching(Choices(), 1, 1, {}, Deadline())
+    how = SearchOptions(Choices(), 1, 1, {}, Deadline())
     base, seen = held_data(data, given, how, searched=False)
-    return HeldEvaluator(seen, 1, 1, base, given), base
+    return FixedBaselineEvaluator(seen, 1, 1, base, given), base
 
 
 def free(kind: str, content: Mapping[str, Any] | None = None) -> tuple[Evaluator, CandidateFit]:

@@ -14,8 +14,8 @@ from piezo_hysteresis.discovery import choose as rules
 from piezo_hysteresis.discovery.choose import (
     CHOICE,
     ChoicePolicy,
-    Ladder,
-    Rung,
+    ForwardSelection,
+    Trial,
     TriedModel,
     choose_model,
     climbed,
@@ -74,11 +74,11 @@ def test_nothing_is_added_where_nothing_is_missing() -> None:
 def test_an_effect_that_promises_nothing_is_not_fitted_to_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    ladder = Ladder([record(None)], Choices())
-    before = ladder.memory('modified')
-    monkeypatch.delattr(Ladder, '_polished')
+    selection = ForwardSelection([record(None)], Choices())
+    before = selection.memory('modified')
+    monkeypatch.delattr(ForwardSelection, '_polished')
     for name in ('amplifier_lag', 'creep'):
-        tried = ladder.larger(before, name)
+        tried = selection.larger(before, name)
         assert tried is not None
         assert not tried.improves(before)
         assert tried.trained == pytest.approx(before.trained, rel=0.01)
@@ -93,23 +93,23 @@ def test_of_variants_that_fit_alike_the_smallest_comes_first() -> None:
 
 
 class Rungs:
-    """A ladder whose mode lowers the held-out error only beside creep."""
+    """A selection whose mode lowers the held-out error only beside creep."""
 
     def memory(self, name: str) -> Any:
-        return rung(1.0, 1.0, name)
+        return trial(1.0, 1.0, name)
 
     def larger(self, before: Any, name: str) -> Any:
         had = before.fit.model
         if name == 'creep':
-            return rung(0.9 * before.trained, 0.8 * before.held_out, f'{had} creep')
+            return trial(0.9 * before.trained, 0.8 * before.held_out, f'{had} creep')
         if name == 'mode':
             worse = 1.0 if 'creep' in had else 1.05
-            return rung(0.8 * before.trained, worse * before.held_out, f'{had} mode')
-        return rung(before.trained, before.held_out, f'{had} {name}')
+            return trial(0.8 * before.trained, worse * before.held_out, f'{had} mode')
+        return trial(before.trained, before.held_out, f'{had} {name}')
 
 
-def rung(trained: float, held_out: float, name: str) -> Any:
-    return Rung(cast(Any, SimpleNamespace(model=name, free=())), trained, held_out, (), True)
+def trial(trained: float, held_out: float, name: str) -> Any:
+    return Trial(cast(Any, SimpleNamespace(model=name, free=())), trained, held_out, (), True)
 
 
 def test_an_effect_that_was_rejected_is_tried_again_with_those_after_it() -> None:
@@ -130,12 +130,12 @@ class Masked(Rungs):
     def larger(self, before: Any, name: str) -> Any:
         had = before.fit.model
         if name == 'creep':
-            return rung(0.1 * before.trained, before.held_out, f'{had} creep')
+            return trial(0.1 * before.trained, before.held_out, f'{had} creep')
         if name == 'mode':
             explained = min(0.006, 0.6 * before.trained**2)
             left = (before.trained**2 - explained) ** 0.5
-            return rung(left, before.held_out, f'{had} mode')
-        return rung(before.trained, before.held_out, f'{had} {name}')
+            return trial(left, before.held_out, f'{had} mode')
+        return trial(before.trained, before.held_out, f'{had} {name}')
 
 
 def test_an_effect_that_a_larger_error_hid_is_tried_again() -> None:
@@ -240,6 +240,6 @@ def test_a_rung_is_evaluated_with_the_lead_in_of_its_fit(samples: int) -> None:
     led = np.concatenate([u[:cut], u[:cut], u[:cut], u])
     moved = model.respond(led, model.pack(model.defaults()), 1e-3)[3 * cut :]
     moved = moved + 1e-9 * np.random.default_rng(0).standard_normal(samples)
-    rung = Ladder([Record('a', 1e-3, u, moved)], Choices()).memory('classical')
-    assert rung.trained < 1.1e-9
-    assert rung.held_out < 1.1e-9
+    trial = ForwardSelection([Record('a', 1e-3, u, moved)], Choices()).memory('classical')
+    assert trial.trained < 1.1e-9
+    assert trial.held_out < 1.1e-9

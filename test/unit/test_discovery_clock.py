@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery.data.dataset import part_of, split
-from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
     evaluated_on,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Deadline
+from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import FixedBaselineEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.screen import Screen, with_delayed_discrepancy
-from piezo_hysteresis.discovery.selection.start import Searching, held_data
+from piezo_hysteresis.discovery.selection.start import SearchOptions, held_data
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.model_discrepancy import residual_of
@@ -75,11 +75,13 @@ def kept(late: float, std: float | None = None, model: Model = MODEL) -> ModelFi
     return ModelFile(model, model.defaults() | VALUES, provenance=notes, discrepancy=missed)
 
 
-def held_by(known: ModelFile, records: list[Record]) -> tuple[HeldEvaluator, CandidateFit]:
+def held_by(
+    known: ModelFile, records: list[Record]
+) -> tuple[FixedBaselineEvaluator, CandidateFit]:
     """Return who judges beside a file, and its model."""
-    how = Searching(Choices(start='rest'), 1, 1, {}, Deadline())
+    how = SearchOptions(Choices(start='rest'), 1, 1, {}, Deadline())
     base, seen = held_data(split(records), known, how)
-    return HeldEvaluator(seen, 1, 1, base, known), base
+    return FixedBaselineEvaluator(seen, 1, 1, base, known), base
 
 
 @cache

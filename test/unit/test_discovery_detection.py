@@ -17,9 +17,9 @@ from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.discovery import Discovery, discover
 from piezo_hysteresis.discovery.detection.limits import (
     BetterExperiment,
+    DetectionCalculator,
     DetectionLimit,
     NuisanceDirections,
-    Records,
     Signature,
     Whitening,
     scaled,
@@ -281,7 +281,7 @@ def test_validate_states_the_limits_of_new_records(
 
 
 def test_no_limit_is_below_what_a_free_run_in_double_precision_resolves() -> None:
-    searched = object.__new__(Records)
+    searched = object.__new__(DetectionCalculator)
     voltage = np.linspace(0.0, 100.0, 50)
     view = Target('r', voltage, 1e-7 * voltage, 0, 1, DT, 0.0, 1, 1e-20, 0)
     searched._views = (view,)

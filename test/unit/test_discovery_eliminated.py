@@ -15,7 +15,11 @@ from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound, round_of
 from piezo_hysteresis.discovery.selection.rules import Improvement
-from piezo_hysteresis.discovery.selection.search import Found, eliminated, led_by_best_start
+from piezo_hysteresis.discovery.selection.search import (
+    SelectionResult,
+    eliminated,
+    led_by_best_start,
+)
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.models import Model, add_effect, described, named
@@ -107,7 +111,7 @@ def test_a_search_without_time_lists_nothing_unlikely_or_at_a_bound(
         unlikely = SelectionRound(start, (middle,), (share,), GAIN, 2)
         last = SelectionRound(middle, (fit,), (1.0,), GAIN, 2)
         steps = (Step(unlikely, middle), Step(last, fit))
-        found = eliminated(Found(ended, start, fit, steps))
+        found = eliminated(SelectionResult(ended, start, fit, steps))
         assert {added.effect for added in found.final.added} == {s.fit.effect for s in found.steps}
         return [step.fit.effect for step in found.steps]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery.data.dataset import cut
-from piezo_hysteresis.discovery.selection.anchored_evaluator import widened
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
+from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import widened
 from piezo_hysteresis.discovery.selection.residual_model import expectation
 from piezo_hysteresis.identification.model_discrepancy import (
     RecordResidual,

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from frozen_rounds import FREE, FROZEN, HELD, free, held, unpacked
 
-from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
+from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import FixedBaselineEvaluator
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD as HELD_POLICY
 from piezo_hysteresis.discovery.selection.rounds import SelectionRound, ranked, round_of, select
@@ -127,7 +127,7 @@ def test_a_better_model_without_new_deviation_needs_no_further_evidence(
 ) -> None:
     made = first['held delay']
     evaluator, best, many = made.evaluator, made.evaluated().best, 10**15
-    assert isinstance(evaluator, HeldEvaluator)
+    assert isinstance(evaluator, FixedBaselineEvaluator)
     assert evaluator.exceeds_discrepancy(made.before)
     adequate = not (
         evaluator.exceeds_discrepancy(best) or evaluator.held_out_exceeds_discrepancy(best)
@@ -176,7 +176,7 @@ def test_the_held_out_excess_is_beyond_the_known_discrepancy() -> None:
 
 def test_a_short_fit_of_a_delay_is_tried_with_the_sampling_offset_of_the_file() -> None:
     evaluator, base = held('delay')
-    assert isinstance(evaluator, HeldEvaluator)
+    assert isinstance(evaluator, FixedBaselineEvaluator)
     assert base.sampling_offset < evaluator.late  # makes up for a part of the delay
     (delay,) = (e for e in evaluator.candidates(base) if e.effect.name == 'transport_delay')
     spec = base.with_candidate(delay, delay.values(base.values, {'delay': 2e-3}))
@@ -191,17 +191,19 @@ def test_initial_conditions_of_a_finalist_are_kept_if_they_score_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     known, base = held('nothing')
-    assert isinstance(known, HeldEvaluator)
+    assert isinstance(known, FixedBaselineEvaluator)
     assert known.with_own_starts(base) == (known, base)  # the records keep theirs
-    evaluator = HeldEvaluator(known.data, 1, 1, known.base, known.given, choices=Choices())
+    evaluator = FixedBaselineEvaluator(
+        known.data, 1, 1, known.base, known.given, choices=Choices()
+    )
     other = known.data.with_each(lambda view: replace(view, begins=SETTLED))
     monkeypatch.setattr(
-        'piezo_hysteresis.discovery.selection.anchored_evaluator.with_revised_starts',
+        'piezo_hysteresis.discovery.selection.fixed_baseline_evaluator.with_revised_starts',
         lambda *_, **__: other,
     )
     for factor, better in ((0.5, True), (2.0, False)):
         again = replace(base, errors=tuple(factor * each for each in base.errors))
-        monkeypatch.setattr(HeldEvaluator, 'fit', lambda self, spec, again=again: again)
+        monkeypatch.setattr(FixedBaselineEvaluator, 'fit', lambda self, spec, again=again: again)
         chosen, fit = evaluator.with_own_starts(base)
         assert (fit is again) == better
         assert ({view.begins for view in chosen.views} == {SETTLED}) == better

@@ -14,7 +14,6 @@ from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import annotated
-from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator, cost_of_change
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     Added,
     CandidateFit,
@@ -23,9 +22,13 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     has_zero_time_constant,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Deadline
+from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import (
+    FixedBaselineEvaluator,
+    cost_of_change,
+)
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
-from piezo_hysteresis.discovery.selection.start import Searching, as_on, held_data
+from piezo_hysteresis.discovery.selection.start import SearchOptions, as_on, held_data
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.targets import whole
@@ -169,9 +172,9 @@ def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: f
 def test_a_change_of_a_value_costs_by_its_deviation_in_the_file(known: ModelFile) -> None:
     known = replace(known, correlation=None)
     data = split(annotated([actuator(f, 1.0, 60 + f) for f in (1, 5)]))
-    base, seen = held_data(data, known, Searching(Choices(), 1, 1, {}, Deadline()))
+    base, seen = held_data(data, known, SearchOptions(Choices(), 1, 1, {}, Deadline()))
     assert known.discrepancy is not None
-    held = HeldEvaluator(seen, 1, 1, base, known)
+    held = FixedBaselineEvaluator(seen, 1, 1, base, known)
     (change,) = (c for c in held.candidates(base) if c.effect is PARAMETER_SHIFT)
     # each record has a zero of its own: -1 m of offset was once reported as a changed parameter
     assert base.model.zero_names == {'offset'}

@@ -140,7 +140,7 @@ _Trial = tuple[Candidate, FitResult]
 
 
 @dataclass(frozen=True)
-class Rung:
+class Trial:
     """A fitted model with its free-run errors before and after the cuts [m].
 
     `sure` states that the parameters of its last effect differ significantly from no effect;
@@ -154,12 +154,12 @@ class Rung:
     sure: bool
     views: tuple[Target, ...] = ()
 
-    def improves(self, before: Rung) -> bool:
+    def improves(self, before: Trial) -> bool:
         """Return whether the last effect is significant and improves the prediction."""
         trained = (before.trained, self.trained)
         return self.sure and predicts_better(trained, (before.held_out, self.held_out))
 
-    def would_improve(self, before: Rung, now: Rung) -> bool:
+    def would_improve(self, before: Trial, now: Trial) -> bool:
         """Return whether what the last effect took away `before` is noticeable in the error `now`.
 
         A large error of another cause hides a small effect: the squares that it explains count
@@ -173,7 +173,7 @@ class Rung:
         """Largest cost, on the targets of its fit, of a model that fits noticeably better."""
         return (1.0 - CHOICE.min_gain) ** 2 * self.fit.cost
 
-    def promises(self, before: Rung) -> bool:
+    def promises(self, before: Trial) -> bool:
         """Return whether a trial on the data of the previous fit is worth converging."""
         less = self.held_out <= (1.0 - CHOICE.min_gain) * before.held_out
         return less or self.fit.cost <= before.useful_cost
@@ -241,7 +241,7 @@ def _left(fit: FitResult) -> float:
     return float(np.median(np.abs(np.concatenate(list(fit.residuals.values())))))
 
 
-class Ladder:
+class ForwardSelection:
     """The records, cut in two parts, and fits of models to the first part."""
 
     def __init__(self, records: Sequence[Record], choices: Choices, workers: int = 1) -> None:
@@ -260,7 +260,7 @@ class Ladder:
             np.concatenate([_turns(record.voltage) for record in records]),
         )
 
-    def memory(self, name: str) -> Rung:
+    def memory(self, name: str) -> Trial:
         """Fit a named model without starting values."""
         chain = suited(named(name), self._records)
         return self._evaluated(
@@ -275,7 +275,7 @@ class Ladder:
             )
         )
 
-    def larger(self, before: Rung, effect: str) -> Rung | None:
+    def larger(self, before: Trial, effect: str) -> Trial | None:
         """Fit the previous model with one more effect, in the best of its variants."""
         model = before.fit.model
         if effect not in EFFECT_NAMES:
@@ -297,7 +297,7 @@ class Ladder:
         }
         return not any(_is_static(each) and each.name in alternatives for each in model.blocks)
 
-    def _with_block(self, before: Rung, name: str) -> Rung:
+    def _with_block(self, before: Trial, name: str) -> Trial:
         """Fit the previous model with a block whose frequency is searched globally."""
         block = named_block(name)
         model = before.fit.model.with_block(block)
@@ -312,16 +312,16 @@ class Ladder:
             count=3,
             workers=self._workers,
         )
-        rung = self._evaluated(found, neutral)
-        if rung.trained <= before.trained:
-            return rung
+        trial = self._evaluated(found, neutral)
+        if trial.trained <= before.trained:
+            return trial
         # a richer model that fits worse is a local minimum: continue from the simpler model
         late = known.pop(SAMPLING_OFFSET)
         near = replace(found, values={**found.values, **known}, sampling_offset=late)
         again = self._polished(near, before.fit.targets, neutral)
-        return min(rung, again, key=lambda each: each.trained)
+        return min(trial, again, key=lambda each: each.trained)
 
-    def _fitted(self, before: Rung, candidates: Sequence[Candidate]) -> Rung:
+    def _fitted(self, before: Trial, candidates: Sequence[Candidate]) -> Trial:
         """Fit briefly from every starting point of every candidate, and continue from the best."""
         seen, late = before.fit.targets, before.fit.sampling_offset
         brief = thinned(seen, _BRIEF, {})
@@ -341,18 +341,18 @@ class Ladder:
             with ThreadPoolExecutor(self._workers) as pool:
                 tried = _one_of_each(list(pool.map(partial(tested, alone=alone), starts)))
             starts = [(each, {**found.values, **_late(found)}) for each, found in tried]
-        best: Rung | None = None
+        best: Trial | None = None
         for candidate, found in simplest_first(tried):
-            rung = self._continued(candidate, found, before)
-            if rung.promises(before):
-                rung = self._polished(rung.fit, seen, candidate.neutral)
-            if rung.improves(before):
-                return rung
-            best = rung if best is None or rung.held_out < best.held_out else best
+            trial = self._continued(candidate, found, before)
+            if trial.promises(before):
+                trial = self._polished(trial.fit, seen, candidate.neutral)
+            if trial.improves(before):
+                return trial
+            best = trial if best is None or trial.held_out < best.held_out else best
         assert best is not None
         return best
 
-    def _continued(self, candidate: Candidate, found: FitResult, before: Rung) -> Rung:
+    def _continued(self, candidate: Candidate, found: FitResult, before: Trial) -> Trial:
         """Continue a trial until it converges, or promises too little.
 
         The errors are those with the initial conditions of the previous model.
@@ -368,7 +368,7 @@ class Ladder:
 
     def _polished(
         self, found: FitResult, seen: Sequence[Target], neutral: Mapping[str, float]
-    ) -> Rung:
+    ) -> Trial:
         """Continue the fit of a trial until it converges."""
         values = {**found.values, **_late(found)}
         # initial conditions may have absorbed a missing effect: also try the original ones
@@ -388,7 +388,7 @@ class Ladder:
         )
         return self._evaluated(end, neutral)
 
-    def _evaluated(self, found: FitResult, neutral: Mapping[str, float] | None = None) -> Rung:
+    def _evaluated(self, found: FitResult, neutral: Mapping[str, float] | None = None) -> Trial:
         """Return a fit with its errors on the whole records, before and after the cuts.
 
         The records begin as in the fit: a start belongs to the parameters fitted with it, and one
@@ -401,7 +401,7 @@ class Ladder:
 
     def _scored(
         self, found: FitResult, views: Sequence[Target], neutral: Mapping[str, float] | None
-    ) -> Rung:
+    ) -> Trial:
         """Return a fit with its errors on views of the whole records."""
         parts: tuple[list[FloatArray], list[FloatArray]] = ([], [])
         rows = []
@@ -414,7 +414,7 @@ class Ladder:
             rows.append(_held_out(run.target, error, before))
         trained, held_out = (float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for p in parts)
         sure = _is_significant(found, neutral or {})
-        return Rung(found, trained, held_out, tuple(rows), sure, tuple(views))
+        return Trial(found, trained, held_out, tuple(rows), sure, tuple(views))
 
 
 def _is_significant(found: FitResult, neutral: Mapping[str, float]) -> bool:
@@ -533,29 +533,32 @@ def choose_model(
         If the records are unsuitable for identification.
     """
     require_usable(records)
-    ladder = Ladder(records, choices or Choices(), workers)
+    selection = ForwardSelection(records, choices or Choices(), workers)
     steps: list[TriedModel] = []
-    ends: list[Rung] = []
+    ends: list[Trial] = []
     for k, memory in enumerate(MEMORIES):
 
         def report(name: str, share: float, k: int = k) -> None:
             progress((k + share) / len(MEMORIES), name)
 
-        ends.append(climbed(ladder, memory, steps, report))
+        ends.append(climbed(selection, memory, steps, report))
     plain, plays = ends
-    bearable = plays_are_bearable(plays.held_out, plain.held_out, ladder.one_amplitude)
+    bearable = plays_are_bearable(plays.held_out, plain.held_out, selection.one_amplitude)
     chosen = plays if bearable else plain
     return Choice(chosen.fit.model, chosen.values(), tuple(steps), chosen.records)
 
 
 def climbed(
-    ladder: Ladder, memory: str, steps: list[TriedModel], report: Callable[[str, float], None]
-) -> Rung:
+    selection: ForwardSelection,
+    memory: str,
+    steps: list[TriedModel],
+    report: Callable[[str, float], None],
+) -> Trial:
     """Return a model with the accepted effects, and append the tested ones to `steps`."""
 
-    def test(name: str, before: Rung | None) -> Rung | None:
+    def test(name: str, before: Trial | None) -> Trial | None:
         report(name, len(steps) % (1 + len(LADDER)) / (1 + len(LADDER)))
-        tried = ladder.memory(name) if before is None else ladder.larger(before, name)
+        tried = selection.memory(name) if before is None else selection.larger(before, name)
         if tried is None:
             return None
         kept = before is None or tried.improves(before)
@@ -565,7 +568,7 @@ def climbed(
             rejected[name] = before, tried
         return tried if kept else None
 
-    rejected: dict[str, tuple[Rung, Rung]] = {}
+    rejected: dict[str, tuple[Trial, Trial]] = {}
     best = test(memory, None)
     assert best is not None
     for name in LADDER:

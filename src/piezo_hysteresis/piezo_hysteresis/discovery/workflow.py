@@ -37,15 +37,15 @@ from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound
 from piezo_hysteresis.discovery.selection.search import without_names
 from piezo_hysteresis.discovery.selection.start import (
-    Searching,
+    SearchOptions,
     as_on,
-    find,
+    run_search,
     support_for,
     unsearched,
     with_repeats,
 )
 from piezo_hysteresis.discovery.verdict.build_verdict import build_verdict
-from piezo_hysteresis.discovery.verdict.verdict import Proof, Verdict, prove
+from piezo_hysteresis.discovery.verdict.verdict import HeldOutComparison, Verdict, compare_held_out
 from piezo_hysteresis.identification.initial_conditions.revision import Choices
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import require_settings
@@ -177,7 +177,7 @@ class Discovery(Reportable, Modelled):
         Accepted effects, in the order of their selection.
     final : CandidateFit
         The model with all accepted effects.
-    proof : Proof
+    proof : HeldOutComparison
         Gaps of both models on held-out records.
     check : Check
         Quality and coverage of the records.
@@ -209,7 +209,7 @@ class Discovery(Reportable, Modelled):
     baselines: Baselines
     steps: tuple[Step, ...]
     final: CandidateFit
-    proof: Proof
+    proof: HeldOutComparison
     check: Check
     given: ModelFile | None = None
     last: SelectionRound | None = None
@@ -324,7 +324,7 @@ def discover(
         baseline = as_on(before, baseline, choices, workers)
     if unchanged := as_measured(listed(repeats))[0]:
         baseline = with_repeats(unchanged, baseline, choices, workers)
-    how = Searching(choices, seed, workers, dict(policy or {}), end)
+    how = SearchOptions(choices, seed, workers, dict(policy or {}), end)
     given = annotated(records)
     own = _own_records(given, baseline)
     known = [record for record in given if record.name not in own] or given
@@ -346,12 +346,12 @@ def discover(
     if isinstance(baseline, ModelFile) and not only_own:
         support = support_for(known, baseline, choices)
     usual = support is not None and support.complete and not support.deviates
-    base, outcome = find(data, baseline, how, progress, nothing_new=only_own or usual)
+    base, outcome = run_search(data, baseline, how, progress, nothing_new=only_own or usual)
     if unlike.entirely:
         outcome = without_names(outcome)
     found, end = outcome.found, end.with_reserve()
     measured = found.evaluator.measured
-    proof = prove(measured, outcome.before, outcome.after)
+    proof = compare_held_out(measured, outcome.before, outcome.after)
     limits: tuple[DetectionLimit, ...] = ()
     # a residual that starts a search by itself would show an effect of any size
     explained = not outcome.remainder.significant
@@ -403,7 +403,7 @@ def limits_of(
     IdentificationError
         If the file states no discrepancy, or the records do not show their noise.
     """
-    how = Searching(Choices('auto', 'auto'), 0, workers, {}, Deadline(inf))
+    how = SearchOptions(Choices('auto', 'auto'), 0, workers, {}, Deadline(inf))
     data = split(annotated(as_measured(listed(records))[0]), how.choices.start)
     found = unsearched(data, model, how)
     limits = detection_limits(found.evaluator, found.final, found.start)

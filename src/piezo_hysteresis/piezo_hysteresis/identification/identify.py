@@ -36,7 +36,7 @@ from piezo_hysteresis.identification.output_error import with_held_levels
 from piezo_hysteresis.identification.prediction import with_mean_zero
 from piezo_hysteresis.identification.simulate import FreeRuns, Unsaved, free_runs
 from piezo_hysteresis.identification.solver import Progress
-from piezo_hysteresis.identification.unseen import with_input_error, without_unseen
+from piezo_hysteresis.identification.unseen import drop_unidentifiable, with_input_error
 from piezo_hysteresis.models import Correlation, Discrepancy, Model, ModelFile, Provenance
 from piezo_hysteresis.models.choice import Modelled, ModelLike, chain_of
 from piezo_hysteresis.models.modelfile import (
@@ -355,7 +355,7 @@ def identify(
         return _online(records, model, method, remarks, started, progress, options)
     if base == 'output_error':
         fit = output_error_in_stages(model, records, workers=workers, progress=progress, **options)
-        fit, left_out = without_unseen(fit, records, {**options, 'workers': workers})
+        fit, left_out = drop_unidentifiable(fit, records, {**options, 'workers': workers})
     else:
         fit = identify_by_search(
             model, records, base, seed=seed, workers=workers, progress=progress, **options

@@ -32,7 +32,7 @@ _UNCERTAIN, _SAMPLES_PER_PERIOD = 0.25, 10.0
 _NONE: Mapping[str, float] = {}
 
 
-def without_unseen(
+def drop_unidentifiable(
     found: FitResult, records: Sequence[Record], options: Mapping[str, Any]
 ) -> tuple[FitResult, tuple[str, ...]]:
     """Return a fit without undetermined blocks, and sentences on omitted blocks and held values.

@@ -206,10 +206,10 @@ def detection_limits(
     evaluator: Evaluator, final: CandidateFit, start: CandidateFit
 ) -> tuple[DetectionLimit, ...]:
     """Return the detection limit of every effect that `final` lacks, per variant and shape."""
-    return Records(evaluator, final, start).limits()
+    return DetectionCalculator(evaluator, final, start).limits()
 
 
-class Records:
+class DetectionCalculator:
     """Detectability of effects in the thinned training records."""
 
     def __init__(
@@ -506,7 +506,7 @@ def look_alikes(
     Each with the model that has it instead, at the size of the smallest distance; the parameters
     of the baseline keep their values.
     """
-    records = Records(evaluator, step.round.before, start, residual=step.fit)
+    records = DetectionCalculator(evaluator, step.round.before, start, residual=step.fit)
     found = records.left(step.fit)
     if found is None:
         return ()

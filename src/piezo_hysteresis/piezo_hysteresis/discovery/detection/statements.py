@@ -12,8 +12,8 @@ import numpy as np
 from piezo_hysteresis.discovery.data.dataset import HELD_OUT, part_of
 from piezo_hysteresis.discovery.detection.limits import (
     BetterExperiment,
+    DetectionCalculator,
     DetectionLimit,
-    Records,
     Signature,
     shape_of,
     size_of,
@@ -239,7 +239,7 @@ def with_better_experiments(
     limits: Sequence[DetectionLimit],
 ) -> tuple[DetectionLimit, ...]:
     """Return the limits, the highest of each effect with the experiment that lowers it most."""
-    present = _highest(Records(evaluator, final, start, samples=_SAMPLES))
+    present = _highest(DetectionCalculator(evaluator, final, start, samples=_SAMPLES))
     best: dict[str, tuple[float, BetterExperiment]] = {}
     for experiment in _possible(evaluator.data.training) if present else ():
         if evaluator.deadline.skips(f'limits with {experiment.name}'):
@@ -247,7 +247,7 @@ def with_better_experiments(
         view = _predicted(evaluator, final, experiment)
         if view is None:
             continue
-        more = Records(evaluator, final, start, samples=_SAMPLES, planned=(view,))
+        more = DetectionCalculator(evaluator, final, start, samples=_SAMPLES, planned=(view,))
         for effect, factor, size in _lowered(more, present):
             if effect not in best or factor < best[effect][0]:
                 best[effect] = factor, BetterExperiment(experiment.name, experiment.seconds, size)
@@ -261,7 +261,7 @@ def with_better_experiments(
 
 
 def _lowered(
-    records: Records, present: Sequence[Signature]
+    records: DetectionCalculator, present: Sequence[Signature]
 ) -> Iterator[tuple[str, float, dict[str, float]]]:
     """Yield effect, factor and size of each limit that is much lower in other records."""
     again = records.at_limits([(each.candidate, each.start, each.scale) for each in present])
@@ -281,7 +281,7 @@ def _is_of(limit: DetectionLimit, found: Signature) -> bool:
     return all((limit.size[k] != neutral[k]) == (size[k] != neutral[k]) for k in neutral)
 
 
-def _highest(records: Records) -> list[Signature]:
+def _highest(records: DetectionCalculator) -> list[Signature]:
     """Return, per effect, the shape of its first variant with the largest detection limit."""
     every = records.candidates()
     firsts = [next(group) for _, group in groupby(every, key=lambda each: each.effect.name)]

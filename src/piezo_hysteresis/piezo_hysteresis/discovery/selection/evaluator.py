@@ -81,7 +81,7 @@ Result = TypeVar('Result')
 
 
 @dataclass(frozen=True)
-class Remainder:
+class UnexplainedResidual:
     """Residual of the final model."""
 
     significant: bool  # whether the residual exceeds noise
@@ -199,7 +199,7 @@ class Evaluator(ABC):
         """
 
     @abstractmethod
-    def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
+    def remainder(self, final: CandidateFit, start: CandidateFit) -> UnexplainedResidual:
         """Return the residual of the final model and its significance."""
 
     # --- shared by both evaluators -----------------------------------------------------------

@@ -27,7 +27,7 @@ from piezo_hysteresis.discovery.selection.evaluator import (
     Deadline,
     DetectionTest,
     Evaluator,
-    Remainder,
+    UnexplainedResidual,
 )
 from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rules import Improvement, improvement, win_shares
@@ -283,10 +283,10 @@ class FreeEvaluator(Evaluator):
         """
         return self.policy.trust * rules.explained(before, after)
 
-    def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
+    def remainder(self, final: CandidateFit, start: CandidateFit) -> UnexplainedResidual:
         """Return the residual on training views, or on held-out views if only they show one."""
         if self.shows_a_gap(final):
-            return Remainder(True, self.views, final)
+            return UnexplainedResidual(True, self.views, final)
         held_out = self.data.held_out
         seen, note = evaluated_on(final, held_out), ''
         left = self.shows_a_gap(seen)
@@ -298,7 +298,7 @@ class FreeEvaluator(Evaluator):
             )
             if both is not None and not any(map(self.shows_a_gap, evaluated)):
                 note = explained_together(final, both)
-        return Remainder(left and not note, held_out, seen, note)
+        return UnexplainedResidual(left and not note, held_out, seen, note)
 
 
 def _excesses(fit: CandidateFit) -> list[float]:

@@ -12,7 +12,7 @@ from piezo_hysteresis.discovery.selection.elimination import (
     retested,
     without_unfinished,
 )
-from piezo_hysteresis.discovery.selection.evaluator import Evaluator, Remainder
+from piezo_hysteresis.discovery.selection.evaluator import Evaluator, UnexplainedResidual
 from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, ranked, select
 
 
@@ -70,7 +70,7 @@ def _led(
 
 
 @dataclass(frozen=True)
-class Found:
+class SelectionResult:
     """Result of a search."""
 
     evaluator: Evaluator  # evaluator of the final model
@@ -86,7 +86,7 @@ class Found:
         return far and self.evaluator.has_significant_residual(self.final, self.start)
 
 
-def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Found:
+def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> SelectionResult:
     """Search the effects that `start` lacks.
 
     A second missing effect can cause a wrong effect to win the first round; the correct effect at
@@ -112,7 +112,7 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Fou
     return best
 
 
-def eliminated(found: Found) -> Found:
+def eliminated(found: SelectionResult) -> SelectionResult:
     """Return the result without redundant effects, as far as the reserved time allows."""
     if found.evaluator.policy.elimination_rounds == 0 or not found.steps:
         return found
@@ -123,7 +123,7 @@ def eliminated(found: Found) -> Found:
     if evaluator.deadline.untried:
         steps, final = without_unfinished(evaluator, found.start, steps, final)
     last = found.last if steps else found.last or found.steps[-1].round
-    return Found(evaluator, found.start, final, tuple(steps), last)
+    return SelectionResult(evaluator, found.start, final, tuple(steps), last)
 
 
 def _others(evaluator: Evaluator, first: SelectionRound) -> list[Step]:
@@ -157,16 +157,16 @@ def _finished(evaluator: Evaluator, fit: CandidateFit) -> CandidateFit:
 
 def _forward(
     evaluator: Evaluator, start: CandidateFit, steps: list[Step], progress: Progress
-) -> Found:
+) -> SelectionResult:
     """Add effects to those of `steps` one at a time until no significant residual remains."""
     current = steps[-1].fit if steps else start
     most = evaluator.policy.max_effects
     last: SelectionRound | None = None
     for place in range(len(steps), most):
         if not evaluator.has_significant_residual(current, start):
-            return Found(evaluator, start, current, tuple(steps))
+            return SelectionResult(evaluator, start, current, tuple(steps))
         if steps and evaluator.deadline.skips('a further effect'):
-            return Found(evaluator, start, current, tuple(steps))
+            return SelectionResult(evaluator, start, current, tuple(steps))
         evaluator = evaluator.with_tones_aligned(current)
         current = replace(evaluator.evaluated(current), fitted=current.fitted)
         begin, share = 0.12 + 0.7 * place / most, 0.7 / most
@@ -180,12 +180,12 @@ def _forward(
         if last is not None:
             evaluator, last = led_by_best_start(evaluator, last, start)
         if last is None or not last.accepted:
-            return Found(evaluator, start, current, tuple(steps), last)
+            return SelectionResult(evaluator, start, current, tuple(steps), last)
         current = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
             current = pruned(evaluator, current, start)
         steps = steps_of(current, steps, last)
-    return Found(evaluator, start, current, tuple(steps), last)
+    return SelectionResult(evaluator, start, current, tuple(steps), last)
 
 
 def steps_of(current: CandidateFit, steps: list[Step], last: SelectionRound) -> list[Step]:
@@ -208,10 +208,10 @@ def steps_of(current: CandidateFit, steps: list[Step], last: SelectionRound) -> 
 class Outcome:
     """Data of a verdict."""
 
-    found: Found  # result of the search
+    found: SelectionResult  # result of the search
     before: CandidateFit
     after: CandidateFit
-    remainder: Remainder  # residual of the final model
+    remainder: UnexplainedResidual  # residual of the final model
     certainty: float  # probability that the missing effect is among the candidates [1]
 
     @property
@@ -220,7 +220,7 @@ class Outcome:
         return self.after.floors <= self.found.evaluator.policy.explained_gap
 
 
-def with_headlines_only(found: Found) -> Found:
+def with_headlines_only(found: SelectionResult) -> SelectionResult:
     """Return the result of a search without effects that reduce the gap too little.
 
     The known discrepancy of a fixed baseline is not part of the gap: no effect can remove it.
@@ -233,7 +233,7 @@ def with_headlines_only(found: Found) -> Found:
     return replace(found, steps=(), final=found.start, last=last)
 
 
-def outcome_of(found: Found) -> Outcome:
+def outcome_of(found: SelectionResult) -> Outcome:
     """Return the result of a search, evaluated on held-out records."""
     found = with_headlines_only(found)
     evaluator, views = found.evaluator, found.evaluator.measured.held_out

@@ -9,12 +9,6 @@ import numpy as np
 
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.data.tones import annotated
-from piezo_hysteresis.discovery.selection.anchored_evaluator import (
-    HeldEvaluator,
-    known_discrepancy,
-    with_nuisances_of_records,
-    without_repeated,
-)
 from piezo_hysteresis.discovery.selection.baseline import (
     Baselines,
     fitted_baselines,
@@ -27,12 +21,18 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     fitted_to,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Deadline
+from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import (
+    FixedBaselineEvaluator,
+    known_discrepancy,
+    with_nuisances_of_records,
+    without_repeated,
+)
 from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.policy import HELD, POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rounds import Progress
 from piezo_hysteresis.discovery.selection.search import (
-    Found,
     Outcome,
+    SelectionResult,
     outcome_of,
     search,
     with_headlines_only,
@@ -51,7 +51,7 @@ from piezo_hysteresis.records.fingerprint import fingerprints, recognised
 
 
 @dataclass(frozen=True)
-class Searching:
+class SearchOptions:
     """Options of a search."""
 
     choices: Choices  # known initial conditions and zero offsets of the records
@@ -68,10 +68,10 @@ class Searching:
         return usual.but(**self.changed)
 
 
-def find(
+def run_search(
     data: Dataset,
     given: Model | ModelFile,
-    how: Searching,
+    how: SearchOptions,
     progress: Progress,
     *,
     nothing_new: bool = False,
@@ -103,7 +103,7 @@ def find(
     return base, _evaluated(search(evaluator, base.joint, progress), progress)
 
 
-def _evaluated(found: Found, progress: Progress) -> Outcome:
+def _evaluated(found: SelectionResult, progress: Progress) -> Outcome:
     progress(0.95, 'proving on held-out records')
     return outcome_of(found)
 
@@ -119,22 +119,26 @@ def zeros_apart(choices: Choices, data: Dataset) -> Choices:
     return replace(choices, zero='record') if choices.zero == 'auto' and several else choices
 
 
-def unsearched(data: Dataset, given: ModelFile, how: Searching) -> Found:
+def unsearched(data: Dataset, given: ModelFile, how: SearchOptions) -> SelectionResult:
     """Return the baseline of a file, evaluated on records without a search."""
     base, seen = held_data(data, given, how)
     policy = how.policy(HELD)
-    evaluator = HeldEvaluator(seen, how.seed, how.workers, base, given, policy, how.deadline)
-    return Found(evaluator, base, base)
+    evaluator = FixedBaselineEvaluator(
+        seen, how.seed, how.workers, base, given, policy, how.deadline
+    )
+    return SelectionResult(evaluator, base, base)
 
 
-def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progress) -> Found:
+def _find_held(
+    data: Dataset, given: ModelFile, how: SearchOptions, progress: Progress
+) -> SelectionResult:
     """Search the effects that the model of a file lacks.
 
     The history before a record can explain much of a residual: with strong creep, three previous
     levels are equivalent to a drift. If a record that starts at rest at 0 V is assigned another
     initial condition, the search runs with both, and the levels cost the penalty of parameters.
     """
-    policy, found = how.policy(HELD), list[tuple[float, Found]]()
+    policy, found = how.policy(HELD), list[tuple[float, SelectionResult]]()
     for searched in (True, False):
         if not searched and (
             how.choices.start != 'auto'
@@ -143,7 +147,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
         ):
             break
         base, seen = held_data(data, given, how, searched=searched)
-        evaluator = HeldEvaluator(
+        evaluator = FixedBaselineEvaluator(
             seen,
             how.seed,
             how.workers,
@@ -163,7 +167,7 @@ def _find_held(data: Dataset, given: ModelFile, how: Searching, progress: Progre
 
 
 def held_data(
-    data: Dataset, given: ModelFile, how: Searching, *, searched: bool = True
+    data: Dataset, given: ModelFile, how: SearchOptions, *, searched: bool = True
 ) -> tuple[CandidateFit, Dataset]:
     """Return the baseline with the values of its file, and the data with its initial conditions.
 

@@ -14,8 +14,8 @@ from piezo_hysteresis.discovery.data.dataset import Check, Dataset
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, LookAlike
 from piezo_hysteresis.discovery.detection.statements import recommendations, sentence, statements
 from piezo_hysteresis.discovery.selection import rules
-from piezo_hysteresis.discovery.selection.anchored_evaluator import HeldEvaluator
 from piezo_hysteresis.discovery.selection.baseline import Baselines
+from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import FixedBaselineEvaluator
 from piezo_hysteresis.discovery.selection.search import Outcome
 from piezo_hysteresis.discovery.verdict.naming import (
     named_effects,
@@ -25,7 +25,7 @@ from piezo_hysteresis.discovery.verdict.naming import (
 )
 from piezo_hysteresis.discovery.verdict.verdict import (
     HeldOut,
-    Proof,
+    HeldOutComparison,
     ProofRow,
     Unexplained,
     Verdict,
@@ -291,7 +291,7 @@ def build_verdict(
     coverage: Check,
     base: Baselines,
     outcome: Outcome,
-    proof: Proof,
+    proof: HeldOutComparison,
     name: str,
     seed: int,
     own: Sequence[str] = (),
@@ -318,7 +318,7 @@ def build_verdict(
     effects = named_effects(
         found.steps, base.joint, final, data.records, floor, outcome.certainty, alike
     )
-    if isinstance(found.evaluator, HeldEvaluator):
+    if isinstance(found.evaluator, FixedBaselineEvaluator):
         effects = with_fractions(effects, final, data.training[0].dt, found.evaluator.late)
     if support is not None:
         effects = tuple(each.at_most(1.0 - support.chance) for each in effects)
@@ -359,7 +359,7 @@ def build_verdict(
         starts={v.name: _circumstances(v) for v in (*data.held_out, *data.training)},
         not_tried=untried,
         identified_from=tuple(own),
-        held_baseline=isinstance(found.evaluator, HeldEvaluator),
+        held_baseline=isinstance(found.evaluator, FixedBaselineEvaluator),
         detection_limits=tuple(limits),
         repeats=None if support is None else support.to_dict(),
         two_way=_two_way(base.joint.model, data.records),
@@ -371,12 +371,12 @@ def build_verdict(
         missing = instead(base.joint.model)[:-1]
         verdict = replace(verdict, next_experiments=(*missing, *verdict.next_experiments))
     more = [coverage.outside]
-    if isinstance(found.evaluator, HeldEvaluator) and not nothing_else:
+    if isinstance(found.evaluator, FixedBaselineEvaluator) and not nothing_else:
         more.append(_repeated(found.evaluator, support, named=bool(effects)))
     return replace(verdict, summary=' '.join(filter(None, [summary_of(verdict), *more])))
 
 
-def _repeated(evaluator: HeldEvaluator, support: Support | None, *, named: bool) -> str:
+def _repeated(evaluator: FixedBaselineEvaluator, support: Support | None, *, named: bool) -> str:
     """Return what repeats say of the records, or what is missing for that."""
     if support is not None:
         return support.sentence(named)

@@ -31,7 +31,7 @@ class ProofRow:
 
 
 @dataclass(frozen=True)
-class Proof:
+class HeldOutComparison:
     """Gaps without and with the found effects.
 
     Attributes
@@ -54,18 +54,22 @@ class Proof:
     stable: bool
 
 
-def prove(data: Dataset, before: CandidateFit, after: CandidateFit) -> Proof:
+def compare_held_out(
+    data: Dataset, before: CandidateFit, after: CandidateFit
+) -> HeldOutComparison:
     """Return the gaps of two models on the held-out views."""
     old, new = before.errors, after.errors
     rows = [_row(v, a, b) for v, a, b in zip(data.held_out, old, new, strict=True)]
     limit = 10.0 * data.span
     stable = all(bool(np.all(np.abs(e) < limit)) for e in new)
     ordered = sorted(rows, key=lambda r: (r.frequency, r.amplitude, r.record))
-    return Proof(tuple(ordered), before.rms, after.rms, before.floors, after.floors, stable)
+    return HeldOutComparison(
+        tuple(ordered), before.rms, after.rms, before.floors, after.floors, stable
+    )
 
 
 def over_frequency(
-    data: Dataset, before: CandidateFit, after: CandidateFit, proof: Proof
+    data: Dataset, before: CandidateFit, after: CandidateFit, proof: HeldOutComparison
 ) -> list[ProofRow]:
     """Return the gaps of all records with a drive frequency, sorted by frequency.
 

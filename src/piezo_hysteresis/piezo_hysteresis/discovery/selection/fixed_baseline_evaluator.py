@@ -40,7 +40,7 @@ from piezo_hysteresis.discovery.selection.evaluator import (
     Deadline,
     DetectionTest,
     Evaluator,
-    Remainder,
+    UnexplainedResidual,
 )
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, costs, expectation
@@ -166,7 +166,7 @@ def _moved(
     return None
 
 
-class HeldEvaluator(Evaluator):
+class FixedBaselineEvaluator(Evaluator):
     """Scores models relative to noise and known discrepancy with a fixed baseline."""
 
     def __init__(
@@ -207,10 +207,10 @@ class HeldEvaluator(Evaluator):
         """Return a model evaluated on training views that include the known discrepancy."""
         return replace(evaluated_on(fit, self.measured.training), fitted=fit.fitted)
 
-    def with_data(self, data: Dataset) -> HeldEvaluator:
+    def with_data(self, data: Dataset) -> FixedBaselineEvaluator:
         """Return an evaluator with the same settings on other data."""
         given = self.base, self.given, self.policy, self.deadline, self.choices
-        return HeldEvaluator(data, self.seed, self.workers, *given)
+        return FixedBaselineEvaluator(data, self.seed, self.workers, *given)
 
     def starts_may_differ(self, fit: CandidateFit) -> bool:
         """Return whether a model may estimate other initial conditions of the records.
@@ -222,7 +222,7 @@ class HeldEvaluator(Evaluator):
             return False
         return super().starts_may_differ(fit) or self.exceeds_discrepancy(fit)
 
-    def with_own_starts(self, fit: CandidateFit) -> tuple[HeldEvaluator, CandidateFit]:
+    def with_own_starts(self, fit: CandidateFit) -> tuple[FixedBaselineEvaluator, CandidateFit]:
         """Return the fit with initial conditions that the model estimates, if it scores better."""
         if self.choices is None:
             return self, fit
@@ -476,18 +476,18 @@ class HeldEvaluator(Evaluator):
         """
         return self.policy.trust
 
-    def remainder(self, final: CandidateFit, start: CandidateFit) -> Remainder:
+    def remainder(self, final: CandidateFit, start: CandidateFit) -> UnexplainedResidual:
         """Return the residual beyond the known discrepancy of the baseline."""
         if self.exceeds_discrepancy(final):
-            return Remainder(True, self.views, final)
+            return UnexplainedResidual(True, self.views, final)
         held_out = self.data.held_out
         if self.held_out_exceeds_discrepancy(final):
-            return Remainder(True, held_out, evaluated_on(final, held_out))
+            return UnexplainedResidual(True, held_out, evaluated_on(final, held_out))
         if self._is_unexplained(final):
             note = 'One record does not show whether this error is that of another day.'
-            return Remainder(True, held_out, evaluated_on(final, held_out), note)
+            return UnexplainedResidual(True, held_out, evaluated_on(final, held_out), note)
         known = f'As it was identified it {discrepancy_text(self.known)}.'
-        return Remainder(False, self.views, final, known)
+        return UnexplainedResidual(False, self.views, final, known)
 
     def _is_unexplained(self, spec: ModelSpec) -> bool:
         """Return whether the residual is far above the noise and nothing shows that it repeats.
