@@ -141,9 +141,24 @@ def test_the_loop_of_several_axes_excites_each_and_needs_limits() -> None:
     control = found['control_loop']
     assert control['coupled:model_file'] == model
     assert control['limits.low'] == -50.0
-    assert control['excitation_2:frequency'] == 1.25 * control['excitation_1:frequency']
-    # half of the range at rest: 0.17 um/V
-    assert control['reference.amplitude'] == pytest.approx(3.8e-6, rel=0.1)
+    assert (control['excitation_1:frequency'], control['excitation_2:frequency']) == (23.0, 28.75)
+    # half of 40 V, the nearer end, times 0.17 um/V
+    assert control['reference.amplitude'] == pytest.approx(3.4e-6, rel=0.1)
     assert found['simulator']['rate'] == control['rate'] == pytest.approx(1e4)
     with pytest.raises(PiezoError, match='give --preset and --limits'):
         loop.nodes_of_axes(parser.parse_args(given[:2]), model)
+    for words, reason in (
+        (['--amplitude', '1000'], 'reach 6.* µm'),
+        (['--limits', '10', '50', '1e5'], 'rests at 0 V'),
+        (['--limits', 'nan', '50', '1e5'], 'not finite'),
+    ):
+        with pytest.raises(PiezoError, match=reason):
+            loop.nodes_of_axes(parser.parse_args([*given, *words]), model)
+
+
+@pytest.mark.parametrize('word', ['--seconds=nan', '--seconds=0', '--frequency=-3'])
+def test_a_loop_refuses_numbers_before_a_node_starts(word: str) -> None:
+    parser = argparse.ArgumentParser()
+    loop.configure(parser)
+    with pytest.raises(PiezoError, match='must be a number above 0'):
+        loop.run(parser.parse_args([word]))

@@ -122,6 +122,8 @@ def preset_file(name: str, kind: str = 'presets') -> Path:
     if name in preset_names(other):
         raise PresetError(f'{name} is a preset of {KINDS[other]}, not of {KINDS[kind]}')
     known = ', '.join(preset_names(kind)) or f'none: the folder config/{kind} was not found'
+    if preset_names(other):
+        known += f'; {KINDS[other]}: {", ".join(preset_names(other))}'
     guess = near(name, preset_names(kind))
     raise PresetError(f'there is no preset {name!r}{guess}; there are {known}')
 

@@ -6,6 +6,7 @@ Actuator, `control_loop`, and each node that watches are separate processes. Ctr
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import signal
 import time
@@ -17,6 +18,8 @@ import numpy as np
 from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.common.registry import inside, package_of
 from piezo_hysteresis.compensation.inverses.reach import usual_reference
+from piezo_hysteresis.compensation.limiter import require_limits
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models.modelfile import ModelFile, is_modal
@@ -66,6 +69,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Start every node and wait for their end."""
+    _require_numbers(arguments)
     model = _checked(arguments.model)
     of = nodes_of_axes if is_modal(model) else _of_one_axis
     started = of(arguments, model)
@@ -90,9 +94,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _require_numbers(arguments: argparse.Namespace) -> None:
+    """Refuse what no node can run with, before one starts."""
+    for name, unit in (('frequency', 'Hz'), ('amplitude', 'µm'), ('seconds', 's')):
+        value = getattr(arguments, name)
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise PiezoError(f'--{name} must be a number above 0 {unit}, got {value:g}')
+
+
 def _checked(model: str | None) -> str:
     if model is None:
         return ''
+    if Path(model).is_dir():
+        raise PiezoError(f'{model} is a folder; give the model.yaml in it')
     if not Path(model).is_file():
         raise PiezoError(f'{model} is not there: `identify` writes a model.yaml')
     return str(Path(model).resolve())
@@ -100,9 +114,9 @@ def _checked(model: str | None) -> str:
 
 def _of_one_axis(arguments: argparse.Namespace, model: str) -> dict[str, dict[str, object]]:
     """Return the parameters of every node of a loop of one axis."""
+    loaded = ModelFile.load(model) if model else None
     if arguments.limits is not None:
         raise PiezoError('--limits is for a model of several axes; this loop takes its own')
-    loaded = ModelFile.load(model) if model else None
     rate, reference = rate_of(loaded), _reference(loaded, arguments.amplitude)
     return nodes(arguments, model, rate, reference)
 
@@ -119,13 +133,24 @@ def nodes_of_axes(arguments: argparse.Namespace, model: str) -> dict[str, dict[s
         )
     loaded = modal_file.load(model)
     low, high, slew = arguments.limits
+    require_limits(Limits(low, high, slew))
+    if not low <= 0.0 <= high:
+        raise PiezoError(f'the loop rests at 0 V, which is outside {low:g} .. {high:g} V')
     still = abs(transfers(loaded, np.zeros(1, complex))[0][0].real.diagonal())
-    usual = 0.25 * (high - low) * float(still.min())
-    amplitude = usual if arguments.amplitude is None else 1e-6 * arguments.amplitude
+    reach = min(high, -low) * float(still.min())
+    amplitude = 0.5 * reach if arguments.amplitude is None else 1e-6 * arguments.amplitude
+    if amplitude > reach:
+        raise PiezoError(
+            f'within {low:g} .. {high:g} V the axes reach {1e6 * reach:.3g} µm about their rest; '
+            f'give a smaller amplitude than {1e6 * amplitude:g} µm'
+        )
     rate = 1.0 / loaded.dt
     excited = {
         # one frequency each, so that cross-talk has lines of its own
-        f'excitation_{axis + 1}': {'frequency': arguments.frequency * (1.0 + 0.25 * axis)}
+        f'excitation_{axis + 1}': {
+            'frequency': arguments.frequency * (1.0 + 0.25 * axis),
+            'folder': arguments.folder,
+        }
         for axis in range(loaded.layout.inputs)
     }
     return {
@@ -179,8 +204,20 @@ def _print_addresses(group: NodeProcesses, arguments: argparse.Namespace, model:
     with ros_needed():
         from piezo_hysteresis.nodes.live import Observer
     with Observer(group) as observer:
-        several = is_modal(model)
-        observer.until_ready('simulator', 'excitation_1' if several else 'excitation', 'dashboard')
+        observer.until_ready('simulator')
+        axes = observer.axes()
+        if bool(axes) != is_modal(model) or (axes and axes != _axes_of(model)):
+            raise PiezoError(
+                f'the preset {arguments.preset or ONE_AXIS} has {axes or 1} axes, the model '
+                f'{_axes_of(model) if is_modal(model) else 1}; give --preset of one with as many'
+            )
+        observer.until_ready('excitation_1' if axes else 'excitation', 'dashboard')
     print(f'open http://localhost:{arguments.port}/ (Ctrl-C ends the loop)', flush=True)
     if not model:
         print('no --model: nothing is compensated and no gap is watched', flush=True)
+
+
+def _axes_of(model: str) -> int:
+    from piezo_hysteresis.axes import modal_file
+
+    return modal_file.load(model).layout.inputs

@@ -190,6 +190,11 @@ def open_plant(
         return
     actuator = simulated(plant, 1.0 / dt, seed, settings)
     try:
+        if (axes := int(actuator.about.get('axes', 1))) != 1:
+            raise CompensationError(
+                f'the plant has {axes} axes, the model one; give a preset of one axis, or a model '
+                'of several (identify --model modes)'
+            )
         yield actuator, actuator.about
     finally:
         actuator.close()

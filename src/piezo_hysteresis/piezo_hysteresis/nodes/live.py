@@ -24,6 +24,8 @@ from piezo_interfaces.msg import LoopStatus
 
 Progress = Callable[[float, str], None]
 
+# Time in which the topics of all axes are discovered after the first one [s].
+SETTLED = 1.0
 # Timeout of a wait without any progress [s].
 STILL = 60.0
 
@@ -94,6 +96,24 @@ class Observer(Client):
         for name in names:
             ready = functools.partial(self._neighbours.is_ready, name)
             self.until(ready, f'the start of the {name}')
+
+    def axes(self) -> int:
+        """Return the number of axes of the simulator that runs, 0 for an actuator of one."""
+
+        def published(axis: int) -> bool:
+            topic = topics.of_axis(topics.STATE, axis)
+            return bool(self.node.count_publishers(f'/{topic}'))
+
+        count, since = 0, time.monotonic()
+
+        def settled() -> bool:
+            nonlocal count, since
+            if published(count + 1):
+                count, since = count + 1, time.monotonic()
+            return (published(0) or count > 0) and time.monotonic() - since > SETTLED
+
+        self.until(settled, 'the state of the actuator')
+        return count
 
     def sweep(self, order: LiveSweep, bag: Path, progress: Progress) -> None:
         """Request a recorded sweep from the excitation."""

@@ -161,6 +161,7 @@ class SweepServer:
     ) -> None:
         self._node = node
         self.last = ''
+        self._axis = axis
         self._counts = dict.fromkeys(('sweeps', 'sweeps_refused', 'sweeps_failed'), 0)
         self._parameters = parameters
         self._commands = commands
@@ -339,7 +340,9 @@ class SweepServer:
 
     def _judge(self, goal: RunSweep.Goal) -> GoalResponse:
         reason = ''
-        if self._busy:
+        if self._axis:
+            reason = 'the loop moves all axes at once; record an axis with references instead'
+        elif self._busy:
             reason = 'another one is running; cancel it first'
         elif self._parameters.text('mode') != 'idle':
             reason = 'an experiment is running; set mode to idle first'
