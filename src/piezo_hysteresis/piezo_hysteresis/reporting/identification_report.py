@@ -110,7 +110,7 @@ def _in_worst(
         highest=None if frequency > 0 else _highest(record),
     )  # fmt: skip
     span = last_periods(len(record), frequency, record.dt, 3, record.warm_up_samples)
-    part = 'its last periods' if frequency > 0 else 'the whole record'
+    part = _part(span, record)
     if stands_out(error[cut], error[span]):
         span, part = cut, 'the whole record, because of outliers'
     curves = [Curve('error', record.time[span], error[span], 'error')]
@@ -416,11 +416,16 @@ def _spread(records: Sequence[Record]) -> list[Record]:
     return [order[place] for place in places]
 
 
+def _part(cut: slice, record: Record) -> str:
+    """Return what a cut shows of a record: a drive that repeats need not state its frequency."""
+    whole = (cut.start or 0) <= record.warm_up_samples
+    return 'the whole record' if whole else 'its last periods'
+
+
 def _loop(record: Record, simulated: FloatArray) -> Plot:
     cut = last_periods(len(record), record.info.frequency, record.dt, 2, record.warm_up_samples)
     responses = [('measured', record.displacement[cut], ''), ('model', simulated[cut], 'model')]
-    part = 'its last periods' if record.info.frequency > 0 else 'the whole record'
-    caption = f'Input and displacement of {record.name}, {part}.'
+    caption = f'Input and displacement of {record.name}, {_part(cut, record)}.'
     drive, unit = record.voltage[cut], record.info.input_unit
     return response_figure(drive, record.time[cut], responses, record.name, caption, unit)
 
