@@ -279,7 +279,8 @@ def screening() -> None:
 def several_axes() -> None:
     """Let modes of two axes follow a few samples of a steady state, and drive them."""
     from piezo_hysteresis.axes.axes_record import AxesRecord
-    from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
+    from piezo_hysteresis.axes.modal_gradient import gradient
+    from piezo_hysteresis.axes.modal_model import AxesDrive, ModalLayout, ModalModel
     from piezo_hysteresis.compensation.coupled.axes_chain import AxesChain
     from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
     from piezo_hysteresis.compensation.link import Measured, ReferencePoint
@@ -290,6 +291,8 @@ def several_axes() -> None:
     record = AxesRecord('rehearsal', DT, u, u, periods=1)
     model = ModalModel(layout, vector, output, 1.0, DT)
     model.simulate(record)
+    drive = AxesDrive(record, layout)
+    gradient(model, drive, model.signals(drive))
     output[:1] = 1e-6
     layout.named(vector)['shape'][...] = 1.0
     chain = AxesChain(model, MatrixSettings(), 1.0)

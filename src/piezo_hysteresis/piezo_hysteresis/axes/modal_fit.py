@@ -9,6 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray, IntArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.axes.modal_gradient import gradient
 from piezo_hysteresis.axes.modal_model import (
     RATE_UNIT,
     AxesDrive,
@@ -175,24 +176,22 @@ class ModalDerivatives:
     def _damping(self) -> ComplexArray:
         return self._each(self._by_damping() * self._at.damping)
 
-    def _grown(self) -> FloatArray:
-        """Return the two powers of the level."""
-        level = float(self._drive.level.mean()) / self._model.full_level
-        grown = level ** float(self._found['level_power'][0])
-        return np.array([grown, grown**2])
+    def _grown(self) -> tuple[FloatArray, FloatArray]:
+        """Return the two powers of the level, and their slopes by the power."""
+        grown, slopes = self._model.grown(self._drive.level.mean(keepdims=True))
+        return grown[0], slopes[0]
 
     def _softening(self) -> ComplexArray:
         omega = np.exp(self._found['log_omega'])
         moved = self._each(-self._by_omega() * omega)
-        return np.concatenate([grown * moved for grown in self._grown()])
+        return np.concatenate([grown * moved for grown in self._grown()[0]])
 
     def _level_damping(self) -> ComplexArray:
         moved = self._damping()
-        return np.concatenate([grown * moved for grown in self._grown()])
+        return np.concatenate([grown * moved for grown in self._grown()[0]])
 
     def _level_power(self) -> ComplexArray:
-        level = max(float(self._drive.level.mean()) / self._model.full_level, 1e-12)
-        slope = np.log(level) * self._grown() * np.array([1.0, 2.0])
+        slope = self._grown()[1]
         omega = -np.exp(self._found['log_omega']) * (slope @ self._found['softening'])
         damping = self._at.damping * (slope @ self._found['level_damping'])
         change = self._by_omega() * omega + self._by_damping() * damping
@@ -246,7 +245,7 @@ class ModalDerivatives:
 
 
 _RIDGE = 1e-9
-_FEWER = 0.9995  # a smaller gain of the sum of squares ends the fit
+_FEWER, _WINDOW = 0.9995, 5  # a smaller gain of the sum of squares in these turns ends the fit
 _TRIALS = 7
 # Weights of the distances from the start of a fit, in residuals of one sample: the records do not
 # determine the scale of a shape before the elongation acts.
@@ -293,31 +292,39 @@ class ModalFit:
         self._count = sum(each.size for each in data.measured)
 
     def run(self, names: Sequence[str], turns: int, damping: float = 1e-2) -> ModalModel:
-        """Fit the named parameters in up to `turns` steps; return the model."""
+        """Fit the named parameters in up to `turns` steps; return the model.
+
+        The curvature is approximate at the start, and then follows the exact slopes (BFGS).
+        """
         names, free = self._free(names)
         point = self._evaluate(self._model.vector)
         start, places = self._model.vector[free], self._model.layout.places
         loose = np.concatenate([np.full(np.prod(places[n][1]), _LOOSE.get(n, 0.0)) for n in names])
         firm = loose**2 * point.cost / self._count
+        costs = [point.cost]
+        if turns:
+            normal, slope = self._normal(point, names) + np.diag(firm), self._slope(point)[free]
         for _ in range(turns):
-            normal, slope = self._jacobian(point, names)
-            away = self._model.vector[free] - start
-            normal, slope = normal + np.diag(firm), slope + firm * away
-            before = point.cost + float(firm @ away**2)
             for _ in range(_TRIALS):
                 moved = self._model.vector.copy()
                 scaled = normal + damping * np.diag(np.diag(normal) + 1e-12)
-                moved[free] -= solve_square(scaled, slope).values
-                trial = self._evaluate(moved)
-                after = trial.cost + float(firm @ (moved[free] - start) ** 2)
-                if after < before:
-                    break
+                step = -solve_square(scaled, slope).values
+                moved[free] += step
+                away = moved[free] - start
+                if self._oscillates(moved):
+                    trial = self._evaluate(moved)
+                    cost = trial.cost + float(firm @ away**2)
+                    if cost < costs[-1]:
+                        break
                 damping *= 6.0
             else:
                 break
             self._model = replace(self._model, vector=moved)
-            point, damping = trial, max(damping / 6.0, 1e-6)
-            if after > _FEWER * before:
+            point, damping, before = trial, max(damping / 6.0, 1e-6), slope
+            slope = self._slope(point)[free] + firm * away
+            normal = _bent(normal, step, slope - before)
+            costs.append(cost)
+            if cost > _FEWER * costs[-_WINDOW:][0] and len(costs) > _WINDOW:
                 break
         return replace(self._model, output=point.output, deviations=None)
 
@@ -328,13 +335,20 @@ class ModalFit:
         """
         names, free = self._free(names)
         point = self._evaluate(self._model.vector)
-        normal, _ = self._jacobian(point, names)
+        normal = self._normal(point, names)
         scale = np.sqrt(np.clip(np.diag(normal), 1e-300, None))
         spread = np.diag(np.linalg.pinv(normal / np.outer(scale, scale), 1e-12, hermitian=True))
         found = np.zeros(self._model.layout.size)
         found[free] = np.sqrt(np.abs(spread) * point.cost / self._count) / scale
         found[free[scale < 1e-9 * scale.max()]] = np.inf
         return found
+
+    def _oscillates(self, vector: FloatArray) -> bool:
+        """Return whether every mode is one at every level: a long step can leave none."""
+        levels = np.concatenate([each.level for each in self._data.drives])
+        with np.errstate(over='ignore'):
+            omega, damping = replace(self._model, vector=vector).modes_at(levels)
+        return bool(((omega > 0.0) & (damping < 1.0)).all())
 
     def _free(self, names: Sequence[str]) -> tuple[list[str], IntArray]:
         """Return the names that have parameters in this layout, and their places."""
@@ -365,34 +379,56 @@ class ModalFit:
         inverse = np.linalg.inv(gram) / np.outer(scale, scale)
         return _Point(rows, output, residual, inverse)
 
-    def _jacobian(self, point: _Point, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """Return the normal matrix and the slope of the named parameters."""
+    def _normal(self, point: _Point, names: Sequence[str]) -> FloatArray:
+        """Return the normal matrix of the named parameters, with feedback taken as a gain."""
         model = replace(self._model, output=point.output)
 
-        def part(place: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-            weight = self._data.weights[place]
-            signals = point.rows[place] / weight
-            made = ModalDerivatives(model, self._data.drives[place], signals)
+        def part(place: int) -> tuple[FloatArray, FloatArray]:
+            weight, drive = self._data.weights[place], self._data.drives[place]
+            made = ModalDerivatives(model, drive, point.rows[place] / weight)
             return self._sums(weight * made.of(list(names)), point, place)
 
         places = range(len(self._data.drives))
-        normals, slopes, crosses = zip(*of_each(part, places, self._workers), strict=True)
-        normal, slope, cross = sum(normals), sum(slopes), sum(crosses)
+        normals, crosses = zip(*of_each(part, places, self._workers), strict=True)
+        normal, cross = sum(normals), sum(crosses)
         solved = np.einsum('fg,pgo->pfo', point.gram, cross)
-        normal = normal - np.einsum('pfo,qfo->pq', cross, solved, optimize=True)
-        return normal, slope
+        return np.asarray(normal - np.einsum('pfo,qfo->pq', cross, solved, optimize=True))
+
+    def _slope(self, point: _Point) -> FloatArray:
+        """Return half the exact slope of the cost by all parameters, shape (size,)."""
+        model = replace(self._model, output=point.output)
+
+        def part(place: int) -> FloatArray:
+            residual, drive = point.residual[place], self._data.drives[place]
+            by_signals = -self._data.weights[place] * residual @ model.output.T
+            slope = gradient(model, drive, by_signals)
+            early = residual + point.rows[place] @ model.output  # what was measured
+            turn = 2j * np.pi * np.fft.rfftfreq(early.shape[0], model.dt)[:, None]
+            rate = np.fft.irfft(turn * np.fft.rfft(early, axis=0), early.shape[0], axis=0)
+            slope[model.layout.places['delay'][0]] = np.sum(residual * rate)
+            return slope
+
+        return np.asarray(sum(of_each(part, range(len(self._data.drives)), self._workers)))
 
     @staticmethod
-    def _sums(
-        derivatives: FloatArray, point: _Point, place: int
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return products of the derivatives with themselves, the residual and the signals."""
+    def _sums(derivatives: FloatArray, point: _Point, place: int) -> tuple[FloatArray, FloatArray]:
+        """Return products of the derivatives with themselves and with the signals."""
         scale = np.sqrt(2.0 / point.rows[place].shape[0])
         x = np.fft.rfft(point.rows[place], axis=0)[1:] * scale
-        e = np.fft.rfft(point.residual[place], axis=0)[1:] * scale
         flat = derivatives.reshape(derivatives.shape[0], -1)
         flat = np.ascontiguousarray(flat).view(np.float64)
         normal = flat @ flat.T
-        slope = -np.real(np.tensordot(derivatives, e.conj(), ((1, 2), (0, 1))))
         cross = np.real(np.einsum('plo,lf->pfo', derivatives, x.conj(), optimize=True))
-        return normal, slope, cross
+        return normal, cross
+
+
+def _bent(normal: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
+    """Return the curvature with the change of the slope over a step (BFGS, damped by Powell)."""
+    along = normal @ step
+    expected, seen = float(step @ along), float(step @ change)
+    if not expected > 0.0:
+        return normal
+    if seen < 0.2 * expected:
+        part = 0.8 * expected / (expected - seen)
+        change, seen = part * change + (1.0 - part) * along, 0.2 * expected
+    return np.asarray(normal - np.outer(along, along) / expected + np.outer(change, change) / seen)

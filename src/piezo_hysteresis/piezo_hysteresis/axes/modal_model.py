@@ -396,11 +396,15 @@ class ModalModel:
         """Parameters by name, as in `ModalLayout.places`."""
         return self.layout.named(self.vector)
 
+    def grown(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the two powers of levels and their slopes by the power, shape (levels, 2)."""
+        part, power = level / self.full_level, self.parameters['level_power'][0]
+        grown = np.stack([part**power, part ** (2.0 * power)], 1)
+        return grown, np.log(np.maximum(part, 1e-12))[:, None] * grown * np.array([1.0, 2.0])
+
     def modes_at(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return angular frequencies [rad/s] and damping ratios, shape (levels, modes)."""
-        found = self.parameters
-        grown = (level / self.full_level) ** found['level_power'][0]
-        grown = np.stack([grown, grown**2], 1)
+        found, (grown, _) = self.parameters, self.grown(level)
         omega = np.exp(found['log_omega']) * (1.0 - grown @ found['softening'])
         return omega, np.exp(found['log_damping'] + grown @ found['level_damping'])
 
@@ -411,32 +415,37 @@ class ModalModel:
             return drive.fine
         return np.asarray(drive.fine + np.einsum('ji,jti->ti', weights, drive.memory))
 
+    def followed(self, drive: AxesDrive, every: int) -> tuple[FloatArray, ...]:
+        """Return forced voltages, steps of the modes, and what `follow` writes every few ticks."""
+        layout, found = self.layout, self.parameters
+        omega, damping = self.modes_at(drive.level)
+        steps = discretised(omega, damping, self.dt / OVERSAMPLING).transpose(0, 2, 1)
+        steps, forced = np.ascontiguousarray(steps), self.forced(drive)
+        ticks, modes, inputs = forced.shape[0], layout.modes, layout.inputs
+        size = 2 * modes + inputs + len(layout.elongation_plays) * inputs
+        settle = ticks if drive.periodic else 0
+        n = ticks // every
+        q, d = np.empty((n, modes)), np.empty((n, modes))
+        w, e = np.empty((n, inputs)), np.empty((n, inputs))
+        follow(
+            forced, steps, drive.block * OVERSAMPLING, omega, found['shape'], found['rate_shape'],
+            found['elongation_weights'], np.asarray(layout.elongation_plays), found['square'],
+            found['cube'], settle, every, np.zeros(size), q, d, w, e,
+        )  # fmt: skip
+        return forced, steps, q, d, w, e
+
     def signals(self, drive: AxesDrive) -> FloatArray:
         """Return what the displacement is a sum of, shape (n, features).
 
         Coordinates, rates, voltages with feedback, products of elongations, memories; in steady
         state for a period, from rest else.
         """
-        layout, found = self.layout, self.parameters
-        dt = self.dt / OVERSAMPLING
-        omega, damping = self.modes_at(drive.level)
-        steps = np.ascontiguousarray(discretised(omega, damping, dt).transpose(0, 2, 1))
-        forced = self.forced(drive)
-        ticks, modes, inputs = forced.shape[0], layout.modes, layout.inputs
-        size = 2 * modes + inputs + len(layout.elongation_plays) * inputs
-        settle = ticks if drive.periodic else 0
-        n = ticks // OVERSAMPLING
-        q, d = np.empty((n, modes)), np.empty((n, modes))
-        w, e = np.empty((n, inputs)), np.empty((n, inputs))
-        block = drive.block * OVERSAMPLING
-        follow(
-            forced, steps, block, omega, found['shape'], found['rate_shape'],
-            found['elongation_weights'], np.asarray(layout.elongation_plays), found['square'],
-            found['cube'], settle, OVERSAMPLING, np.zeros(size), q, d, w, e,
-        )  # fmt: skip
+        layout = self.layout
+        forced, _, q, d, w, e = self.followed(drive, OVERSAMPLING)
+        n = q.shape[0]
         columns = [q, d * RATE_UNIT, forced[::OVERSAMPLING] + w]
         if layout.products:
-            columns += [(e[:, i] * e[:, : i + 1].T).T for i in range(inputs)]
+            columns += [(e[:, i] * e[:, : i + 1].T).T for i in range(layout.inputs)]
         if layout.memories:
             memory = drive.memory[:, ::OVERSAMPLING].transpose(1, 0, 2)
             columns.append(memory.reshape(n, -1))

@@ -127,7 +127,7 @@ _PER_LEVEL = 2
 # Records with more error than the others of their level by this factor are disturbed.
 _DISTURBED = 1.5
 _LINEAR = ('log_omega', 'log_damping', 'shape', 'delay')
-_TRIAL_TURNS, _TURNS, _LAST_TURNS = 2, 2, 15
+_TRIAL_TURNS, _TURNS, _LAST_TURNS = 4, 10, 100
 # Part of the error that turns without a new effect must leave for another round.
 _SETTLED = 0.995
 # Peaks of the residual response at which a mode is tried; they differ by this factor at least.
