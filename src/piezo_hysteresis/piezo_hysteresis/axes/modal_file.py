@@ -15,8 +15,8 @@ from piezo_hysteresis.models.modelfile import MODAL_SCHEMA
 from piezo_hysteresis.models.plain import mapping, number, read_yaml, refuse_unknown, write_yaml
 
 _PARTS = {
-    'schema', 'inputs', 'outputs', 'interval_s', 'full_level_V', 'delay_s', 'level_power',
-    'modes', 'voltage', 'elongation', 'displacement', 'found',
+    'schema', 'inputs', 'outputs', 'joints', 'interval_s', 'full_level_V', 'delay_s',
+    'level_power', 'modes', 'voltage', 'elongation', 'displacement', 'found',
 }  # fmt: skip
 _TWO_PI = 2.0 * np.pi
 
@@ -33,6 +33,7 @@ def content_of(model: ModalModel, found: Mapping[str, Any] | None = None) -> dic
         'schema': MODAL_SCHEMA,
         'inputs': layout.inputs,
         'outputs': layout.outputs,
+        'joints': layout.joints,
         'interval_s': model.dt,
         'full_level_V': model.full_level,
         'delay_s': float(parameters['delay'][0]),
@@ -100,6 +101,7 @@ def _model(content: Mapping[str, Any], what: str) -> ModalModel:
         tuple(int(number(each, 'a power')) for each in voltage['powers']),
         tuple(number(each, 'a half width') for each in elongation['half_widths_V']),
         bool(elongation['products']),
+        int(number(content.get('joints', 0), 'joints')),
     )
     vector = layout.zeros()
     found = layout.named(vector)

@@ -40,6 +40,11 @@ class _Lines:
     loop: ComplexArray  # voltage for an elongation through the feedback, (lines, inputs, inputs)
 
 
+def _lines(x: FloatArray) -> ComplexArray:
+    """Return the lines above 0 Hz of columns, of unit power."""
+    return np.asarray(np.fft.rfft(x, axis=0)[1:] * np.sqrt(2.0 / x.shape[0]))
+
+
 class ModalDerivatives:
     """Derivatives of one record."""
 
@@ -48,21 +53,17 @@ class ModalDerivatives:
         self._model, self._drive = model, drive
         self._found = model.parameters
         layout = model.layout
-        modes, inputs = layout.modes, layout.inputs
-        q, total = signals[:, :modes], signals[:, 2 * modes : 2 * modes + inputs]
+        modes, parts = layout.modes, layout.parts
+        q, total = signals[:, :modes], signals[:, 2 * modes : 2 * modes + parts]
         self._e = q @ self._found['shape'].T
         self._samples = signals.shape[0]
         omega, damping = model.modes_at(drive.level)
         self._at = self._transfers(q, total, omega.mean(0), damping.mean(0))
 
-    def _spectrum(self, x: FloatArray) -> ComplexArray:
-        """Return the lines above 0 Hz, of unit power."""
-        return np.asarray(np.fft.rfft(x, axis=0)[1:] * np.sqrt(2.0 / self._samples), complex)
-
     def _transfers(
         self, q: FloatArray, total: FloatArray, omega: FloatArray, damping: FloatArray
     ) -> _Lines:
-        modes, inputs = self._model.layout.modes, self._model.layout.inputs
+        modes, parts = self._model.layout.modes, self._model.layout.parts
         s = 2j * np.pi * np.fft.rfftfreq(self._samples, self._model.dt)[1:]
         inverse = 1.0 / (s[:, None] ** 2 + 2.0 * damping * omega * s[:, None] + omega**2)
         output = self._model.output
@@ -71,14 +72,14 @@ class ModalDerivatives:
         by_rate = (omega * (s[:, None] + 2.0 * damping * omega) * inverse)[:, :, None]
         driven = (omega**2 * inverse)[:, :, None] * shape + by_rate * rate_shape
         through = np.einsum('lki,lko->lio', driven, reading, optimize=True)
-        through = through + output[2 * modes : 2 * modes + inputs]
+        through = through + output[2 * modes : 2 * modes + parts]
         compliance = np.einsum('ki,lkj->lij', shape, driven, optimize=True)
-        drive, elongation = self._spectrum(total), self._spectrum(self._e)
-        gain = self._gain(elongation, self._spectrum(self._feedback()))
-        closed = np.eye(inputs) - compliance * gain
+        drive, elongation = _lines(total), _lines(self._e)
+        gain = self._gain(elongation, _lines(self._feedback()))
+        closed = np.eye(parts) - compliance * gain
         loop = gain[:, None] * np.linalg.inv(closed)
         return _Lines(
-            np.asarray(s), drive, elongation, self._spectrum(q), omega, damping,
+            np.asarray(s), drive, elongation, _lines(q), omega, damping,
             np.asarray(inverse), reading, through,
             compliance, loop,
         )  # fmt: skip
@@ -118,11 +119,12 @@ class ModalDerivatives:
         step = fine.shape[0] // self._samples
         u = fine[::step] - fine[::step].mean(0)
         power = np.sum(u**2, 0)
-        forced = self._model.forced(self._drive)[::step]
+        inputs = self._model.layout.inputs
+        forced = self._model.forced(self._drive)[::step, :inputs]
         ratio = np.sum(forced * u, 0) / np.where(power > 0.0, power, 1.0)
         gain = np.where(power > 0.0, ratio, 1.0)
         late = np.exp(-at.s * self._found['delay'][0])[:, None, None]
-        return np.asarray((late * self._closed() * gain[:, None]).transpose(0, 2, 1))
+        return np.asarray((late * self._closed()[:, :inputs] * gain[:, None]).transpose(0, 2, 1))
 
     # --- derivatives ---------------------------------------------------------------------------
 
@@ -198,24 +200,24 @@ class ModalDerivatives:
         return np.asarray(np.sum(self._each(change), 0, keepdims=True))
 
     def _shape(self) -> ComplexArray:
-        at, inputs, modes = self._at, self._model.layout.inputs, self._model.layout.modes
-        which = np.tile(np.arange(modes), inputs)
-        axis = np.repeat(np.arange(inputs), modes)
+        at, parts, modes = self._at, self._model.layout.parts, self._model.layout.modes
+        which = np.tile(np.arange(modes), parts)
+        axis = np.repeat(np.arange(parts), modes)
         change = (at.omega**2 * at.inverse)[:, which] * at.drive[:, axis]
-        direct = at.q[:, which, None] * (axis[:, None] == np.arange(inputs))
+        direct = at.q[:, which, None] * (axis[:, None] == np.arange(parts))
         return self._moved(which, change, direct)
 
     def _rate_shape(self) -> ComplexArray:
-        at, inputs, modes = self._at, self._model.layout.inputs, self._model.layout.modes
-        which = np.tile(np.arange(modes), inputs)
-        axis = np.repeat(np.arange(inputs), modes)
+        at, parts, modes = self._at, self._model.layout.parts, self._model.layout.modes
+        which = np.tile(np.arange(modes), parts)
+        axis = np.repeat(np.arange(parts), modes)
         by_rate = at.omega * (at.s[:, None] + 2.0 * at.damping * at.omega) * at.inverse
         return self._moved(which, by_rate[:, which] * at.drive[:, axis])
 
     def _delay(self) -> ComplexArray:
         """Return the derivative by the delay, by which the measurement is taken earlier."""
         early = np.exp(self._at.s * self._found['delay'][0])[:, None]
-        y = self._spectrum(self._drive.record.displacement)
+        y = _lines(self._drive.record.displacement)
         return np.asarray((-self._at.s[:, None] * early * y)[None])
 
     def _forced(self, signals: FloatArray) -> ComplexArray:
@@ -224,7 +226,7 @@ class ModalDerivatives:
         count, _, inputs = signals.shape
         whole = self._closed()
         rows = [
-            self._spectrum(signals[j][:, i : i + 1]) * whole[:, i]
+            _lines(signals[j][:, i : i + 1]) * whole[:, i]
             for j in range(count)
             for i in range(inputs)
         ]
@@ -245,11 +247,16 @@ class ModalDerivatives:
 
 
 _RIDGE = 1e-9
+_FRESH = 2  # turns whose curvature is found anew
 _FEWER, _WINDOW = 0.9995, 5  # a smaller gain of the sum of squares in these turns ends the fit
 _TRIALS = 7
 # Weights of the distances from the start of a fit, in residuals of one sample: the records do not
-# determine the scale of a shape before the elongation acts.
-_LOOSE = {'log_omega': 100.0, 'log_damping': 5.0, 'shape': 10.0, 'rate_shape': 10.0}
+# determine the scale of a shape before the elongation acts, nor the weight of a play that hardly
+# moves.
+_LOOSE = {
+    'log_omega': 100.0, 'log_damping': 5.0, 'shape': 10.0, 'rate_shape': 10.0,
+    'voltage_weights': 0.1, 'elongation_weights': 0.1, 'square': 0.1, 'cube': 0.1,
+}  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -294,17 +301,18 @@ class ModalFit:
     def run(self, names: Sequence[str], turns: int, damping: float = 1e-2) -> ModalModel:
         """Fit the named parameters in up to `turns` steps; return the model.
 
-        The curvature is approximate at the start, and then follows the exact slopes (BFGS).
+        The curvature is approximate in the first turns, and then follows the exact slopes (BFGS).
         """
         names, free = self._free(names)
         point = self._evaluate(self._model.vector)
         start, places = self._model.vector[free], self._model.layout.places
         loose = np.concatenate([np.full(np.prod(places[n][1]), _LOOSE.get(n, 0.0)) for n in names])
         firm = loose**2 * point.cost / self._count
-        costs = [point.cost]
-        if turns:
-            normal, slope = self._normal(point, names) + np.diag(firm), self._slope(point)[free]
-        for _ in range(turns):
+        costs, away = [point.cost], np.zeros(free.size)
+        slope = self._slope(point)[free] if turns else away
+        for turn in range(turns):
+            if turn < _FRESH:
+                normal = self._normal(point, names) + np.diag(firm)
             for _ in range(_TRIALS):
                 moved = self._model.vector.copy()
                 scaled = normal + damping * np.diag(np.diag(normal) + 1e-12)
@@ -386,7 +394,7 @@ class ModalFit:
         def part(place: int) -> tuple[FloatArray, FloatArray]:
             weight, drive = self._data.weights[place], self._data.drives[place]
             made = ModalDerivatives(model, drive, point.rows[place] / weight)
-            return self._sums(weight * made.of(list(names)), point, place)
+            return self._sums(weight * made.of(list(names)), _lines(point.rows[place]))
 
         places = range(len(self._data.drives))
         normals, crosses = zip(*of_each(part, places, self._workers), strict=True)
@@ -411,10 +419,8 @@ class ModalFit:
         return np.asarray(sum(of_each(part, range(len(self._data.drives)), self._workers)))
 
     @staticmethod
-    def _sums(derivatives: FloatArray, point: _Point, place: int) -> tuple[FloatArray, FloatArray]:
+    def _sums(derivatives: ComplexArray, x: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """Return products of the derivatives with themselves and with the signals."""
-        scale = np.sqrt(2.0 / point.rows[place].shape[0])
-        x = np.fft.rfft(point.rows[place], axis=0)[1:] * scale
         flat = derivatives.reshape(derivatives.shape[0], -1)
         flat = np.ascontiguousarray(flat).view(np.float64)
         normal = flat @ flat.T

@@ -146,18 +146,18 @@ def gradient(model: ModalModel, drive: AxesDrive, by_signals: FloatArray) -> Flo
 
     `by_signals`, shape (n, features), is its slope by the signals of the drive, a period.
     """
-    layout, found, inputs = model.layout, model.parameters, model.layout.inputs
-    places = np.cumsum([layout.modes, layout.modes, inputs])
+    layout, found, parts = model.layout, model.parameters, model.layout.parts
+    places = np.cumsum([layout.modes, layout.modes, parts])
     of_q, of_d, of_w, rest = np.split(by_signals, places, axis=1)
     forced, a, q, d, w, e = model.followed(drive, 1)
     omega, damping = (each[0] for each in model.modes_at(drive.level))
     widths = np.asarray(layout.elongation_plays)
-    p = np.empty((e.shape[0], widths.size, inputs))
-    for i in range(inputs):
+    p = np.empty((e.shape[0], widths.size, parts))
+    for i in range(parts):
         play_bank(np.ascontiguousarray(e[:, i]), widths, p[:, :, i], 2)
-    of_e, read = np.zeros((of_q.shape[0], inputs)), e[::OVERSAMPLING]
+    of_e, read = np.zeros((of_q.shape[0], parts)), e[::OVERSAMPLING]
     if layout.products:
-        pairs = [(i, j) for i in range(inputs) for j in range(i + 1)]
+        pairs = [(i, j) for i in range(parts) for j in range(i + 1)]
         for column, (i, j) in zip(rest.T, pairs, strict=False):
             of_e[:, i] += column * read[:, j]
             of_e[:, j] += column * read[:, i]
@@ -171,7 +171,9 @@ def gradient(model: ModalModel, drive: AxesDrive, by_signals: FloatArray) -> Flo
         of_a, of_omega, of['shape'], of['rate_shape'], of['elongation_weights'], of['square'],
         of['cube'], of_drive,
     )  # fmt: skip
-    of['voltage_weights'][...] = np.einsum('jti,ti->ji', drive.memory, of_drive)
+    of['voltage_weights'][...] = np.einsum(
+        'jti,ti->ji', drive.memory, of_drive[:, : layout.inputs]
+    )
     more, less, dt = 1.0 + _STEP, 1.0 - _STEP, model.dt / OVERSAMPLING
     by_omega = discretised(more * omega, damping, dt) - discretised(less * omega, damping, dt)
     by_damping = discretised(omega, more * damping, dt) - discretised(omega, less * damping, dt)

@@ -155,6 +155,8 @@ class ModalLayout:
         Half widths of the plays of the elongation [V].
     products : bool
         Whether products of elongations move the outputs.
+    joints : int
+        Number of joints, which modes stretch as they do the axes, and which no voltage drives.
     """
 
     inputs: int
@@ -164,6 +166,12 @@ class ModalLayout:
     powers: tuple[int, ...] = ()
     elongation_plays: tuple[float, ...] = ()
     products: bool = False
+    joints: int = 0
+
+    @property
+    def parts(self) -> int:
+        """Number of axes and joints."""
+        return self.inputs + self.joints
 
     @property
     def memories(self) -> int:
@@ -177,10 +185,12 @@ class ModalLayout:
         names = [f'mode {k + 1}' for k in range(self.modes)]
         names += [f'rate of mode {k + 1}' for k in range(self.modes)]
         names += [f'voltage of {axis}' for axis in axes]
+        stretched = axes + [f'joint {j + 1}' for j in range(self.joints)]
+        names += [f'feedback of {each}' for each in stretched[self.inputs :]]
         if self.products:
             names += [
-                f'elongations of axes {i + 1} and {j + 1}'
-                for i in range(self.inputs)
+                f'elongations of {stretched[i]} and {stretched[j]}'
+                for i in range(self.parts)
                 for j in range(i + 1)
             ]
         memories = [f'play of {width:.4g} V' for width in self.voltage_plays]
@@ -190,20 +200,20 @@ class ModalLayout:
     @cached_property
     def places(self) -> dict[str, tuple[slice, tuple[int, ...]]]:
         """Where each parameter stands in the vector, and its shape."""
-        k, i = self.modes, self.inputs
+        k, i, parts = self.modes, self.inputs, self.parts
         shapes: dict[str, tuple[int, ...]] = {
             'log_omega': (k,),
             'log_damping': (k,),
-            'shape': (i, k),
-            'rate_shape': (i, k),
+            'shape': (parts, k),
+            'rate_shape': (parts, k),
             'delay': (1,),
             'softening': (2, k),
             'level_damping': (2, k),
             'level_power': (1,),
             'voltage_weights': (self.memories, i),
-            'elongation_weights': (len(self.elongation_plays), i),
-            'square': (i,),
-            'cube': (i,),
+            'elongation_weights': (len(self.elongation_plays), parts),
+            'square': (parts,),
+            'cube': (parts,),
         }
         places, at = {}, 0
         for name, shape in shapes.items():
@@ -236,7 +246,7 @@ class ModalLayout:
                 _carry(found[name], values, _memories(self), _memories(before))
             elif name == 'elongation_weights':
                 _carry(found[name], values, self.elongation_plays, before.elongation_plays)
-            else:  # modes are added behind the others
+            else:  # modes and joints are added behind the others
                 found[name][tuple(slice(size) for size in values.shape)] = values
         return new
 
@@ -250,7 +260,7 @@ def _carry(
 ) -> None:
     for row, key in zip(values, before, strict=True):
         if key in now:
-            to[now.index(key)] = row
+            to[now.index(key), : row.size] = row
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,7 +332,9 @@ class AxesDrive:
 
 def drive_of(record: AxesRecord, layout: ModalLayout) -> AxesDrive:
     """Return a record as models of a layout are driven by it; whole periods are averaged."""
-    return _drive_of(record, replace(layout, modes=0, elongation_plays=(), products=False))
+    return _drive_of(
+        record, replace(layout, modes=0, elongation_plays=(), products=False, joints=0)
+    )
 
 
 @lru_cache(maxsize=48)
@@ -409,11 +421,12 @@ class ModalModel:
         return omega, np.exp(found['log_damping'] + grown @ found['level_damping'])
 
     def forced(self, drive: AxesDrive) -> FloatArray:
-        """Return the voltage with its plays and powers, shape (ticks, inputs) [V]."""
+        """Return the voltage with its plays and powers, 0 of joints, shape (ticks, parts) [V]."""
         weights = self.parameters['voltage_weights']
-        if not weights.size:
-            return drive.fine
-        return np.asarray(drive.fine + np.einsum('ji,jti->ti', weights, drive.memory))
+        forced = np.pad(drive.fine, ((0, 0), (0, self.layout.joints)))
+        if weights.size:
+            forced[:, : self.layout.inputs] += np.einsum('ji,jti->ti', weights, drive.memory)
+        return forced
 
     def followed(self, drive: AxesDrive, every: int) -> tuple[FloatArray, ...]:
         """Return forced voltages, steps of the modes, and what `follow` writes every few ticks."""
@@ -421,12 +434,12 @@ class ModalModel:
         omega, damping = self.modes_at(drive.level)
         steps = discretised(omega, damping, self.dt / OVERSAMPLING).transpose(0, 2, 1)
         steps, forced = np.ascontiguousarray(steps), self.forced(drive)
-        ticks, modes, inputs = forced.shape[0], layout.modes, layout.inputs
-        size = 2 * modes + inputs + len(layout.elongation_plays) * inputs
+        (ticks, parts), modes = forced.shape, layout.modes
+        size = 2 * modes + parts + len(layout.elongation_plays) * parts
         settle = ticks if drive.periodic else 0
         n = ticks // every
         q, d = np.empty((n, modes)), np.empty((n, modes))
-        w, e = np.empty((n, inputs)), np.empty((n, inputs))
+        w, e = np.empty((n, parts)), np.empty((n, parts))
         follow(
             forced, steps, drive.block * OVERSAMPLING, omega, found['shape'], found['rate_shape'],
             found['elongation_weights'], np.asarray(layout.elongation_plays), found['square'],
@@ -445,7 +458,7 @@ class ModalModel:
         n = q.shape[0]
         columns = [q, d * RATE_UNIT, forced[::OVERSAMPLING] + w]
         if layout.products:
-            columns += [(e[:, i] * e[:, : i + 1].T).T for i in range(layout.inputs)]
+            columns += [(e[:, i] * e[:, : i + 1].T).T for i in range(layout.parts)]
         if layout.memories:
             memory = drive.memory[:, ::OVERSAMPLING].transpose(1, 0, 2)
             columns.append(memory.reshape(n, -1))

@@ -9,113 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord, leveled
-from piezo_hysteresis.axes.frequency_response import FrequencyResponse, Poles, response, vector_fit
+from piezo_hysteresis.axes.frequency_response import response
 from piezo_hysteresis.axes.modal_fit import FitData, ModalFit
-from piezo_hysteresis.axes.modal_model import ModalLayout, ModalModel
+from piezo_hysteresis.axes.modal_model import ModalModel
+from piezo_hysteresis.axes.modal_start import start_of
 from piezo_hysteresis.common.wording import Guided, counted
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.numerics.linalg import failing_as, symmetric_eigen
-
-ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 20, 24)
-# Lines of the fits that compare orders and delays, at most.
-_LINES = 500
-_DELAYS = np.arange(0.0, 3.01, 0.5)  # ticks
-# An order counts as equal if it leaves no more than this factor.
-_EQUAL = 1.03
-_WELL_DAMPED = 0.06
-# Least height of the peak of a mode, in the response at its frequency.
-_SEEN = 0.05
-_NEIGHBOURS = 2
-
-
-def thinned(measured: FrequencyResponse, first: int, step: int) -> FrequencyResponse:
-    """Return every `step`-th line from `first` on."""
-    return FrequencyResponse(measured.frequency[first::step], measured.matrix[first::step])
-
-
-def left(poles: Poles, measured: FrequencyResponse, delay: float) -> float:
-    """Return the relative error of a rational fit on the lines of a response."""
-    late = np.exp(-2j * np.pi * measured.frequency * delay)[:, None, None]
-    size = np.sqrt(np.mean(np.abs(measured.matrix) ** 2, (1, 2)))
-    error = np.abs(measured.matrix - late * poles.at(measured.frequency)) ** 2
-    return float(np.sqrt(np.mean(np.mean(error, (1, 2)) / size)) / np.sqrt(np.mean(size)))
-
-
-def find_delay(measured: FrequencyResponse, dt: float, order: int) -> float:
-    """Return the delay [s] with which a rational response leaves least."""
-    some = thinned(measured, 0, 1 + measured.frequency.size // _LINES)
-    delays = dt * _DELAYS
-    return float(min(delays, key=lambda delay: left(vector_fit(some, order, delay), some, delay)))
-
-
-def find_order(measured: FrequencyResponse, delay: float, most: int) -> int:
-    """Return the smallest order that predicts every other line as well as any."""
-    step = 2 * (1 + measured.frequency.size // (2 * _LINES))
-    some, other = thinned(measured, 0, step), thinned(measured, step // 2, step)
-    errors = {
-        order: left(vector_fit(some, order, delay), other, delay)
-        for order in ORDERS
-        if order <= most
-    }
-    best = min(errors.values())
-    return min(order for order, error in errors.items() if error <= _EQUAL * best)
-
-
-def start_of(
-    records: Sequence[AxesRecord], modes: int | None = None
-) -> tuple[ModalLayout, FloatArray]:
-    """Return layout and parameters of a linear model of records of one level."""
-    measured = response(records)
-    smooth = response(records, _NEIGHBOURS)
-    dt = records[0].dt
-    delay = find_delay(smooth, dt, min(8, modes or 8))
-    order = modes or find_order(smooth, delay, ORDERS[-1])
-    poles = vector_fit(measured, order, delay)
-    damping = -poles.poles.real / np.abs(poles.poles)
-    inside = poles.poles.imag < 2.1 * np.pi * measured.frequency[-1]
-    peak = np.linalg.norm(poles.residues, axis=(1, 2)) / np.abs(poles.poles.real)
-    around = np.interp(
-        poles.poles.imag / (2.0 * np.pi), smooth.frequency,
-        np.linalg.norm(smooth.matrix, axis=(1, 2)),
-    )  # fmt: skip
-    width = -poles.poles.real / (2.0 * np.pi)  # a narrower one than a line is of the noise
-    kept = inside & (width > np.diff(measured.frequency).min())
-    kept &= (damping < _WELL_DAMPED) & (peak > _SEEN * around)
-    if not kept.any():
-        raise IdentificationError('the response shows no mode; a one-axis model may do')
-    layout = ModalLayout(
-        records[0].voltage.shape[1], records[0].displacement.shape[1], int(kept.sum())
-    )
-    vector = layout.zeros()
-    found = layout.named(vector)
-    found['log_omega'][:] = np.log(np.abs(poles.poles[kept]))
-    found['log_damping'][:] = np.log(np.clip(damping[kept], 1e-4, None))
-    found['delay'][0] = delay
-    static = poles.at(np.zeros(1))[0].real
-    found['shape'][...] = _shapes(poles, kept, static)
-    return layout, vector
-
-
-def _shapes(poles: Poles, kept: BoolArray, static: FloatArray) -> FloatArray:
-    """Return input shapes, (inputs, modes), in the scale that reciprocity sets.
-
-    A mode stretches the axes in the shape in which they drive it; the elongation is the
-    displacement through the inverse of the static gain.
-    """
-    elongation = np.linalg.pinv(static)
-    shapes = np.empty((static.shape[1], int(kept.sum())))
-    for k, place in enumerate(np.flatnonzero(kept)):
-        pole, residue = poles.poles[place], poles.residues[place]
-        row = np.linalg.svd(residue)[2][0]
-        row = (row * np.exp(-0.5j * np.angle(np.sum(row**2)))).real
-        # static contribution of the mode, as an elongation of the axes
-        stretched = elongation @ (-2.0 * (residue / pole).real)
-        gain = abs(float(row @ stretched @ row) / float(row @ row) ** 2)
-        shapes[:, k] = np.sqrt(gain + 1e-4) * row
-    return shapes
-
 
 # Half widths of plays, in levels of the largest records.
 _VOLTAGE_PLAYS = (0.04, 0.3, 1.0, 3.0)
@@ -127,9 +29,10 @@ _PER_LEVEL = 2
 # Records with more error than the others of their level by this factor are disturbed.
 _DISTURBED = 1.5
 _LINEAR = ('log_omega', 'log_damping', 'shape', 'delay')
-_TRIAL_TURNS, _TURNS, _LAST_TURNS = 4, 10, 100
-# Part of the error that turns without a new effect must leave for another round.
-_SETTLED = 0.995
+# Turns of a trial, after it, and at the end; before a round that may be the last one, in which
+# slow effects are tried longer.
+_TRIAL_TURNS, _TURNS, _LAST_TURNS = 2, 6, 60
+_SETTLING_TURNS, _LONG_TURNS, _LONG_GAIN = 24, 8, 0.02
 # Peaks of the residual response at which a mode is tried; they differ by this factor at least.
 _PEAKS, _APART = 2, 1.05
 _MOST_ADDED_MODES = 8
@@ -171,6 +74,11 @@ EFFECTS = (
     ModalEffect('rate_drive', 'the rate of the voltage drives the modes', ('rate_shape',)),
 )
 MODE = ModalEffect('structural_mode', 'one more mode')
+JOINTS = ModalEffect(
+    'joint_hysteresis',
+    'plays of joints, which modes stretch and no voltage drives, act as a voltage',
+    ('shape', 'elongation_weights'),
+)
 # What a model that is kept may lack as well.
 CHANGES = (
     ModalEffect('output_change', 'the displacement for each signal of the model is another one'),
@@ -338,13 +246,13 @@ class _Search:
         model = self._linear(modes)
         steps = [self._step('linear', f'{model.layout.modes} linear modes', model, {})]
         if effects is None:
-            model = self._searched(model, steps, EFFECTS)
+            model = self._searched(model, steps, (*EFFECTS, JOINTS))
         for name in effects or ():
-            effect = next((each for each in (*EFFECTS, MODE) if each.name == name), None)
+            effect = next((each for each in (*EFFECTS, JOINTS, MODE) if each.name == name), None)
             if effect is None:
-                known = ', '.join(each.name for each in (*EFFECTS, MODE))
+                known = ', '.join(each.name for each in (*EFFECTS, JOINTS, MODE))
                 raise IdentificationError(f'there is no effect {name}; there are {known}')
-            started = self._tried(model, effect, 0)
+            started = self._tried(model, effect, 0, _TRIAL_TURNS)
             model = self._kept(effect, started, {}, steps)
         model = self._final(model)
         steps.append(self._step('all together', 'all parameters', model, {}))
@@ -391,26 +299,31 @@ class _Search:
         self, model: ModalModel, steps: list[ModalStep], effects: Sequence[ModalEffect]
     ) -> ModalModel:
         """Add effects while one lowers the held-out error more than the same turns without it."""
-        left, added = list(effects), 0
+        left, added, settled = list(effects), 0, False
         while left or added < _MOST_ADDED_MODES:
-            candidates = [(each, 0) for each in left]
+            turns = _LONG_TURNS if settled else _TRIAL_TURNS
+            candidates = [
+                (each, 0)
+                for each in left
+                if each is not JOINTS or 'elongation_weights' in self._active
+            ]
             if added < _MOST_ADDED_MODES:
                 candidates += [(MODE, peak) for peak in range(_PEAKS)]
-            without = self._fitted(model, list(self._active), _TRIAL_TURNS)
+            without = self._fitted(model, list(self._active), turns)
             now = self._score(without)
-            found = [self._tried(model, effect, peak) for effect, peak in candidates]
+            found = [self._tried(model, effect, peak, turns) for effect, peak in candidates]
             scores = [self._score(each) / now for each in found]
             tried: dict[str, float] = {}
             for (effect, _), score in zip(candidates, scores, strict=True):
                 tried[effect.name] = min(score, tried.get(effect.name, score))
             best = int(np.argmin(scores))
-            if scores[best] < 1.0 - LEAST_GAIN:
+            if scores[best] < 1.0 - (_LONG_GAIN if settled else LEAST_GAIN):
                 effect = candidates[best][0]
                 model = self._kept(effect, found[best], tried, steps)
                 added += effect is MODE
-                left = [each for each in left if each is not effect]
-            elif now < _SETTLED * self._score(model):
-                model = without
+                left, settled = [each for each in left if each is not effect], False
+            elif self._active and not settled:
+                model, settled = self._fitted(without, list(self._active), _SETTLING_TURNS), True
             else:
                 break
         return model
@@ -520,10 +433,10 @@ class _Search:
             fit.run(names, turns) if names else fit.run(('delay',), 0)
         )  # the output matrix alone
 
-    def _tried(self, model: ModalModel, effect: ModalEffect, peak: int) -> ModalModel:
+    def _tried(self, model: ModalModel, effect: ModalEffect, peak: int, turns: int) -> ModalModel:
         started = self._with_mode(model, peak) if effect is MODE else self._with(model, effect)
         names = {**self._active, **dict.fromkeys(effect.parameters)}
-        return self._fitted(started, list(names), _TRIAL_TURNS)
+        return self._fitted(started, list(names), turns)
 
     def _with(self, model: ModalModel, effect: ModalEffect) -> ModalModel:
         """Return the model with an effect of no size."""
@@ -541,10 +454,19 @@ class _Search:
             )
         elif effect.name == 'elongation_powers':
             layout = replace(layout, products=True)
+        elif effect is JOINTS:
+            layout = replace(layout, joints=layout.inputs)
         vector = layout.carried(model.vector, model.layout)
         found = layout.named(vector)
         if effect.name == 'level_softening':
             found['softening'][0] = 0.01
+        elif effect is JOINTS:  # shapes at random: at none, no slope would lead anywhere
+            shapes = found['shape'][layout.inputs :]
+            rng = np.random.default_rng(0)
+            shapes[...] = (
+                0.5 * np.std(model.parameters['shape']) * rng.standard_normal(shapes.shape)
+            )
+            found['elongation_weights'][:, layout.inputs :] = 0.02
         return replace(model, layout=layout, vector=vector)
 
     def _with_mode(self, model: ModalModel, rank: int) -> ModalModel:

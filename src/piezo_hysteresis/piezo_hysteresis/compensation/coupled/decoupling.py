@@ -53,7 +53,7 @@ class DecouplingNumbers(NamedTuple):
 
 
 def decoupling_numbers(model: ModalModel) -> DecouplingNumbers:
-    """Return the numbers of a model at the level of its identification."""
+    """Return the numbers of a model at the level of its identification, without its joints."""
     layout, found = model.layout, model.parameters
     inputs, outputs, modes = layout.inputs, layout.outputs, layout.modes
     omega, _ = model.modes_at(np.array([model.full_level]))
@@ -62,17 +62,17 @@ def decoupling_numbers(model: ModalModel) -> DecouplingNumbers:
     through, compliance = transfers(model, s)
     with failing_as(ModelError('the model has no inverse: its axes do not move independently')):
         drive = np.asarray(np.linalg.pinv(through), complex)
-    direct = model.output[2 * modes + inputs :]
-    pairs = inputs * (inputs + 1) // 2 if layout.products else 0
+    direct = model.output[2 * modes + layout.parts :]
+    pairs, all_pairs = (n * (n + 1) // 2 * layout.products for n in (inputs, layout.parts))
     return DecouplingNumbers(
         _series(drive, radius), _series(compliance @ drive, radius),
-        np.ascontiguousarray(direct[pairs:].reshape(layout.memories, inputs, outputs)),
+        np.ascontiguousarray(direct[all_pairs:].reshape(layout.memories, inputs, outputs)),
         np.ascontiguousarray(direct[:pairs].reshape(pairs, outputs)),
         np.asarray(layout.voltage_plays, float), np.asarray(layout.powers, float),
         np.ascontiguousarray(found['voltage_weights']),
         np.asarray(layout.elongation_plays, float),
-        np.ascontiguousarray(found['elongation_weights']),
-        np.array(found['square']), np.array(found['cube']),
+        np.ascontiguousarray(found['elongation_weights'][:, :inputs]),
+        np.array(found['square'][:inputs]), np.array(found['cube'][:inputs]),
     )  # fmt: skip
 
 
@@ -81,16 +81,17 @@ def transfers(model: ModalModel, s: ComplexArray) -> tuple[ComplexArray, Complex
     # s [rad/s] (points,) -> (points, outputs, inputs), (points, inputs, inputs)
     found, modes, inputs = model.parameters, model.layout.modes, model.layout.inputs
     omega, damping = (each[0] for each in model.modes_at(np.array([model.full_level])))
+    shape, rate_shape = found['shape'][:inputs], found['rate_shape'][:inputs]
     at = s[:, None]
     inverse = 1.0 / (at**2 + 2.0 * damping * omega * at + omega**2)
     by_rate = omega * (at + 2.0 * damping * omega) * inverse
-    driven = (omega**2 * inverse)[:, :, None] * found['shape'].T
-    driven = driven + by_rate[:, :, None] * found['rate_shape'].T  # (points, modes, inputs)
+    driven = (omega**2 * inverse)[:, :, None] * shape.T
+    driven = driven + by_rate[:, :, None] * rate_shape.T  # (points, modes, inputs)
     reading = model.output[:modes] + RATE_UNIT * at[:, :, None] * model.output[modes : 2 * modes]
     through = np.einsum('lki,lko->loi', driven, reading)
     through = through + model.output[2 * modes : 2 * modes + inputs].T
     late = np.exp(-s * found['delay'][0])[:, None, None]
-    return np.asarray(late * through), np.asarray(found['shape'] @ driven)
+    return np.asarray(late * through), np.asarray(shape @ driven)
 
 
 def _series(values: ComplexArray, radius: float) -> FloatArray:
