@@ -243,7 +243,7 @@ def test_the_simulator_knows_ros_only_in_its_nodes() -> None:
 # `failing_as`, as the design of the H-infinity controller is.
 SAFE = ('norm', 'LinAlgError')
 UNDER_FAILING_AS = (
-    'hinf.py', 'cross_talk.py', 'frequency_response.py', 'modal_search.py', 'modal_fit.py',
+    'hinf.py', 'cross_talk.py', 'frequency_response.py', 'modal_start.py', 'modal_fit.py',
     'modal_model.py', 'axes_tracking.py', 'decoupling.py', 'matrix_attenuation.py', 'mode_talk.py',
 )  # fmt: skip
 

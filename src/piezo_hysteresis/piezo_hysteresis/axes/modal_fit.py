@@ -255,7 +255,7 @@ _TRIALS = 7
 # moves.
 _LOOSE = {
     'log_omega': 100.0, 'log_damping': 5.0, 'shape': 10.0, 'rate_shape': 10.0,
-    'voltage_weights': 0.1, 'elongation_weights': 0.1, 'square': 0.1, 'cube': 0.1,
+    'voltage_weights': 10.0, 'elongation_weights': 10.0, 'square': 10.0, 'cube': 10.0,
 }  # fmt: skip
 
 

@@ -496,7 +496,7 @@ class _Search:
         parameters['log_damping'][-1] = np.log(0.015)
         found_shape = symmetric_eigen(np.asarray(shape))
         if found_shape is not None:
-            parameters['shape'][:, -1] = 0.05 * found_shape[1][:, -1]
+            parameters['shape'][: layout.inputs, -1] = 0.05 * found_shape[1][:, -1]
         parameters['softening'][:, -1] = parameters['softening'][:, :-1].mean(1)
         return replace(model, layout=layout, vector=vector)
 
