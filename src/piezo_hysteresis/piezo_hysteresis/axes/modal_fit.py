@@ -421,9 +421,8 @@ class ModalFit:
     @staticmethod
     def _sums(derivatives: ComplexArray, x: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """Return products of the derivatives with themselves and with the signals."""
-        flat = derivatives.reshape(derivatives.shape[0], -1)
-        flat = np.ascontiguousarray(flat).view(np.float64)
-        normal = flat @ flat.T
+        flat = np.ascontiguousarray(derivatives.reshape(derivatives.shape[0], -1)).view(float)
+        normal = np.asarray(flat @ flat.T, float)
         cross = np.real(np.einsum('plo,lf->pfo', derivatives, x.conj(), optimize=True))
         return normal, cross
 

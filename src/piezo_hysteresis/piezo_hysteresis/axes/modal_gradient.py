@@ -167,7 +167,8 @@ def gradient(model: ModalModel, drive: AxesDrive, by_signals: FloatArray) -> Flo
     follow_back(
         forced, a[0], omega, found['shape'], found['rate_shape'], found['elongation_weights'],
         found['square'], found['cube'], q, d / omega - (forced + w) @ found['rate_shape'], w, e, p,
-        OVERSAMPLING, *map(np.ascontiguousarray, (of_q, of_d * RATE_UNIT, of_w, of_e)),
+        OVERSAMPLING, np.ascontiguousarray(of_q), of_d * RATE_UNIT, np.ascontiguousarray(of_w),
+        of_e,
         of_a, of_omega, of['shape'], of['rate_shape'], of['elongation_weights'], of['square'],
         of['cube'], of_drive,
     )  # fmt: skip

@@ -312,10 +312,11 @@ class _Search:
             without = self._fitted(model, list(self._active), turns)
             now = self._score(without)
             found = [self._tried(model, effect, peak, turns) for effect, peak in candidates]
-            scores = [self._score(each) / now for each in found]
+            # where a run is no number, the effect is not one to add
+            scores = np.nan_to_num([self._score(each) / now for each in found], nan=np.inf)
             tried: dict[str, float] = {}
             for (effect, _), score in zip(candidates, scores, strict=True):
-                tried[effect.name] = min(score, tried.get(effect.name, score))
+                tried[effect.name] = min(float(score), tried.get(effect.name, np.inf))
             best = int(np.argmin(scores))
             if scores[best] < 1.0 - (_LONG_GAIN if settled else LEAST_GAIN):
                 effect = candidates[best][0]
