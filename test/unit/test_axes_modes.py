@@ -315,7 +315,7 @@ def test_hysteresis_of_the_elongation_is_named() -> None:
     assert all(last[level] < 0.2 * first[level] for level in last)
 
 
-@pytest.mark.slow
+@pytest.mark.component
 def test_hysteresis_of_joints_is_found_where_the_actuators_have_none() -> None:
     kind = ModalLayout(2, 2, 3, (), (), (0.1, 0.3), joints=1)
     made = model(kind)
