@@ -1,11 +1,11 @@
 """Amplifier or sensor of limited bandwidth: a first-order lag."""
 
-from math import exp, inf
+from math import exp
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Approach, Block, InterSample, Parameter, Slot, System
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
 from piezo_hysteresis.jit import jit
 
@@ -31,11 +31,6 @@ def system(p: FloatArray) -> System:
     return System(-rate[:, None], rate, np.ones(1), 0.0)
 
 
-def approach(p: FloatArray) -> Approach:
-    """Return the exponential approach to a held input."""
-    return Approach(float(p[0]), inf)
-
-
 def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -> Block:
     return Block(
         name=name,
@@ -57,7 +52,7 @@ def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -
         source='first-order low pass',
         between=InterSample.LINEAR,
         system=system,
-        approach=approach,
+        monotonic=True,
     )
 
 

@@ -88,21 +88,6 @@ class System(NamedTuple):
     d: float
 
 
-class Approach(NamedTuple):
-    """How a signal approaches a held value: by a lag, or with a limited rate.
-
-    Attributes
-    ----------
-    time : float
-        Time constant [s]; 0 for a rate limit.
-    most : float
-        Largest rate [1/s]; infinite if there is none.
-    """
-
-    time: float
-    most: float
-
-
 @dataclass(frozen=True)
 class Parameter:
     """One parameter of a block.
@@ -191,9 +176,8 @@ class Block:
         of `points` values per tick, three per step: at its start, middle and end; of a PATH block
         also one value per tick. Required for every INNER block, and for every PATH block that
         depends on ticks or steps.
-    approach : callable or None
-        ``approach(p)`` returns how it approaches a held input, if that is monotonic and
-        continuous.
+    monotonic : bool
+        Whether it approaches a held input monotonically and continuously: a lag or a rate limit.
     pace : callable or None
         ``pace(p)`` returns the fastest rate [1/s] at which an INNER block moves.
     least_steps : int
@@ -241,7 +225,7 @@ class Block:
     inertia: bool = False
     system: Callable[[FloatArray], System] | None = None
     path_kernel: Along | None = None
-    approach: Callable[[FloatArray], Approach] | None = None
+    monotonic: bool = False
     pace: Callable[[FloatArray], float] | None = None
     least_steps: int = 8
     count: int | None = None

@@ -1,9 +1,7 @@
 """Slew-rate limit of the amplifier."""
 
-from math import inf
-
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Approach, Block, InterSample, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import jit
 
@@ -64,11 +62,6 @@ def along(
     state[0] = last
 
 
-def approach(p: FloatArray) -> Approach:
-    """Return the ramp to a held input."""
-    return Approach(0.0, float(p[0]) if p[0] < NO_LIMIT else inf)
-
-
 BLOCK = Block(
     name='slew_limit',
     slot=Slot.INPUT,
@@ -83,7 +76,7 @@ BLOCK = Block(
     source='amplifier with limited current',
     between=InterSample.INNER,
     path_kernel=along,
-    approach=approach,
+    monotonic=True,
     least_steps=32,
 )
 

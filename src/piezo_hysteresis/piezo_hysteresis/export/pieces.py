@@ -14,15 +14,13 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample
-from piezo_hysteresis.blocks.transport_delay import in_ticks, ring_size, shift
+from piezo_hysteresis.blocks.transport_delay import ring_size, shift
 from piezo_hysteresis.export.compensator import NOT_FINITE
 from piezo_hysteresis.export.header import OK, UNINITIALISED, Component, Field, checking, of_model
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.simulation.compiled import kernel_of
 from piezo_hysteresis.models.simulation.plan import LinearStage, Stage, TickStage
-from piezo_hysteresis.models.simulation.quadrature_run import QuadratureRun, approaches, integrate
-from piezo_hysteresis.models.simulation.state_layout import Layout
 from piezo_hysteresis.models.simulation.state_space import LinearStep, run_held, run_path
 from piezo_hysteresis.models.simulation.substep_run import (
     PathPiece,
@@ -37,8 +35,6 @@ from piezo_hysteresis.models.simulation.substep_run import (
 def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
     """Return a path run for its parameters `own`."""
     steps, layout = run.steps(own, dt), run.layout(dt)
-    if steps == 0 and run.by_quadrature is not None:
-        return _quadrature_run(run.by_quadrature, own, dt, layout)
     order, points = run.order(own), 3 * steps
     timing = run.timing(own, dt, order > 0.0)
     whole: Run | None = None
@@ -178,61 +174,6 @@ def _with_time(block: Block, dt: float, steps: int, ahead: float) -> Alone:
         state[count] += 1.0
 
     return follow
-
-
-def _quadrature_run(run: QuadratureRun, own: FloatArray, dt: float, layout: Layout) -> Run:
-    """Return a run that is integrated by quadrature within a tick."""
-    approach, places, weights = run.approach(own, dt)
-    response = run.response(own, dt)
-    whole, part = in_ticks(float(own[: run.delays].sum()), dt)
-    pieces, count = (2 if part > 0.0 else 1), places.size + 1
-    memories = layout.memories[1 : 1 + len(run.middle)]
-    middle: Run = _same
-    for each, place in zip(run.middle, memories, strict=True):
-        middle = _then(middle, _at(_with(of_block(each.block, dt), own[each.span]), place))
-    delays, ahead = run.delays, run.ahead
-    ring, ring_end = layout.ring.start, layout.ring.stop
-    first, first_end = layout.memories[0].start, layout.memories[0].stop
-    behind = layout.memories[1 + len(run.middle)].start
-    states = layout.size - behind
-    going = (float(approach.time), float(approach.most))
-    phi, impulse, integral, row, direct = response
-
-    @leaf
-    def follow(
-        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
-    ) -> None:
-        old, new, lasts = scratch(1), scratch(1), scratch((1, pieces))
-        values, seen = scratch((1, pieces, count)), scratch((1, 1, pieces, count))
-        answer, memory = scratch((1, 1)), scratch((1, states))
-        for k in range(x.size):
-            old[0] = new[0] = x[k]
-            if delays:
-                shift(x[k : k + 1], new, state[ring:ring_end], whole)
-                old[0] = state[1]
-                state[1] = new[0]
-            approaches(old, new, part, state[first:first_end], going, dt, places, values, lasts)
-            for i in range(pieces):
-                middle(values[0, i], seen[0, 0, i], state, p, frequency)
-            for i in range(states):
-                memory[0, i] = state[behind + i]
-            integrate(
-                seen, lasts, part, places, weights, answer, memory, state[:1], phi, impulse,
-                integral, row, direct, ahead,
-            )  # fmt: skip
-            for i in range(states):
-                state[behind + i] = memory[0, i]
-            y[k] = answer[0, 0]
-
-    return follow
-
-
-@leaf
-def _same(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
-) -> None:
-    for k in range(x.size):
-        y[k] = x[k]
 
 
 Run = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float], None]

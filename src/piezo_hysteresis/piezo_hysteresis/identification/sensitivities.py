@@ -26,9 +26,7 @@ from piezo_hysteresis.models.simulation.substep_sensitivities import (
     propagate_derivatives,
     sum_parallel,
 )
-from piezo_hysteresis.numerics.qr import BLOCK
 
-_MOST_VALUES = 2_000_000  # derivatives times samples stored along the path of each tick
 # Results of a first stage that are kept, more than the memories that a scan combines with a mode,
 # and the largest number of derivatives of each.
 _KEPT, _KEPT_VALUES = 4, 500_000
@@ -77,7 +75,6 @@ class SensitivityRun:
         *,
         origin: int = 0,
         offsets: Sequence[StateOffset] = (),
-        block: int = BLOCK,
         first: FirstStage | None = None,
     ) -> None:
         held = delays_by_ticks(model)
@@ -95,7 +92,7 @@ class SensitivityRun:
             columns += [own[j].name for j in numbers]
             part = _Part(stage, own, p, numbers, _Clock(dt, frequency, start), incoming)
             jump = StateJump(origin if np.any(amounts) else 0, amounts)
-            self._stages.append((_carrier(part, block), jump))
+            self._stages.append((_carrier(part), jump))
             if k == 0:
                 self._key = (p.tobytes(), *columns)
         self.is_whole = any(carrier.is_whole for carrier, _ in self._stages)
@@ -103,7 +100,6 @@ class SensitivityRun:
             name: [
                 (float(each[model.parameter_names.index(name)]), SensitivityRun(
                     model, each, (), dt, frequency, start, origin=origin, offsets=offsets,
-                    block=block,
                 ))
                 for each in _a_tick_apart(model, packed, name, dt)
             ]
@@ -146,10 +142,7 @@ def sensitivities(
     **given: Any,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the free run from rest and its derivatives in one block, see `SensitivityRun`."""
-    run = SensitivityRun(
-        model, packed, free, dt, frequency, start, block=np.size(voltage), **given
-    )
-    return run.advance(voltage)
+    return SensitivityRun(model, packed, free, dt, frequency, start, **given).advance(voltage)
 
 
 @dataclass(frozen=True)
@@ -185,19 +178,12 @@ class _Carrier(Protocol):
         """Return signal and derivatives after the stage, those by its own parameters last."""
 
 
-def _carrier(part: _Part, block: int) -> _Carrier:
+def _carrier(part: _Part) -> _Carrier:
     stage = part.stage
     if isinstance(stage, TickStage):
         return _Differenced(part) if moves_by_ticks(stage) else _Alone(part, stage)
     if isinstance(stage, PathStage):
-        run, p, dt = stage.run, part.p, part.clock.dt
-        still = run.steps(p, dt) == 0
-        if still and run.by_quadrature is not None and not part.incoming:
-            own = sum(len(each.block.parameters) for each in run.by_quadrature.middle)
-            if own * block < _MOST_VALUES:
-                return _ByQuadrature(part, stage)
-        if not still and not run.order(p) > 0.0:
-            return _ByPath(part, stage)
+        return _Differenced(part) if stage.run.order(part.p) > 0.0 else _ByPath(part, stage)
     return _Differenced(part)
 
 
@@ -240,78 +226,6 @@ class _Alone:
             return output, rows
         on = self._linear.carried(tangent, self._at.values, clock.dt, self._carried)
         return output, np.vstack([on, rows])
-
-
-class _ByQuadrature:
-    """A run by quadrature.
-
-    A memory is differentiated at the nodes by its own kernel, and the linear blocks after it
-    integrate the derivatives like the signal. The parameters of approach, delay and linear blocks
-    are differenced.
-    """
-
-    is_whole = False
-
-    def __init__(self, part: _Part, stage: PathStage) -> None:
-        p, clock, run = part.p, part.clock, stage.run.by_quadrature
-        layout = stage.run.layout(clock.dt)
-        assert run is not None
-        self._part, self._run, self._layout = part, run, layout
-        self._state = part.state()
-        self._middle: list[tuple[BlockPoint, slice, FloatArray]] = []
-        self._places: list[int] = []
-        for each, place in zip(run.middle, layout.memories[1:], strict=False):
-            mine = [j for j in part.columns if each.span.start <= j < each.span.stop]
-            at = BlockPoint(each.block, p[each.span], [j - each.span.start for j in mine])
-            self._places += mine
-            moved = np.zeros((len(self._places), self._state[place].size))
-            self._middle.append((at, place, moved))
-        self._behind = slice(layout.memories[1 + len(self._middle)].start, layout.size)
-        self._moving: list[tuple[int, FloatArray]] = []
-        for j in part.columns:
-            if j >= run.behind[0].span.start:
-                self._moving.append((j, p.copy()))
-                self._moving[-1][1][j] += parameter_step(part.own[j], p[j])
-        self._lasting = [
-            (np.zeros((count, self._state[self._behind].size)), np.zeros(count))
-            for count in (1 + len(self._places), *[1] * len(self._moving))
-        ]
-        known = {*self._places, *(j for j, _ in self._moving)}
-        self._rest = [j for j in part.columns if j not in known]
-        self._others = _Differenced(part._replace(columns=self._rest))
-
-    def go(
-        self, signal: FloatArray, tangent: FloatArray, jump: StateJump
-    ) -> tuple[FloatArray, FloatArray]:
-        run, state, p, clock = self._run, self._state, self._part.p, self._part.clock
-        dt, own = clock.dt, 1 + len(self._places)
-        answers = np.empty((own + len(self._moving), signal.size))
-        for chunk in jump.chunks(signal.size, signal.size, state):
-            if chunk.start == jump.sample:
-                for states, inputs in self._lasting:
-                    states[0] += jump.amounts[self._behind]
-                    inputs[0] += jump.amounts[0]
-            nodes = run.node_values(signal[chunk], p, dt, state=state, layout=self._layout)
-            flat, rows = nodes.values.ravel(), np.empty((0, nodes.values.size))
-            for at, place, moved in self._middle:
-                each = partial(_through, flat, rows, clock)
-                flat, rows = sum_parallel(each, at, len(rows), state[place], moved, dt)
-            together, *apart = self._lasting
-            answers[:own, chunk] = run.integrated(
-                np.vstack([flat, rows]), nodes, p, dt, memory=together
-            )
-            for row, (_, other), memory in zip(answers[own:], self._moving, apart, strict=True):
-                row[chunk] = run.integrated(flat[None], nodes, other, dt, memory=memory)[0]
-        known = dict(zip(self._places, answers[1:], strict=False))
-        for row, (j, other) in zip(answers[own:], self._moving, strict=True):
-            known[j] = (row - answers[0]) / (other[j] - p[j])
-        if self._rest:
-            _, others = self._others.go(signal, tangent, jump)
-            known |= dict(zip(self._rest, others, strict=True))
-        result = np.empty((len(self._part.columns), signal.size))
-        for row, j in enumerate(self._part.columns):
-            result[row] = known[j]
-        return answers[0], result
 
 
 class _ByPath:

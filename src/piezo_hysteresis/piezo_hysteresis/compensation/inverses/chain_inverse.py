@@ -270,7 +270,7 @@ def _take_apart(model: Model, packed: FloatArray, dt: float, scale: float) -> _S
                     f'block {block.name} has slope {slope:g} at rest and does not keep its sign, '
                     'so the model has no inverse; identify with bounds that keep it'
                 )
-            if inertia and block.approach is not None and block.system is not None:
+            if inertia and block.monotonic and block.system is not None:
                 stages.lead += _end_before_mean(block.system(own), dt)
             (stages.back if behind else stages.front).append(_Solver(block, joined, numbers))
             stages.rest = from_rest(block, numbers, stages.rest, dt, joined)

@@ -300,7 +300,7 @@ class _Planner:
             last -= 1
         # for a memory, a monotonic approach is equivalent to its samples
         first, behind = self._blocks[inside[0]], [self._blocks[i] for i in inside[1:last]]
-        if first.approach is not None and behind and self._ahead and not late:
+        if first.monotonic and behind and self._ahead and not late:
             *static, memory = behind
             kinds = [block.between for block in static]
             if memory.between is InterSample.PATH and memory.path_kernel is None:

@@ -131,11 +131,6 @@ def hold_of(system: System, dt: float, part: float) -> Hold:
     )
 
 
-def decayed(a: FloatArray, time: float) -> FloatArray:
-    """Return the transition of the dynamics `a` over `time` [s]."""
-    return _exponential(time * a)
-
-
 def _exponential(matrix: FloatArray) -> FloatArray:
     if not np.all(np.isfinite(matrix)):
         return np.full_like(matrix, np.nan)

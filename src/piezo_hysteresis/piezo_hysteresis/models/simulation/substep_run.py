@@ -19,7 +19,6 @@ from piezo_hysteresis.blocks.bouc_wen_oscillator import WEIGHTS, interpolate
 from piezo_hysteresis.blocks.transport_delay import shift
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.jit import jit, scratch
-from piezo_hysteresis.models.simulation.quadrature_run import QuadratureRun
 from piezo_hysteresis.models.simulation.state_layout import (
     Layout,
     PlacedBlock,
@@ -148,6 +147,8 @@ def read(path: FloatArray, y: FloatArray, points: int, part: float) -> None:
 # Largest number of steps per tick; a power of two, so that small parameter changes keep the grid.
 _MOST = 64
 _STRIDE = 0.5  # longest step in units of the fastest time constant that shapes a path
+# Blocks whose output moves while their input is held.
+_MOVES = (InterSample.INNER, InterSample.CLOCK)
 _VALUES = 1 << 14  # path values integrated at a time, to fit into the cache
 
 
@@ -196,14 +197,20 @@ class PathRun:
                 groups[-1] = ((*groups[-1][0], part), True, False)
             else:
                 groups.append(((part,), linear, turns))
-            goes_on = part.block.approach is not None and i == 0
+            goes_on = part.block.monotonic and i == 0
             turns |= not goes_on and part.block.between is not InterSample.INSTANT
         return tuple(groups)
 
     @cached_property
-    def by_quadrature(self) -> QuadratureRun | None:
-        """The same run by quadrature, if its input is approached monotonically."""
-        return QuadratureRun.of(self._moving, self.delays, self.ahead)
+    def _is_smooth(self) -> bool:
+        """Whether a lag or rate limit, then static blocks or a memory, and linear blocks follow.
+
+        Only the first block shapes the path, and the linear blocks behind average its deviation.
+        """
+        return self._moving[0].block.monotonic and all(
+            linear or not (turns or parts[0].block.path_kernel or parts[0].block.between in _MOVES)
+            for parts, linear, turns in self._groups[1:]
+        )
 
     def layout(self, dt: float) -> Layout:
         """Return the layout of the state of the run."""
@@ -241,7 +248,7 @@ class PathRun:
         return state
 
     def steps(self, p: FloatArray, dt: float) -> int:
-        """Return the number of steps per tick for these parameters; 0 for `quadrature_run`."""
+        """Return the number of steps per tick for these parameters."""
         key = (p.tobytes(), dt)
         known: tuple[object, int] | None = self.__dict__.get('_steps')
         if known is None or known[0] != key:
@@ -252,18 +259,23 @@ class PathRun:
     def _count(self, p: FloatArray, dt: float) -> int:
         if self.order(p) > 0.0:
             return JOINED_STEPS
-        if self.by_quadrature is not None and self.by_quadrature.fits(p, dt):
-            return 0
-        pace = max((_pace(parts, p) for parts in self._shaping()), default=0.0)
-        if not np.isfinite(pace):
-            return _MOST
         least = max(part.block.least_steps for part in self._moving)
         corners = least > Block.least_steps
-        if self._moving[0].block.least_steps < least:
+        is_smooth = self._is_smooth and (corners or not self.delays)
+        # where nothing else bends the path, what a lag does within a step is in its mean
+        shaping = self._shaping()[1:] if is_smooth else self._shaping()
+        pace = max((_pace(parts, p) for parts in shaping), default=0.0)
+        if not np.isfinite(pace):
+            return _MOST
+        stride, most = (0.5 * _STRIDE, 2 * _MOST) if corners else (_STRIDE, _MOST)
+        if is_smooth:
+            # measured: 1e-4 of the stroke; a lag at the end does not average a corner
+            few = 4 if not corners else 8 if pace > 0.0 else 32
+            least, stride = few, (0.13 if corners else 2.0) * _STRIDE
+        elif self._moving[0].block.least_steps < least:
             least *= 2  # corners of a continuous input are not detected
         if corners and self.ahead and self.delays:
             least *= 8  # if it is sampled within a step and not at its end
-        stride, most = (0.5 * _STRIDE, 2 * _MOST) if corners else (_STRIDE, _MOST)
         needed = int(2 ** ceil(log2(max(dt * pace / stride, 1.0))))
         return max(least, min(needed, most))
 
@@ -275,7 +287,7 @@ class PathRun:
         """
         *groups, (last, linear, _) = self._groups
         if linear and not self.delays:
-            while last and last[-1].block.approach is not None:
+            while last and last[-1].block.monotonic:
                 last = last[:-1]
         return [*(parts for parts, _, _ in groups), *([last] if last else [])]
 
@@ -297,8 +309,6 @@ class PathRun:
         """Return one value per tick, updating `state` in place."""
         steps = self.steps(p, dt) if steps is None else steps
         layout = self.layout(dt)
-        if steps == 0 and self.by_quadrature is not None:
-            return self.by_quadrature.respond(signal, p, dt, state=state, layout=layout)
         order, points = self.order(p), 3 * steps
         timing = self.timing(p, dt, order > 0.0)
         if self.delays:
