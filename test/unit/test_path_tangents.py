@@ -44,6 +44,9 @@ USUAL = {
     'gain_loss': 0.1,
     'resonance_share': 0.1,
     'slow_creep_share': 0.1,
+    'z_exponent': 1.5,
+    'z_gamma': 800.0,
+    'mass': 0.1,
 }
 CHAINS = (
     ('bouc_wen_exact', 'nonlinear_mode', 'resonance', 'offset'),
@@ -53,12 +56,15 @@ CHAINS = (
     ('transport_delay', 'bouc_wen_exact', 'nonlinear_mode', 'sensor_lag'),
     ('bouc_wen_exact', 'mode', 'stiffness', 'resonance'),
     ('bouc_wen_exact', 'mode', 'stiffness', 'gain_decay', 'sensor_lag'),
+    ('amplifier_lag', 'bouc_wen_oscillator', 'resonance'),  # interpolates a measured input
 )
 
 
 def drawn(names: tuple[str, ...], seed: int) -> tuple[Model, np.ndarray]:
     """Return a chain with parameters by lot."""
-    model = Model('drawn', tuple(named_block(name) for name in names))
+    blocks = tuple(named_block(name) for name in names)
+    steps = {q.name for block in blocks for q in block.parameters} & {'interpolation'}
+    model = Model('drawn', blocks, dict.fromkeys(steps, 2.0))
     rng = np.random.default_rng(seed)
     values = model.defaults()
     for name in sorted(set(values) & set(USUAL)):

@@ -152,14 +152,6 @@ def selector_along(
     state[2] = voltage
 
 
-@jit
-def selector_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return the output at every tick."""
-    selector_along(x, y, state, p, dt, frequency, 1)
-
-
 def monotone(gain: float, a: float, beta: float, gamma: float) -> str:
     """Return '' or the reason why the voltage does not increase with the displacement."""
     if a == 0.0:
@@ -254,7 +246,6 @@ BLOCKS = (
             ),
             *_knots(),
         ),
-        kernel=selector_kernel,
         state_size=3,
         between=InterSample.PATH,
         unknown=(1,),

@@ -66,36 +66,26 @@ def parallel_block(*blocks: Block) -> Block:
     def sizes(dt: float) -> list[int]:
         return [part.initial_state(dt).size for part in parts]
 
-    def kernel(
-        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-    ) -> None:
-        y[:] = 0.0
-        begin = 0
-        for i, (part, size) in enumerate(zip(parts, sizes(dt), strict=True)):
-            memory, own = state[begin : begin + size], p[counts[i] : counts[i + 1]]
-            y += part.respond(x, own, dt, state=memory, frequency=frequency)
-            begin += size
-
     def along(
-        x: FloatArray,
-        y: FloatArray,
-        state: FloatArray,
-        p: FloatArray,
-        dt: float,
-        frequency: float,
-        points: int,
-    ) -> None:
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float,
+        frequency: float, points: int,
+    ) -> None:  # fmt: skip
         y[:] = 0.0
         answer = np.empty_like(y)
         begin = 0
         for i, (part, size) in enumerate(zip(parts, sizes(dt), strict=True)):
             memory, own = state[begin : begin + size], p[counts[i] : counts[i + 1]]
-            if part.path_kernel is not None:
+            if points and part.path_kernel is not None:
                 part.path_kernel(x, answer, memory, own, dt, frequency, points)
                 y += answer
             else:
                 y += part.respond(x, own, dt, state=memory, frequency=frequency)
             begin += size
+
+    def kernel(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+    ) -> None:
+        along(x, y, state, p, dt, frequency, 0)
 
     def check(values: Mapping[str, float]) -> str:
         for part in parts:

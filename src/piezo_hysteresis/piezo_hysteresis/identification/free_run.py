@@ -166,11 +166,10 @@ def differentiated(
     )  # fmt: skip
     late = samples_late(model, target.dt, sampling_offset)
     drive, end = target.drive, target.voltage.size
-    size = drive.size if run.is_whole else BLOCK
     reach = ceil(abs(late)) + 4  # samples on either side that the interpolation takes
     y, rows, begin, done = np.empty(0), np.empty((len(free), 0)), 0, 0
-    for first in range(0, drive.size, size):
-        last = min(first + size, drive.size)
+    for first in range(0, drive.size, BLOCK):
+        last = min(first + BLOCK, drive.size)
         more, further = run.advance(drive[first:last])
         more = more if motion is None else motion.response[first:last]
         y = np.concatenate([y, more]) if begin < first else more

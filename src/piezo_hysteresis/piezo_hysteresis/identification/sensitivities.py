@@ -95,7 +95,6 @@ class SensitivityRun:
             self._stages.append((_carrier(part), jump))
             if k == 0:
                 self._key = (p.tobytes(), *columns)
-        self.is_whole = any(carrier.is_whole for carrier, _ in self._stages)
         self._apart = {
             name: [
                 (float(each[model.parameter_names.index(name)]), SensitivityRun(
@@ -170,8 +169,6 @@ class _Part(NamedTuple):
 class _Carrier(Protocol):
     """Propagates a signal and its derivatives through a stage, with the states of both."""
 
-    is_whole: bool
-
     def go(
         self, signal: FloatArray, tangent: FloatArray, jump: StateJump
     ) -> tuple[FloatArray, FloatArray]:
@@ -183,14 +180,12 @@ def _carrier(part: _Part) -> _Carrier:
     if isinstance(stage, TickStage):
         return _Differenced(part) if moves_by_ticks(stage) else _Alone(part, stage)
     if isinstance(stage, PathStage):
-        return _Differenced(part) if stage.run.order(part.p) > 0.0 else _ByPath(part, stage)
+        return _ByPath(part, stage)
     return _Differenced(part)
 
 
 class _Alone:
     """One block, or several in parallel."""
-
-    is_whole = False
 
     def __init__(self, part: _Part, stage: TickStage) -> None:
         self._clock, self._at = part.clock, BlockPoint(stage.block, part.p, list(part.columns))
@@ -230,8 +225,6 @@ class _Alone:
 
 class _ByPath:
     """A run by the derivatives along its path; its delays are differenced."""
-
-    is_whole = False
 
     def __init__(self, part: _Part, stage: PathStage) -> None:
         clock, p = part.clock, part.p
@@ -280,14 +273,12 @@ def _through(
 
 
 class _Differenced:
-    """A stage by differences of its own parameters, and of its input unless it is linear in it."""
+    """A stage that is linear in its input, by differences of its own parameters."""
 
     def __init__(self, part: _Part) -> None:
         self._part, stage, dt = part, part.stage, part.clock.dt
         # on one grid, so that the difference is caused by the parameter alone
-        on_path = isinstance(stage, PathStage)
         self._grid = {'steps': stage.run.steps(part.p, dt)} if isinstance(stage, PathStage) else {}
-        self.is_whole = on_path and part.incoming > 0
         self._moved = [(part.p, part.state())]
         for j in part.columns:
             values = part.p.copy()
@@ -308,31 +299,22 @@ class _Differenced:
         output = self._run(signal, p, state, jump) if output is None else output
         result = np.empty((incoming + len(moved), signal.size))
         if incoming:
-            result[:incoming] = self._along(signal, tangent, output, jump)
+            result[:incoming] = self._along(tangent)
         for row, j, (values, memory) in zip(result[incoming:], part.columns, moved, strict=True):
             row[:] = (self._run(signal, values, memory, jump) - output) / (values[j] - p[j])
         return output, result
 
-    def _along(
-        self, signal: FloatArray, tangent: FloatArray, output: FloatArray, jump: StateJump
-    ) -> FloatArray:
+    def _along(self, tangent: FloatArray) -> FloatArray:
         """Return the derivatives from upstream."""
         part, stage, dt = self._part, self._part.stage, self._part.clock.dt
         if isinstance(stage, LinearStage):
             return stage.carried(tangent, part.p, dt, self._carried)
-        result = np.zeros_like(tangent)
-        if isinstance(stage, TickStage):  # a delay
-            for row, column, state in zip(result, tangent, self._carried, strict=True):
-                row[:] = stage.respond(
-                    np.ascontiguousarray(column), part.p, dt, state=state, frequency=0.0
-                )
-            return result
-        span = float(np.max(np.abs(signal), initial=0.0)) or 1.0
+        assert isinstance(stage, TickStage)  # a delay
+        result = np.empty_like(tangent)
         for row, column, state in zip(result, tangent, self._carried, strict=True):
-            size = float(np.max(np.abs(column), initial=0.0))
-            if size > 0.0:
-                step = _STEP * span / size
-                row[:] = (self._run(signal + step * column, part.p, state, jump) - output) / step
+            row[:] = stage.respond(
+                np.ascontiguousarray(column), part.p, dt, state=state, frequency=0.0
+            )
         return result
 
     def _run(

@@ -30,6 +30,7 @@ from piezo_hysteresis.models.simulation.substep_run import (
     PathClock,
     PathPiece,
     PathRun,
+    joined,
     moments,
     read_ticks,
     with_turns,
@@ -330,10 +331,12 @@ class PathTangents:
         # dt, start [s]; frequency [Hz]
         steps, layout = run.steps(p, dt), run.layout(dt)
         self._timing, self._state = (
-            run.timing(p, dt, is_joined=False),
+            run.timing(p, dt, is_joined=run.order(p) > 0.0),
             run.initial_state(dt, start),
         )
         self._rings = np.zeros((1 + incoming, self._state[layout.ring].size if run.delays else 0))
+        self._order = run.order(p)
+        self._pasts = np.zeros((1 + incoming, self._state[layout.past].size))
         self._clock = PathClock(dt, frequency, 3 * steps, self._timing.ahead)
         self._pieces: list[tuple[_Through, slice]] = []
         count = incoming
@@ -363,14 +366,25 @@ class PathTangents:
                 for each, memory in self._pieces:
                     if isinstance(each, _Linear):
                         each.offset(jump.amounts[memory])
-            path = np.repeat(signal[chunk], points)
-            along = np.repeat(tangent[:, chunk], points, axis=1)
+            path, *inside = (
+                self._path(row[chunk], past)
+                for row, past in zip((signal, *tangent), self._pasts, strict=True)
+            )
+            along = np.array(inside).reshape(-1, path.size)
             for each, _ in self._pieces:
                 path, along = each.go(path, along)
             read_ticks(path, output[chunk], last[0], points, self._timing.part)
             for j, row in enumerate(along):
                 read_ticks(row, rows[j, chunk], last[1 + j], points, self._timing.part)
         return output, rows
+
+    def _path(self, x: FloatArray, past: FloatArray) -> FloatArray:
+        """Return the path of an input, or of its derivative: both are linear in their samples."""
+        if not self._order > 0.0:
+            return np.repeat(x, self._clock.points)
+        path = np.empty(x.size * self._clock.points)
+        joined(np.ascontiguousarray(x), path, past, self._order)
+        return path
 
 
 def _piece(
