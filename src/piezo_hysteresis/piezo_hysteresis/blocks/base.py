@@ -177,11 +177,10 @@ class Block:
         also one value per tick. Required for every INNER block, and for every PATH block that
         depends on ticks or steps.
     monotonic : bool
-        Whether it approaches a held input monotonically and continuously: a lag or a rate limit.
+        Whether it approaches a held input monotonically and continuously: a lag (LINEAR), or a
+        rate limit (INNER), whose path has a corner.
     pace : callable or None
         ``pace(p)`` returns the fastest rate [1/s] at which an INNER block moves.
-    least_steps : int
-        Minimum number of steps per tick of its path; more at corners.
     count : int or None
         Index of the sample counter in the state of a CLOCK block.
     joins : callable or None
@@ -227,7 +226,6 @@ class Block:
     path_kernel: Along | None = None
     monotonic: bool = False
     pace: Callable[[FloatArray], float] | None = None
-    least_steps: int = 8
     count: int | None = None
     joins: Callable[[FloatArray], float] | None = None
     step_bound: bool = False

@@ -75,7 +75,7 @@ class Effect:
     block : Block or None
         Block added to the chain; None if only parameters are freed.
     neutral : mapping of str to float
-        Values without an effect.
+        Values without an effect; empty if it refits the parameters of the model.
     physics : str
         What happens in the actuator, one or two sentences.
     experiment : str
@@ -106,8 +106,6 @@ class Effect:
     refines : mapping of str to str
         Maps parameters of the block to those of the variant that is its special case, if there is
         one: a model with the block is not extended by that variant.
-    refits : bool
-        Whether it has no own parameters but refits those of the model.
     inexactness : float
         Relative error of the law of the effect [1]. The residual after the effect is at least this
         large, so that a smaller one is not named.
@@ -147,7 +145,6 @@ class Effect:
     zeros: tuple[str, ...] = ()
     fixed_baseline_only: bool = False
     refines: Mapping[str, str] = field(default_factory=dict)
-    refits: bool = False
     inexactness: float = 0.02
     repeatable: bool = False
     start: Mapping[str, float] = field(default_factory=dict)
@@ -155,3 +152,8 @@ class Effect:
     guess: Guess | None = None
     convert: Convert | None = None
     absent: Callable[[Mapping[str, float]], bool] | None = None
+
+    @property
+    def refits(self) -> bool:
+        """Whether it has no own parameters but refits those of the model."""
+        return not self.neutral

@@ -77,7 +77,6 @@ BLOCK = Block(
     between=InterSample.INNER,
     path_kernel=along,
     monotonic=True,
-    least_steps=32,
 )
 
 

@@ -207,24 +207,13 @@ def in_series(pieces: Sequence[Piece]) -> Piece:
     """Return the series connection of several pieces as one piece."""
     whole = pieces[0]
     for piece in pieces[1:]:
+        first, size = whole.start.size, whole.start.size + piece.start.size
         whole = Piece(
-            _pieces_then(whole.run, piece.run, whole.start.size),
+            _then(_at(whole.run, slice(0, first)), _at(piece.run, slice(first, size))),
             np.concatenate([whole.start, piece.start]),
             (*whole.live, *piece.live),
         )
     return whole
-
-
-def _pieces_then(before: Run, behind: Run, size: int) -> Run:
-    @leaf
-    def run(
-        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
-    ) -> None:
-        between = scratch(x.size)
-        before(x, between, state[:size], p, frequency)
-        behind(between, y, state[size:], p, frequency)
-
-    return run
 
 
 def on_columns(alone: Alone, first: int, last: int) -> Run:

@@ -146,6 +146,8 @@ def read(path: FloatArray, y: FloatArray, points: int, part: float) -> None:
 
 # Largest number of steps per tick; a power of two, so that small parameter changes keep the grid.
 _MOST = 64
+# Least number, and that of a chain with a rate limit.
+_LEAST, _LEAST_AT_CORNERS = 8, 32
 _STRIDE = 0.5  # longest step in units of the fastest time constant that shapes a path
 # Blocks whose output moves while their input is held.
 _MOVES = (InterSample.INNER, InterSample.CLOCK)
@@ -259,8 +261,9 @@ class PathRun:
     def _count(self, p: FloatArray, dt: float) -> int:
         if self.order(p) > 0.0:
             return JOINED_STEPS
-        least = max(part.block.least_steps for part in self._moving)
-        corners = least > Block.least_steps
+        bent = [part.block.monotonic and part.block.system is None for part in self._moving]
+        corners = any(bent)
+        least = _LEAST_AT_CORNERS if corners else _LEAST
         is_smooth = self._is_smooth and (corners or not self.delays)
         # where nothing else bends the path, what a lag does within a step is in its mean
         shaping = self._shaping()[1:] if is_smooth else self._shaping()
@@ -270,9 +273,9 @@ class PathRun:
         stride, most = (0.5 * _STRIDE, 2 * _MOST) if corners else (_STRIDE, _MOST)
         if is_smooth:
             # measured: 1e-4 of the stroke; a lag at the end does not average a corner
-            few = 4 if not corners else 8 if pace > 0.0 else 32
+            few = 4 if not corners else 8 if pace > 0.0 else least
             least, stride = few, (0.13 if corners else 2.0) * _STRIDE
-        elif self._moving[0].block.least_steps < least:
+        elif corners and not bent[0]:
             least *= 2  # corners of a continuous input are not detected
         if corners and self.ahead and self.delays:
             least *= 8  # if it is sampled within a step and not at its end
