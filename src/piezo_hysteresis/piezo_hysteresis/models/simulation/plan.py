@@ -38,23 +38,15 @@ _HOLDS = (InterSample.INSTANT, InterSample.PATH, InterSample.TICK, InterSample.D
 
 
 class Stage(Protocol):
-    """Consecutive blocks of a chain that are simulated together.
-
-    Attributes
-    ----------
-    blocks : tuple of Block
-        In the order of the chain.
-    columns : slice or ndarray of int
-        Indices of their parameters in the chain, in the order of `respond`.
-    """
+    """Consecutive blocks of a chain that are simulated together."""
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """Blocks of the stage."""
+        """Blocks of the stage, in the order of the chain."""
 
     @property
     def columns(self) -> slice | IntArray:
-        """Indices of its parameters."""
+        """Indices of their parameters in the chain, in the order of `respond`."""
 
     def initial_state(self, dt: float, start: float) -> FloatArray:
         """Return the state at rest; `start` is the time of the first sample [s]."""
