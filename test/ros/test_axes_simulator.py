@@ -108,6 +108,7 @@ def test_a_tick_waits_for_all_axes_and_a_bad_command_holds_its_axis_alone(
     driver.step(5.0, -5.0)
     driver.send(1, 6.0)
     driver.send(1, 6.0)
+    listener.until(lambda: bool(status) and status[-1].sample > 0)
     before = len(status)
     listener.until(lambda: len(status) > before)
     assert status[-1].sample == 1
