@@ -114,7 +114,7 @@ def solve(
             x, factor, cost, False, 'the start itself is impossible', 1, [cost], low, high
         )
     history = [cost]
-    norms = column_norms(factor)
+    norms, sizes = _norms(factor), column_norms(factor)
     damping, growth, used, idle = 1e-3, 2.0, 1, 0
     minimum_steps, jumped = problem.minimum_steps, False
     message, converged = f'stopped at the limit of {max_evaluations} evaluations', False
@@ -128,16 +128,15 @@ def solve(
         if cost - _GENEROUS * _promised(rhs, history, max_evaluations - used) > enough:
             message = 'gave up: it promises no error that would be of use'
             break
-        # one that has no influence yet counts in no size: its value may be a limit never reached
-        scale = np.sqrt(damping) * _nonzero(norms)
-        step = bounded_step(factor, rhs, scale, low - x, high - x)
+        step = bounded_step(factor, rhs, np.sqrt(damping) * norms, low - x, high - x)
         if not np.all(np.isfinite(step)):
             message = 'stuck: the derivatives of the error are too large to be solved for'
             break
         moved = factor @ step
         predicted = -float(rhs @ moved) - 0.5 * float(moved @ moved)
-        size = float(np.linalg.norm(norms * x))
-        small = float(np.linalg.norm(norms * step)) <= min(tolerance, _STILL) * size
+        # one without influence has no size: its value may be a limit that is never reached
+        size = float(np.linalg.norm(sizes * x))
+        small = float(np.linalg.norm(sizes * step)) <= min(tolerance, _STILL) * size
         if predicted <= tolerance * cost or small:
             message, converged = 'no step lowers the error any further', True
             break
@@ -147,7 +146,9 @@ def solve(
         if not new < cost and not jumped and np.any(minimum_steps):
             # an unknown with a smallest step may have to move further than the computed step
             jumped = True
-            trial = _by_minimum_steps(x, factor, rhs, step, scale**2, minimum_steps, low, high)
+            trial = _by_minimum_steps(
+                x, factor, rhs, step, damping * norms**2, minimum_steps, low, high
+            )
             new = problem.cost(trial)
             used += 1
         ratio = (cost - new) / predicted if isfinite(new) else -1.0
@@ -173,7 +174,8 @@ def solve(
         if idle == _IDLE:
             message, converged = 'no step lowers the error any further', True
             break
-        norms = np.maximum(norms, column_norms(factor))
+        norms = np.maximum(norms, _norms(factor))
+        sizes = np.maximum(sizes, column_norms(factor))
         if progress is not None:
             progress(used / max_evaluations, f'sum of squares {2 * cost:.4g}')
     return _done(x, factor, cost, converged, message, used, history, low, high)
