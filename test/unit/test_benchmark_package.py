@@ -28,6 +28,7 @@ def test_page_and_results_are_of_this_version() -> None:
     assert f'piezo_benchmark {benchmark.VERSION}' in PAGE.read_text(encoding='utf-8')
 
 
+@pytest.mark.component
 def test_the_page_is_written_from_the_results() -> None:
     report: Any = importlib.import_module('piezo_benchmark.report')
     results = json.loads(

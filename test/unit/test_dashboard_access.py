@@ -237,6 +237,7 @@ def test_a_path_with_a_null_byte_is_refused_without_a_traceback(
 HEAD = {'msgid': '1', 'msgtype': 'PATCH-DOC'}
 
 
+@pytest.mark.component
 @pytest.mark.parametrize(
     'parts',
     [

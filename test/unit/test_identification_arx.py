@@ -49,6 +49,7 @@ def test_recovers_003_from_noise_of_its_sensor() -> None:
     assert found.nrmse_percent < 0.3
 
 
+@pytest.mark.component
 def test_the_verb_writes_what_the_design_reads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

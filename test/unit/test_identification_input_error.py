@@ -318,6 +318,7 @@ def test_the_values_at_which_a_noisy_drive_turns_are_not_cut_off() -> None:
     assert abs(np.mean(errors)) < 0.05
 
 
+@pytest.mark.component
 @pytest.mark.parametrize('kind', ['mains', 'white'])
 def test_the_smallest_noise_does_not_move_what_rests_for_long(kind: str) -> None:
     """1e-5 of the range at rest moved a hysteresis by a tenth of it, which was named creep."""
@@ -353,6 +354,7 @@ def test_the_error_of_levels_that_were_fitted_moves_with_the_voltage_only() -> N
     assert float(np.std(np.diff(drawn))) == pytest.approx(sqrt2 * 1e-3, rel=0.1)
 
 
+@pytest.mark.component
 def test_a_converter_reads_all_records_of_one_reach_wrong_by_the_same_share() -> None:
     """The rounding of six sines was averaged: the gain was off by four stated deviations."""
     records = []

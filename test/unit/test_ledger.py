@@ -1,4 +1,4 @@
-"""No test is skipped in silence where that is forbidden, and reruns are counted."""
+"""No test is skipped in silence where that is forbidden; reruns are counted, long tests named."""
 
 from __future__ import annotations
 
@@ -66,6 +66,33 @@ def test_tests_that_were_run_again_are_counted_and_named(tmp_path: Path) -> None
     code, printed = run(tmp_path)
     assert code == 1, printed
     assert 'another try' not in printed
+
+
+SPINS = """
+import time
+from pathlib import Path
+def spin(seconds):
+    end = time.process_time() + seconds
+    while time.process_time() < end: pass
+def test_long(): spin(0.5)
+def test_once():
+    tried = Path(__file__).with_name('tried')
+    if not tried.exists():
+        tried.touch()
+        spin(0.5)
+"""
+
+
+@pytest.mark.slow
+def test_what_is_too_long_only_once_passes_and_what_is_too_long_again_fails(
+    tmp_path: Path,
+) -> None:
+    unit = tmp_path / 'unit'
+    unit.mkdir()
+    (unit / 'test_spins.py').write_text(SPINS)
+    _, printed = run(tmp_path, 'unit', PIEZO_UNIT_SECONDS='0.1')
+    failed = {line.split()[1] for line in printed.splitlines() if line.startswith('FAILED')}
+    assert failed == {'unit/test_spins.py::test_long'}
 
 
 def test_the_list_gives_a_reason_for_each() -> None:
