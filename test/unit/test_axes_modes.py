@@ -287,6 +287,34 @@ def test_softening_is_named_and_nothing_else() -> None:
 
 
 @pytest.mark.component
+def test_one_axis_is_a_model_of_several_with_one(tmp_path: Path) -> None:
+    kind = ModalLayout(1, 1, 1, voltage_plays=(0.3, 1.0))
+    vector = kind.zeros()
+    made = kind.named(vector)
+    made['log_omega'][:], made['log_damping'][:] = np.log(2.0 * np.pi * 240.0), np.log(0.015)
+    made['shape'][...], made['voltage_weights'][...] = 1.0, 0.1
+    output = np.zeros((len(kind.signal_names), 1))
+    output[0] = MICRO
+    plant = ModalModel(kind, vector, output, 1.0, 1.0 / RATE)
+    rng = np.random.default_rng(4)
+    records = []
+    for seed in range(4):
+        u = voltage(seed, inputs=1)
+        y = plant.simulate(record('plant', u, u))
+        y += 1e-3 * MICRO * rng.standard_normal(y.shape)
+        records.append(record(f'run {seed}', u, y, '1V'))
+    found = identify_axes(records, modes=1, effects=['voltage_hysteresis'])
+    linear, hysteretic, *_ = found.steps
+    assert hysteretic.held_out['1V'] < 0.2 * linear.held_out['1V']
+    frequency = np.exp(found.model.layout.named(found.model.vector)['log_omega'][0])
+    assert frequency == pytest.approx(2.0 * np.pi * 240.0, rel=1e-3)
+    modal_file.save(found.model, tmp_path / 'model.yaml')
+    kept = modal_file.load(tmp_path / 'model.yaml')
+    left = records[0].displacement - kept.simulate(records[0])
+    assert np.std(left) < 0.01 * np.std(records[0].displacement)
+
+
+@pytest.mark.component
 def test_linear_modes_need_nothing() -> None:
     found = identify_axes(linear_records(noise=0.003), modes=3)
     assert [step.effect for step in found.steps] == ['linear', 'all together']

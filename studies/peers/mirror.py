@@ -1,0 +1,79 @@
+"""freq-statespace on the measured mirror, in the settings of its authors' notebook.
+
+In an environment of its own (requirements_jax.txt)::
+
+    python studies/peers/mirror.py FOLDER SECONDS
+
+The records of `study.py mirror`: realisation 5 of each amplitude is held out, the other 15 are
+fitted together. SECONDS of processor time for all steps; the last model is evaluated.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import freq_statespace as fss
+import numpy as np
+import optimistix as optx
+
+RATE, HIGHEST, STATES, DEGREE, INTO, OUT = 6400.0, 3000.0, 28, 7, 12, 6
+LEVELS = ('100mV', '200mV', '300mV')
+
+
+def realisations(folder: Path, kind: str) -> list[Any]:
+    """Return the arrays (sample, channel, realisation, period) of each amplitude."""
+    return [np.load(next(folder.glob(f'{kind}_*{level}*.npy'))) for level in LEVELS]
+
+
+def errors(model: Any, u: list[Any], y: list[Any]) -> str:
+    """Return the metric of the benchmark on the held-out realisations [um]."""
+    found = []
+    for driven, moved in zip(u, y, strict=True):
+        run = model.simulate(driven[:, :, -1:], offset=1000)[0]
+        error = 1e6 * (moved[:, :, -1:] - np.asarray(run).reshape(moved[:, :, -1:].shape))
+        found.append(np.mean(np.sqrt(np.mean(error**2, 0))))
+    return ' / '.join(f'{each:.4f}' for each in found) + ' um'
+
+
+def main(folder: Path, seconds: float) -> None:
+    """Fit the linear model, then the nonlinear one until the time is over."""
+    u, y = realisations(folder, 'u'), realisations(folder, 'y')
+    started = time.process_time()
+
+    def state(words: str, model: Any) -> None:
+        print(f'{words}: {errors(model, u, y)}, {time.process_time() - started:.0f} s', flush=True)
+
+    inputs, outputs = (np.concatenate([each[:, :, :-1] for each in those], 2) for those in (u, y))
+    lines = np.arange(1, math.ceil(HIGHEST / (RATE / inputs.shape[0])))
+    data = fss.create_data_object(inputs, outputs, lines, RATE)
+    plain: dict[str, Any] = {'freq_weighting': False}
+    linear = fss.lin.subspace_id(data, STATES, **plain)
+    linear = fss.lin.optimize(
+        linear, data, solver=optx.BFGS(rtol=1e-3, atol=1e-5), print_every=100, **plain
+    )
+    state('linear', linear)
+    basis = fss.static.basis.Polynomial(INTO, DEGREE, cross_terms=False)
+    more = {'solver': optx.BFGS(rtol=1e-3, atol=1e-6), 'print_every': 10, **plain}
+    took = []
+    for turns in (2, 12):  # the first turns compile
+        began = time.process_time()
+        fss.nonlin.inference_and_learning(linear, data, basis, OUT, max_iter=turns, **more)
+        took.append(time.process_time() - began)
+    each = max((took[1] - took[0]) / 10, 1e-3)
+    left = seconds - (time.process_time() - started - sum(took)) - took[0]
+    turns = max(int(0.8 * left / each), 1)
+    print(f'{each:.1f} s a turn: {turns} turns', flush=True)
+    model = fss.nonlin.inference_and_learning(linear, data, basis, OUT, max_iter=turns, **more)
+    state('inference and learning', model)
+    seconds += sum(took)
+    while time.process_time() - started < seconds:
+        model = fss.nonlin.optimize(model, data, max_iter=100, **more)
+        state('all parameters', model)
+
+
+if __name__ == '__main__':
+    main(Path(sys.argv[1]), float(sys.argv[2]))
