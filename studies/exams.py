@@ -28,6 +28,8 @@ COUNTS = {
     'worse': 'held-out error increased by more than 2 %',
     'alarms': 'false alarms',
 }
+#: Names up to which a class counts.
+LARGEST_CLASS = 3
 Count = tuple[int, int]
 
 
@@ -69,7 +71,7 @@ def counted(sets: Sequence[Set]) -> dict[str, Count]:
     hidden = of('single', 'pair')
     found = {
         'first': hits([each.right for each in of('single')]),
-        'class': hits([each.truth <= set().union(*each.classes) for each in of('single')]),
+        'class': hits([each.truth <= _in_small_classes(each) for each in of('single')]),
         'pairs': hits([each.right for each in of('pair')]),
         'wrong': hits([bool(set(each.names) - each.truth) for each in hidden]),
         'class_without': hits(
@@ -79,6 +81,11 @@ def counted(sets: Sequence[Set]) -> dict[str, Count]:
         'outside': hits([each.right for each in of('outside')]),
     }
     return {key: count for key, count in found.items() if count[1]}
+
+
+def _in_small_classes(found: Set) -> set[str]:
+    """Return the names of the classes that are small enough to say something."""
+    return {name for names in found.classes if len(names) <= LARGEST_CLASS for name in names}
 
 
 @dataclass(frozen=True)

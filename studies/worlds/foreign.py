@@ -48,6 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('--worlds', type=int, default=len(WORLDS), help='so many of them')
     add('--effects', type=int, default=len(HIDDEN), help='so many, and none')
+    add('--bends', action='store_true', help='hide curves of the sensor and gains')
     add('--seconds', type=float, default=SECONDS, help='of every record')
 
 
@@ -58,8 +59,8 @@ def run(asked: argparse.Namespace) -> list[Exam]:
     """Examine every actuator."""
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as made:
-        how = Search(asked.workers, asked.time_limit, asked.effects)
+        how = Search(asked.workers, asked.time_limit, asked.effects, bends=asked.bends)
         cases = records_into(Path(made), asked.seed, asked.worlds, asked.seconds)
         for place, case in enumerate(cases):
             rows += examined(case, case.baselines[0], Path(made), (asked.seed, place), how)
-    return [exam('foreign', rows, asked.seed)]
+    return [exam('foreign', rows, asked.seed, 'bends' if asked.bends else '')]

@@ -8,7 +8,8 @@ random size is put into the measured displacement, by code that shares nothing w
 With ``--reference repeated`` the untouched records are the reference, and the effect hides in the
 same records with noise of their own; with ``--reference parts`` the reference is the beginning of
 a sine, and the effect hides in the rest of it. With ``--second`` a curve of the sensor or of the
-actuator is hidden, and the records have a second channel that the sensor does not bend.
+actuator is hidden, and the records have a second channel that the sensor does not bend. With
+``--bends`` odd and even curves of the sensor are hidden, and a gain as large as that of the curve.
 """
 
 from __future__ import annotations
@@ -117,6 +118,20 @@ def curved(
     return np.asarray(y + 0.1 * size * z * np.abs(z) / stroke)
 
 
+def curved_evenly(
+    y: FloatArray, t: FloatArray, middle: float, stroke: float, size: float, case: Case
+) -> FloatArray:
+    """Return what a sensor reads that is steeper at one end."""
+    return np.asarray(y + 0.1 * size * (y - middle) ** 2 / stroke)
+
+
+def stronger(
+    y: FloatArray, t: FloatArray, middle: float, stroke: float, size: float, case: Case
+) -> FloatArray:
+    """Return the displacement of an actuator with more gain, as much as a curve has of it."""
+    return np.asarray(y + 0.1 * size * 4.0 / (3.0 * np.pi) * (y - middle))
+
+
 def humming(
     y: FloatArray, t: FloatArray, middle: float, stroke: float, size: float, case: Case
 ) -> FloatArray:
@@ -160,6 +175,14 @@ CURVED: dict[str, tuple[Hide, str]] = {
     'curved sensor': HIDDEN['curved sensor'],
     'curved actuator': (curved, 'stiffness'),
 }
+#: Curves of the sensor, and the gain that is most of the odd one.
+BENT: dict[str, tuple[Hide, str]] = {
+    'nothing': HIDDEN['nothing'],
+    'curved sensor': HIDDEN['curved sensor'],
+    'even curve': (curved_evenly, 'sensor_nonlinearity'),
+    'changed gain': (stronger, 'parameter_shift'),
+}
+EVERY = HIDDEN | CURVED | BENT
 
 
 @dataclass(frozen=True)
@@ -170,6 +193,13 @@ class Search:
     limit: float = math.inf
     effects: int = len(HIDDEN)
     second: int = 0  # draws of each curve with a second channel
+    bends: bool = False  # whether those of `BENT` are hidden instead
+
+    def kinds(self) -> list[str]:
+        """Return what is hidden, in this order."""
+        if self.second:
+            return [*CURVED, *self.second * list(CURVED)[1:]][: 1 + 2 * self.second]
+        return list(BENT if self.bends else HIDDEN)[: self.effects]
 
 
 @dataclass(frozen=True)
@@ -202,7 +232,7 @@ class Row:
     @property
     def truth(self) -> set[str]:
         """Name of what is hidden, none for nothing."""
-        return {(HIDDEN | CURVED)[self.hidden][1]} - {''}
+        return {EVERY[self.hidden][1]} - {''}
 
     @property
     def right(self) -> bool:
@@ -254,7 +284,7 @@ def hide(records: Sequence[Record], kind: str, size: float, case: Case) -> list[
     """Return the records with an effect in their displacement."""
     stroke = max(float(np.ptp(r.displacement)) for r in records)
     middle = float(np.mean(records[0].displacement))
-    function = (HIDDEN | CURVED)[kind][0]
+    function = EVERY[kind][0]
     return [
         replace(
             r,
@@ -333,8 +363,7 @@ def examined(
     generator = np.random.default_rng(seed)
     rows: list[Row] = []
     control = float('nan')
-    kinds = [*CURVED, *how.second * list(CURVED)[1:]][: 1 + 2 * how.second]
-    for kind in kinds if how.second else list(HIDDEN)[: how.effects]:
+    for kind in how.kinds():
         size = float(np.exp(generator.uniform(np.log(0.25), 0.0)))
         started = time.perf_counter()
         changed = hide(records, kind, size, case)
@@ -361,7 +390,7 @@ def exam(world: str, rows: Sequence[Row], seed: int, variant: str = '') -> Exam:
 
 def everything(asked: argparse.Namespace, data: Path) -> list[Row]:
     """Examine every actuator whose records are there."""
-    how = Search(asked.workers, asked.time_limit, asked.effects, asked.second)
+    how = Search(asked.workers, asked.time_limit, asked.effects, asked.second, asked.bends)
     rows: list[Row] = []
     for case in CASES:
         if all((data / file).exists() for file in (case.fitted, *case.evaluated)):
@@ -377,6 +406,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('--data', type=Path, default=Path('../shared/data'))
     add('--reference', choices=['parts', 'repeated'], default='')
+    add('--bends', action='store_true', help='hide curves of the sensor and gains')
     add('--second', type=int, default=0, metavar='N', help='draws of each curve')
     add('--baselines', type=int, help='so many of each actuator')
     add('--effects', type=int, default=len(HIDDEN), help='so many, and none')
@@ -392,4 +422,5 @@ def run(asked: argparse.Namespace) -> list[Exam]:
         rows = everything(asked, data)
     if not rows:
         sys.exit(f'no measured record in {asked.data}')
-    return [exam('hidden', rows, asked.seed, 'second' if asked.second else asked.reference)]
+    how = ('second' if asked.second else '', 'bends' if asked.bends else '', asked.reference)
+    return [exam('hidden', rows, asked.seed, ' '.join(filter(None, how)))]

@@ -24,11 +24,8 @@ from piezo_hysteresis.discovery.data.dataset import (
 )
 from piezo_hysteresis.discovery.data.second_channel import sensor_curve
 from piezo_hysteresis.discovery.data.tones import annotated
-from piezo_hysteresis.discovery.detection.limits import (
-    DetectionLimit,
-    detection_limits,
-    look_alikes,
-)
+from piezo_hysteresis.discovery.detection.bends import similar_effects
+from piezo_hysteresis.discovery.detection.limits import DetectionLimit, detection_limits
 from piezo_hysteresis.discovery.detection.statements import with_better_experiments
 from piezo_hysteresis.discovery.selection.baseline import Baselines
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
@@ -361,13 +358,12 @@ def discover(
         if recommend and not found.steps:
             limits = with_better_experiments(found.evaluator, found.final, found.start, limits)
     alike = {
-        step.fit.effect: look_alikes(found.evaluator, step, found.start)
+        step.fit.effect: similar_effects(found.evaluator, step, found.start)
         for step in found.steps
         if not end.skips('similar effects')
     }
     title = name or base.joint.model.name
-    names = {name: tuple(each for each, _ in pairs) for name, pairs in alike.items()}
-    more = own, limits, names, support
+    more = own, limits, alike, support
     verdict = build_verdict(coverage, base, outcome, proof, title, seed, *more)
     return Discovery(
         replace(verdict, seconds=time.monotonic() - began),
@@ -380,7 +376,7 @@ def discover(
         coverage,
         baseline if isinstance(baseline, ModelFile) else None,
         found.last,
-        {name: tuple(model for _, model in pairs) for name, pairs in alike.items()},
+        {name: each.models for name, each in alike.items()},
     )
 
 

@@ -9,6 +9,7 @@ from math import inf, isfinite, pi
 
 import numpy as np
 
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import HELD_OUT, part_of
 from piezo_hysteresis.discovery.detection.limits import (
     BetterExperiment,
@@ -198,21 +199,29 @@ _EDGE = 4
 
 def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
     """Return an experiment as a view for the fit functions, with zero measured displacement."""
-    driven = experiment.voltage(rate)
+    prelude = round(experiment.prelude * rate)
+    voltage, frequency = experiment.voltage(rate), experiment.frequency
+    return at_rest_before(experiment.name, voltage, 1.0 / rate, frequency, noise, prelude)
+
+
+def at_rest_before(
+    name: str, driven: FloatArray, dt: float, frequency: float, noise: float, prelude: int = 0
+) -> Target:
+    """Return a drive as a view that begins at rest, with zero measured displacement."""
     voltage = np.concatenate([np.full(_EDGE, driven[0]), driven])
-    first = _EDGE + round(experiment.prelude * rate)
+    first = _EDGE + prelude
     return Target(
-        name=experiment.name,
+        name=name,
         voltage=voltage,
         measured=np.zeros(voltage.size - first),
         first=first,
         stride=1,
-        dt=1.0 / rate,
-        frequency=experiment.frequency,
+        dt=dt,
+        frequency=frequency,
         repeats=1,
         noise=noise,
         period=0,
-        start=-_EDGE / rate,
+        start=-_EDGE * dt,
         origin=_EDGE,
         begins=STEP,
     )

@@ -353,6 +353,15 @@ class FixedBaselineEvaluator(Evaluator):
         errors = evaluated_on(spec, views).errors
         return with_delayed_discrepancy(spec, errors, views, expected, self.late)
 
+    def distance(self, one: CandidateFit, other: CandidateFit) -> float:
+        """Return the distance of two responses, in standard deviations of what is expected.
+
+        Each harmonic and octave counts as its number of independent values. The known discrepancy
+        is expected with any phase: it is no better known than the effects.
+        """
+        parts = zip(_with_added(one, self.expected), one.errors, other.errors, strict=True)
+        return float(np.sqrt(sum(np.sum(x.whitened(b - a) ** 2) for x, a, b in parts)))
+
     def excess(self, fit: CandidateFit) -> float:
         """Return the mean square beyond the expectation over all records, relative to it."""
         return costs(self._beyond_known(fit), self.expected)[1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -169,6 +169,27 @@ def select(
         return None
     progress(1.0, f'{len(finalists)} finalists')
     return round_of(evaluator, before, finalists, len(every), start)
+
+
+def fits_of(
+    evaluator: Evaluator, before: CandidateFit, names: Collection[str]
+) -> list[CandidateFit]:
+    """Return the final fit of each named effect, of its variant with the best screening score."""
+    evaluator = evaluator.with_shared_starts(before)
+    free = evaluator.free_of(before)
+    screen = Screen(before, evaluator.screened, free, evaluator.workers)
+    best: dict[str, ScreeningScore] = {}
+    for each in refined_candidates(evaluator, before):
+        score = screen.score(each) if each.effect.name in names else None
+        if score is None or each.effect.refines:
+            continue
+        known = best.get(each.effect.name)
+        if known is None or score.explained > known.explained:
+            best[each.effect.name] = score
+    trials = evaluator.map(lambda each: _trial(evaluator, before, each), [*best.values()])
+    tried = [first_fit(evaluator, fit, inf, leads=False) for fit in trials if fit is not None]
+    final = [evaluator.fit(fit) for fit in tried if fit is not None]
+    return _finite(evaluator, [fit for fit in final if fit is not None])
 
 
 def _themselves(fits: Sequence[CandidateFit]) -> Sequence[CandidateFit]:

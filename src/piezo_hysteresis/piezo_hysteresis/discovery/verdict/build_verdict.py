@@ -11,7 +11,8 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Check, Dataset
-from piezo_hysteresis.discovery.detection.limits import DetectionLimit, LookAlike
+from piezo_hysteresis.discovery.detection.bends import Similar
+from piezo_hysteresis.discovery.detection.limits import DetectionLimit
 from piezo_hysteresis.discovery.detection.statements import recommendations, sentence, statements
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import Baselines
@@ -242,23 +243,29 @@ def advise(
     check: Check,
     steps: Sequence[Step],
     left: bool,
-    alike: Mapping[str, Sequence[LookAlike]] = MappingProxyType({}),
+    alike: Mapping[str, Similar] = MappingProxyType({}),
+    unit: str = 'V',
 ) -> list[str]:
     """Return the recommended experiments, most informative first."""
     separated: dict[str, dict[str, None]] = {}  # effects by the experiment that separates them
+    by_amplitude: list[str] = []
     for step in steps:
+        near = alike.get(step.fit.effect, Similar())
+        if near.ladder is not None:
+            by_amplitude += near.ladder.sentences(step.fit.effect, unit)
+            continue
         chances = step.round.probabilities()
         alternatives = [
             name for name, chance in chances.items() if chance > ALTERNATIVE_PROBABILITY
         ]
-        similar = (each.name for each in alike.get(step.fit.effect, ()))
+        similar = (each.name for each in near.names)
         alternatives = list(dict.fromkeys((*alternatives, *similar)))
         if len(alternatives) < 2:
             continue
         for name in alternatives:
             experiment = described(name)[0].experiment
             separated.setdefault(experiment, {}).update(dict.fromkeys(alternatives))
-    sentences = [
+    sentences = by_amplitude + [
         f'To distinguish {", ".join(names)}: {experiment[0].lower()}{experiment[1:]}'
         for experiment, names in separated.items()
     ]
@@ -296,14 +303,14 @@ def build_verdict(
     seed: int,
     own: Sequence[str] = (),
     limits: Sequence[DetectionLimit] = (),
-    alike: Mapping[str, tuple[LookAlike, ...]] = MappingProxyType({}),
+    alike: Mapping[str, Similar] = MappingProxyType({}),
     support: Support | None = None,
 ) -> Verdict:
     """Return the verdict on a search."""
     found, left = outcome.found, outcome.remainder
     final = found.final
     data, floor = found.evaluator.data, found.evaluator.floor
-    seen = left.fit.errors
+    seen, unit = left.fit.errors, data.records[0].info.input_unit
     on_held_out = (proof.after, proof.after_in_floors)
     description = left.note
     if left.significant:
@@ -340,7 +347,7 @@ def build_verdict(
             for p in places(data, data.training, base.joint.errors)[:_MOST_PLACES]
         ),
         next_experiments=recommendations(limits)
-        or tuple(advise(coverage, found.steps, left.significant, alike)),
+        or tuple(advise(coverage, found.steps, left.significant, alike, unit)),
         records={
             'training': [v.name for v in data.training],
             'held_out': [v.name for v in data.held_out],

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from piezo_hysteresis.common.wording import counted
-from piezo_hysteresis.discovery.detection.limits import LookAlike
+from piezo_hysteresis.discovery.detection.bends import LARGEST_CLASS, Similar
 from piezo_hysteresis.discovery.detection.statements import in_prefixes
 from piezo_hysteresis.discovery.selection.candidate_fit import Added, CandidateFit
 from piezo_hysteresis.discovery.selection.policy import POLICY
@@ -41,16 +41,25 @@ def named_effects(
     records: Sequence[Record],
     floor: float,  # [m]
     certainty: float = 1.0,  # [1]
-    alike: Mapping[str, tuple[LookAlike, ...]] = MappingProxyType({}),
+    alike: Mapping[str, Similar] = MappingProxyType({}),
 ) -> tuple[NamedEffect, ...]:
     """Return the effects that `final` has in addition to `start`, with parameters and evidence."""
     found: dict[str, NamedEffect] = {}
     for step in steps:
         before = found.get(step.fit.effect)
         one = _named(step, start, final, records, floor, certainty, further=before is not None)
-        one = replace(one, look_alikes=alike.get(one.name, ()))
+        one = _with_similar(one, alike.get(one.name, Similar()))
         found[one.name] = one if before is None else _joined(before, one)
     return tuple(_with_drives(each, records) for each in found.values())
+
+
+def _with_similar(named: NamedEffect, found: Similar) -> NamedEffect:
+    """Return the effect with those that the records cannot distinguish from it."""
+    named = replace(named, look_alikes=found.names, ladder=found.ladder)
+    if not found.bends:
+        return named
+    names = dict.fromkeys((named.name, *found.bends, *named.effect_class))
+    return replace(named, one_of=tuple(names)[:LARGEST_CLASS])
 
 
 def with_fractions(

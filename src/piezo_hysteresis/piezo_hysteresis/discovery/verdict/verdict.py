@@ -11,6 +11,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.discovery.data.dataset import Dataset
+from piezo_hysteresis.discovery.detection.bends import Ladder
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, LookAlike
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.policy import POLICY
@@ -139,6 +140,11 @@ class NamedEffect(Guided):
         Effects that these records cannot distinguish from it at its size.
     changes : tuple of str
         Changes of the baseline, most significant first: ``natural_frequency 800 to 650 Hz``.
+    one_of : tuple of str
+        Names of which these records do not show which, at most three: a bend, a gain. Empty if the
+        class is not bounded so.
+    ladder : Ladder or None
+        Amplitudes that show which.
     """
 
     _INSTEAD: ClassVar = {'p_value': 'p pvalue', 'probability': 'p_present'}
@@ -155,6 +161,8 @@ class NamedEffect(Guided):
     drives: tuple[dict[str, float], ...] = ()
     look_alikes: tuple[LookAlike, ...] = ()
     changes: tuple[str, ...] = ()
+    one_of: tuple[str, ...] = ()
+    ladder: Ladder | None = None
 
     def at_most(self, chance: float) -> NamedEffect:
         """Return the effect with no probability above `chance`."""
@@ -165,6 +173,8 @@ class NamedEffect(Guided):
     @property
     def effect_class(self) -> tuple[str, ...]:
         """Names that the records leave: this one, alternatives worth a statement, look-alikes."""
+        if self.one_of:
+            return self.one_of
         likely = (a.name for a in self.alternatives if a.probability > POLICY.alternative)
         alike = (each.name for each in self.look_alikes)
         return tuple(dict.fromkeys((self.name, *likely, *alike)))
