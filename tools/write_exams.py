@@ -26,6 +26,11 @@ TESTS = {
     ('hidden', ''): ('[effects in measured records](#effects-in-measured-records)', 'file'),
     ('hidden', 'repeated'): ('the same, reference repeated', 'name'),
     ('hidden', 'parts'): ('the same, reference in parts', 'name'),
+    ('foreign', 'bends'): (
+        'literature, [curves and gains](detection_limits.md#curves-and-gains)',
+        'file',
+    ),
+    ('hidden', 'bends'): ('measured, [odd curves](detection_limits.md#curves-and-gains)', 'file'),
     ('hidden', 'second'): ('the same, [second channel](#second-channel), curves', 'file'),
 }
 AGAIN = '[again](#the-same-experiment-again), {}'
