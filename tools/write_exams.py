@@ -89,7 +89,11 @@ def draws(exams: Iterable[Entry]) -> list[str]:
 
 def by_effect(exams: Sequence[Entry]) -> list[str]:
     """Return how often each hidden effect was ranked first, in each exam that lists its sets."""
-    listed = [each for each in exams if 'right' in each['rows'][0] and each['variant'] != 'second']
+    listed = [
+        each
+        for each in exams
+        if 'right' in each['rows'][0] and each['variant'] not in ('second', 'bends')
+    ]
     cells: dict[str, list[list[bool]]] = {}
     for k, each in enumerate(listed):
         for one in each['rows']:
