@@ -116,7 +116,7 @@ def test_a_large_text_file_is_read_the_fast_way(
         ),
         ({'time_s': np.r_[0, np.arange(SAMPLES - 1)[::-1]] * DT}, 'out of order'),
         ({'time_s': np.r_[np.arange(40), 50 + np.arange(24)] * DT}, '10 samples are missing'),
-        ({'displacement_3_um': 1e5 * Y[:, 2]}, r'the stroke is 0\.\d+ m'),
+        ({'displacement_3_um': 1e5 * Y[:, 2]}, r'the displacement spans 0\.\d+ m'),
     ],
 )
 def test_every_channel_is_checked_like_that_of_one_axis(
@@ -257,7 +257,7 @@ def test_arrays_of_realisations_in_one_file_state_their_rate(tmp_path: Path, kin
 @pytest.mark.parametrize(
     ('arrays', 'words'),
     [
-        ((U[:, :3], Y[:, :3]), r'the stroke is \d\.\d+ m, which no piezo actuator has'),
+        ((U[:, :3], Y[:, :3]), r'the displacement spans \d\.\d+ m, which no piezo actuator does'),
         ((U[:, :3], Y[:50, :3]), r'voltage has the shape \(64, 3\) and displacement \(50, 3\)'),
         ((U[:3], Y[:3]), r'\(3, 12\), so more channels than samples.*transpose'),
         ((U.reshape(16, 3, 4, 4), Y.reshape(16, 3, 2, 8)), 'only the number of channels'),

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from piezo_hysteresis.axes.axes_load import load_axes
 from piezo_hysteresis.cli.main import main
-from piezo_hysteresis.errors import IdentificationError, RecordError
+from piezo_hysteresis.errors import DataNote, IdentificationError, RecordError
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.checks import require_each_usable, unit_findings
+from piezo_hysteresis.identification.checks import require_each_usable
 from piezo_hysteresis.identification.method_settings import driven_at, held_at, warmed
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, load
+from piezo_hysteresis.records.plausible import unit_findings
 from piezo_hysteresis.records.record import RecordInfo
 
 HEAD = 'time_s,voltage_V,displacement_um'
@@ -185,7 +188,6 @@ def record(dt: float = 1e-3, volts: float = 1.0, metres: float = 1.0, unit: str 
         ({'metres': 1e-3}, 'in m or mm'),
         ({'metres': 1e-6 * 20}, 'in m or mm'),
         ({'metres': 50.0}, 'more than most'),
-        ({'volts': 1e4}, 'name it voltage_mV'),
         ({'volts': 1e-3}, 'no gain of a piezo actuator'),
         ({'dt': 1.0}, 'name the column time_ms'),
         ({'dt': 1e-7}, 'name the column time_s'),
@@ -198,10 +200,17 @@ def test_what_is_off_by_a_thousand_is_doubted(changed: dict[str, Any], says: str
     assert says in problems[0]
 
 
-@pytest.mark.parametrize(('metres', 'says'), [(1e-7, 'less than an atom'), (1e3, 'no piezo act')])
-def test_what_no_actuator_does_is_refused(metres: float, says: str) -> None:
+@pytest.mark.parametrize(
+    ('changed', 'says'),
+    [
+        ({'metres': 1e-7}, 'less than an atom'),
+        ({'metres': 1e3}, 'no piezo act'),
+        ({'volts': 1e4}, 'name it voltage_mV'),
+    ],
+)
+def test_what_no_actuator_does_is_refused(changed: dict[str, Any], says: str) -> None:
     with pytest.raises(IdentificationError, match=says):
-        require_each_usable([record(metres=metres)])
+        require_each_usable([record(**changed)])
 
 
 def test_usual_actuators_are_not_doubted() -> None:
@@ -213,7 +222,47 @@ def test_usual_actuators_are_not_doubted() -> None:
         record(volts=1e-6, unit='N'),
         record(dt=0.05),
     ):
-        assert unit_findings(usual) == []
+        given = [usual.voltage], [usual.displacement], usual.info.input_unit
+        assert unit_findings(usual.dt, *given) == []
+
+
+def test_a_drive_of_a_minute_per_period_is_doubted_at_any_rate() -> None:
+    """Times in ms under `time_s`, of a record of 50 kHz: 50 Hz alone is a usual rate."""
+    drive = np.sin(2 * np.pi * 10 * np.arange(20_000) / 50e3)
+    ((certain, sentence),) = unit_findings(1e3 / 50e3, [drive], [1e-5 * drive], 'V')
+    assert not certain
+    assert sentence == (
+        'a period of the drive takes 100 s; if the times are in ms, name the column time_ms'
+    )
+    assert unit_findings(1 / 50e3, [drive], [1e-5 * drive], 'V') == []
+
+
+@pytest.mark.parametrize(
+    ('times', 'scale', 'code', 'says'),
+    [
+        (1e3, 1.0, 0, 'note: {}: record mine: a rate of 1 Hz over 2e+03 s; if the times'),
+        (1.0, 2e3, 0, 'm, more than most piezo actuators do; name it'),
+        (1.0, 2e4, 2, 'm, which no piezo actuator does; name it'),
+    ],
+)
+def test_the_list_of_records_names_units_that_may_be_wrong(
+    times: float, scale: float, code: int, says: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    time, voltage, moved = made()
+    micrometres = 4.0 * scale * moved / np.ptp(moved)
+    data = write(tmp_path / 'mine.csv', times * time, voltage, micrometres)
+    assert main(['info', str(data)]) == code
+    assert says.format(data) in capsys.readouterr().out
+    two = np.column_stack([voltage, voltage[::-1]]), 1e-6 * np.column_stack([micrometres] * 2)
+    read = partial(load_axes, two, dt=times * 1e-3)
+    if code:
+        with pytest.raises(RecordError, match='which no piezo actuator does') as raised:
+            read()
+        assert '--salvage' not in str(raised.value)
+    else:
+        with pytest.warns(DataNote, match=re.escape(says.rpartition(': ')[2])):
+            read()
 
 
 @pytest.mark.component

@@ -48,7 +48,7 @@ def test_gaps(tmp_path: Path) -> None:
 
 def test_repeated_messages_cost_nothing(tmp_path: Path) -> None:
     order = np.sort(np.concatenate([TICKS, [7, 8, 250]]))
-    path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, 1e-9 * order)])
+    path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, 1e-8 * order)])
     found = survey([path])
     (record,) = found.records
     np.testing.assert_array_equal(record.voltage, TICKS)
@@ -185,15 +185,20 @@ def test_values_that_are_not_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('voltage', 'displacement', 'message'),
     [
-        (100.0, 30.0, 'the stroke is 30 m'),
-        (100.0, 30e-12 * 0.1, 'moves it by only'),
+        (100.0, 30.0, 'the displacement spans 30 m'),
+        (100.0, 30e-12 * 0.1, 'less than an atom'),
         (1.5e5, 30e-6, 'the voltage reaches 1.5e'),
     ],
 )
 def test_wrong_units(tmp_path: Path, voltage: float, displacement: float, message: str) -> None:
     shape = np.linspace(0, 1, 100)
     write_bag(tmp_path / 'bag', [Record('a', 1e-3, voltage * shape, displacement * shape)])
-    (record,) = refused(tmp_path / 'bag', message).records
+    with pytest.raises(RecordError, match=message) as raised:
+        load([tmp_path / 'bag'])
+    assert '--salvage' not in str(raised.value)  # it keeps the wrong unit
+    found = survey([tmp_path / 'bag'], salvage=True)
+    assert [damage.what for damage in found.damage] == [str(raised.value).partition('a: ')[2]]
+    (record,) = found.records
     np.testing.assert_array_equal(record.displacement, displacement * shape)
 
 

@@ -254,7 +254,7 @@ class AxesReading(Reading[AxesRecord]):
             for k in range(runs)
         ]
         for each in found:
-            check_units(_track(each), f'record {each.name}', self.log)
+            check_units(_track(each), step, f'record {each.name}', self.log)
         return found
 
     def _in_si(self, array: Any, what: str, name: str) -> FloatArray:

@@ -39,11 +39,14 @@ def run(arguments: argparse.Namespace) -> int:
     import numpy as np
 
     from piezo_hysteresis.identification.arx import fit_transfer_function
+    from piezo_hysteresis.identification.checks import require_each_usable
     from piezo_hysteresis.identification.method_settings import warmed
     from piezo_hysteresis.records.load import loaded
 
     data = loaded(arguments.data, statements_of(arguments), arguments.salvage, arguments.actuator)
     records = warmed(data, arguments.warm_up)
+    for sentence in require_each_usable(records):
+        verbosity.warn(sentence)
     more = {'rounds': 0} if arguments.method == 'arx' else {}
     found = fit_transfer_function(records, arguments.poles, arguments.zeros, **more)
     found.save(arguments.out)

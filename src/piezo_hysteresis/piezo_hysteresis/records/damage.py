@@ -52,6 +52,7 @@ class DamageLog:
     notes: list[Damage] = field(default_factory=list)  # notes without loss of data
     left_out: list[Damage] = field(default_factory=list)  # notes on rejected records
     guesses: list[Damage] = field(default_factory=list)  # notes on guessed columns
+    doubts: list[Damage] = field(default_factory=list)  # notes on values that are improbable
 
     def add(
         self,
@@ -71,6 +72,12 @@ class DamageLog:
         text = f'{what}: {done}' if done else what
         self.findings.append(Damage(str(where), text, count, lost))
 
+    def refuse(self, where: object, what: str) -> None:
+        """Raise a finding that no salvage mends, or list it where all are listed."""
+        if not self.salvage:
+            raise RecordError(f'{where}: {what}')
+        self.findings.append(Damage(str(where), what))
+
     def note(self, where: object, what: str, *, count: int = 1) -> None:
         """List a note that does not prevent the use of the data."""
         self.notes.append(Damage(str(where), what, count))
@@ -79,6 +86,11 @@ class DamageLog:
         """List a record that is omitted because a marker rejects it."""
         self.note(where, what, count=count)
         self.left_out.append(self.notes[-1])
+
+    def doubt(self, where: object, what: str) -> None:
+        """List a note that the checks before a fit repeat as a warning."""
+        self.note(where, what)
+        self.doubts.append(self.notes[-1])
 
     def guess(self, where: object, what: str) -> None:
         """List a guess, once."""

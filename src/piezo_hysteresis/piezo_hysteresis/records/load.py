@@ -204,8 +204,8 @@ def loaded(
 
 
 def warn_of(log: DamageLog) -> None:
-    """Warn the caller of a function like `loaded`."""
-    _warn(log.findings, log.left_out, log.guesses)
+    """Warn the caller of a function that reads records which no later check covers."""
+    _warn(log.findings, log.left_out, [*log.guesses, *log.doubts])
 
 
 def _warn(damage: list[Damage], left_out: list[Damage], guesses: list[Damage]) -> None:

@@ -15,6 +15,7 @@ from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import SECOND
 from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.plausible import unit_findings
 from piezo_hysteresis.records.record import Record, RecordInfo
 
 SHORTEST = 16  # a shorter piece is of no use to anyone [samples]
@@ -27,10 +28,6 @@ RARE = 0.05  # part of the stamps that may stand twice
 LOCAL = 32  # window in which the rate is estimated [steps]
 JITTER = 0.05  # jitter below this part of a step is not worth a note
 LARGEST_NUMBER = 1e15  # upper bound of plausible values in any unit; exact in float64
-LARGEST_STROKE = 0.05  # no actuator of this kind moves further [m]
-SMALLEST_STROKE = 1e-11  # an excited actuator moves more [m]
-LARGEST_VOLTAGE = 5000.0  # no amplifier of this kind gives more [V]
-_USUAL = (5.0, 95.0)  # percentiles within which readings are no codes of a sensor
 
 
 @dataclass(frozen=True)
@@ -131,7 +128,7 @@ def _pieces_of(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
         for piece, name in zip(whole, names, strict=False)
     ]
     for each in found:
-        check_units(each.track, place, log)
+        check_units(each.track, each.dt, place, log)
     return found
 
 
@@ -467,31 +464,14 @@ def _interval(track: Track, place: str, log: DamageLog) -> float:
     return dt
 
 
-def check_units(track: Track, place: str, log: DamageLog) -> None:
-    """Refuse values that can only be a mistaken unit."""
-    voltages, electric = track.of('voltage'), track.info.input_unit == 'V'
-    swing = max(float(np.ptp(each)) for each in voltages)
-    largest = max(float(np.abs(each).max()) for each in voltages)
-    remedy = 'name the displacement column by its unit ({})'
-    for stroke in map(_stroke, track.of('displacement')):
-        if stroke > LARGEST_STROKE:
-            log.add(place, f'the stroke is {stroke:.4g} m, which no piezo actuator has',
-                    remedy=remedy.format('displacement_um'))  # fmt: skip
-        elif electric and swing > 1.0 and 0 < stroke < SMALLEST_STROKE:
-            log.add(place, f'a swing of {swing:.4g} V moves it by only {stroke:.3g} m',
-                    remedy=remedy.format('displacement_m'))  # fmt: skip
-    if electric and largest > LARGEST_VOLTAGE:
-        log.add(place, f'the voltage reaches {largest:.4g} V, which no amplifier gives',
-                remedy='give it in volts')  # fmt: skip
-
-
-def _stroke(displacement: FloatArray) -> float:
-    """Return the range of a displacement without codes of a sensor that sees no target [m]."""
-    whole = float(np.ptp(displacement))
-    if whole <= LARGEST_STROKE:
-        return whole
-    usual = float(np.ptp(np.percentile(displacement, _USUAL)))
-    return usual if 0.0 < usual <= LARGEST_STROKE else whole
+def check_units(track: Track, dt: float, place: str, log: DamageLog) -> None:  # dt [s]
+    """Refuse values that can only be a mistaken unit; list those that may be one."""
+    found = unit_findings(dt, track.of('voltage'), track.of('displacement'), track.info.input_unit)
+    for certain, sentence in found:
+        if certain:
+            log.refuse(place, sentence)
+        else:
+            log.doubt(place, sentence)
 
 
 # Numerator and denominator of the ratio of two rates are no larger.
