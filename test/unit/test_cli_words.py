@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ from piezo_hysteresis.common.wording import OneLineParser, counted, near
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_bag
 from piezo_sim.cli import main as simulate
+
+SOURCES = Path(__file__).parents[2] / 'src'
 
 
 @pytest.fixture
@@ -124,6 +127,22 @@ def test_one_is_no_plural(folder: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert main(['export', 'b', '--out', 'c']) == 0
     assert '1 file in c' in capsys.readouterr().out
     assert [counted(n, 'record') for n in (0, 1, 2)] == ['0 records', '1 record', '2 records']
+    assert [counted(n, 'axis', 'is') for n in (1, 2)] == ['1 axis is', '2 axes are']
+    assert [counted(n, 'line', 'comes') for n in (1, 2)] == ['1 line comes', '2 lines come']
+
+
+_NOUNS = 'ax[ei]s|cells|columns|data sets|lines|messages|modes|periods|records|samples|times'
+
+
+def test_no_sentence_gives_a_count_a_fixed_plural() -> None:
+    """``1 lines are``: a count goes through `counted`, except behind ``of``."""
+    fixed = re.compile(rf'(?<! of )\{{(len\([^{{}}]*\)|[\w.]*\.size|[\w.]+\.axes)\}} ({_NOUNS})\b')
+    found = [
+        f'{file.name}: {match[0]}'
+        for file in sorted(SOURCES.rglob('*.py'))
+        for match in fixed.finditer(file.read_text(encoding='utf-8'))
+    ]
+    assert found == []
 
 
 def test_only_what_is_near_is_suggested() -> None:

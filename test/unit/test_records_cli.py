@@ -90,7 +90,7 @@ def test_damage_is_refused_or_salvaged(tmp_path: Any, capsys: Any) -> None:
     printed = capsys.readouterr().err
     assert printed.startswith('error: ')
     assert printed.count('\n') == 1
-    assert '1 samples are missing in 1 gap' in printed
+    assert '1 sample is missing in 1 gap' in printed
     assert not (tmp_path / 'bag').exists()
     assert main([*words, '--salvage']) == 0
     printed = capsys.readouterr()

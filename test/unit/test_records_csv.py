@@ -131,8 +131,8 @@ def test_other_spellings_get_help(tmp_path: Path, head: str, message: str) -> No
     [
         ('', 'the file is empty'),
         ('time_s,voltage_V,displacement_um\n', 'no samples'),
-        ('time_s,voltage_V,displacement_um\n0,0,0\n', '1 samples, too few'),
-        (rows().replace('\n0.005,', '\n0.005,nan'), 'not numbers'),
+        ('time_s,voltage_V,displacement_um\n0,0,0\n', '1 sample, too few'),
+        (rows().replace('\n0.005,', '\n0.005,nan'), '1 line cannot be read, line 7 has'),
         (rows().replace('0.005,', '0.005,oops'), "line 7 has 'oops50.0' in column voltage_V"),
         (rows() + '0.040,1', "line 42 has '' in column displacement_um"),
         ('\x00\x01\x02', 'is not a text file'),
@@ -164,7 +164,7 @@ def test_lines_that_are_no_numbers_are_salvaged_and_counted(tmp_path: Path) -> N
     path = write(tmp_path / 'a.csv', '\n'.join(lines))
     found = survey([path], salvage=True)
     assert [len(record) for record in found.records] == [50, 49]
-    assert any('1 lines are not numbers' in str(damage) for damage in found.damage)
+    assert any('1 line cannot be read' in str(damage) for damage in found.damage)
 
 
 def test_notes_next_to_the_file_are_used(tmp_path: Path) -> None:

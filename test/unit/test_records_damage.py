@@ -70,7 +70,7 @@ def test_unsorted_samples(tmp_path: Path) -> None:
     order = TICKS.copy()
     order[[20, 21]] = order[[21, 20]]
     path = raw_bag(tmp_path / 'bag', [(order, order * 1e-3, 1e-9 * order)])
-    (record,) = refused(path, '1 samples are out of order').records
+    (record,) = refused(path, '1 sample is out of order').records
     np.testing.assert_array_equal(record.voltage, TICKS)
 
 
@@ -81,7 +81,7 @@ def test_numbers_that_start_again(tmp_path: Path) -> None:
     found = survey([path])
     assert [(record.name, len(record)) for record in found.records] == [
         ('bag.1', 300), ('bag.2', 300)]  # fmt: skip
-    assert 'start again 1 times: read as 2 runs' in str(found.notes[0])
+    assert 'start again 1 time: read as 2 runs' in str(found.notes[0])
 
 
 def test_a_clock_that_starts_again_with_the_numbers(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_a_clock_that_starts_again_with_the_numbers(tmp_path: Path) -> None:
 def test_two_halves_in_the_wrong_order_are_no_restart(tmp_path: Path) -> None:
     sample = np.concatenate([TICKS[100:], TICKS[:100]])
     path = raw_bag(tmp_path / 'bag', [(sample, sample * 1e-3, 1e-9 * sample)])
-    (record,) = refused(path, '1 samples are out of order').records
+    (record,) = refused(path, '1 sample is out of order').records
     np.testing.assert_array_equal(record.voltage, TICKS)
 
 
@@ -287,7 +287,7 @@ def test_counts_that_do_not_agree(tmp_path: Path) -> None:
     path = tmp_path / 'bag' / 'metadata.yaml'
     path.write_text(path.read_text().replace('message_count: 1000', 'message_count: 1200'))
     refused(tmp_path / 'bag', 'metadata count 1200 messages of topic /piezo/actuator/state but '
-            '1000 are readable')  # fmt: skip
+            '1000 can be read')  # fmt: skip
 
 
 def test_a_storage_file_that_is_missing(tmp_path: Path) -> None:

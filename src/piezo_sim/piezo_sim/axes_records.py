@@ -129,7 +129,7 @@ def run(options: argparse.Namespace) -> int:
             'overrides': overrides, 'parameters': plant.parameters,
         })  # fmt: skip
     print(
-        f'{options.out}: {plant.axes} axes, {counted(len(levels), "level")} '
+        f'{options.out}: {counted(plant.axes, "axis")}, {counted(len(levels), "level")} '
         f'of {counted(many, "realisation")}, {RECORDED} periods of {options.seconds:g} s at '
         f'{plant.rate:g} Hz'
     )

@@ -230,7 +230,8 @@ def _presets(_: argparse.Namespace) -> int:
         several = load_axes_preset(name)
         print(f'{name:20} {several.description}')
         print(
-            f'{"":20}   {several.source}; {several.rate:g} Hz; {len(several.axes)} axes; '
+            f'{"":20}   {several.source}; {several.rate:g} Hz; '
+            f'{counted(len(several.axes), "axis")}; '
             f'{", ".join(several.effects)}'
         )
     return 0

@@ -12,6 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord, leveled
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.array_pairs import ArrayPair, file_pairs, folder_pairs
 from piezo_hysteresis.records.bag_content import BagContent
@@ -285,7 +286,8 @@ class AxesReading(Reading[AxesRecord]):
             return int(self.periodic or 0)
         if self.periodic not in (None, True, held):
             raise RecordError(
-                f'{name}: its arrays hold {held} periods (fourth dimension), not {self.periodic}'
+                f'{name}: its arrays hold {counted(held, "period")} (fourth dimension), not '
+                f'{self.periodic}'
             )
         return held
 

@@ -10,6 +10,7 @@ from typing import NoReturn
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import counted, not_numbers
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -60,14 +61,15 @@ class AxesRecord:
             object.__setattr__(self, what, self._checked(what, getattr(self, what)))
         if len(self.displacement) != len(self):
             self._refuse(
-                f'the displacements have {len(self.displacement)} samples but the voltages '
-                f'{len(self)}; export both from the same clock'
+                f'the displacements have {counted(len(self.displacement), "sample")} but the '
+                f'voltages {len(self)}; export both from the same clock'
             )
         if not (isinstance(self.periods, int | np.integer) and self.periods >= 0):
             self._refuse(f'periods is a whole number from 0 on, got {self.periods!r}')
         if self.periods and len(self) % self.periods:
             self._refuse(
-                f'{len(self)} samples are not {self.periods} whole periods; cut it to whole ones, '
+                f'{counted(len(self), "sample", "is")} not '
+                f'{counted(self.periods, "whole period")}; cut it to whole ones, '
                 'or state their number'
             )
         if self.periods > 1:
@@ -92,7 +94,8 @@ class AxesRecord:
         bad = np.argwhere(~np.isfinite(array))
         if bad.size:
             self._refuse(
-                f'{what} has {len(bad)} values that are not numbers, the first at sample '
+                f'{what} has {counted(len(bad), "value")} that '
+                f'{not_numbers(len(bad))}, the first at sample '
                 f'{bad[0, 0]} of axis {bad[0, 1] + 1}; cut or mend them'
             )
         return array
@@ -104,10 +107,11 @@ class AxesRecord:
         return int(self.voltage.shape[0])
 
     def __repr__(self) -> str:
-        steady = f', {self.periods} periods in steady state' if self.periods else ''
+        steady = f', {counted(self.periods, "period")} in steady state' if self.periods else ''
         return (
-            f'AxesRecord {self.name}: {self.axes} voltages, {self.outputs} displacements, '
-            f'{len(self)} samples at {self.rate:g} Hz{steady}'
+            f'AxesRecord {self.name}: {counted(self.axes, "voltage")}, '
+            f'{counted(self.outputs, "displacement")}, '
+            f'{counted(len(self), "sample")} at {self.rate:g} Hz{steady}'
         )
 
     @property

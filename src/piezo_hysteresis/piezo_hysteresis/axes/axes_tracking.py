@@ -11,6 +11,7 @@ from piezo_hysteresis.arrays import BoolArray, ComplexArray, FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.modal_fit import ModalDerivatives
 from piezo_hysteresis.axes.modal_model import AxesDrive, ModalLayout, ModalModel, drive_of
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import CompensationError, ModelError
 from piezo_hysteresis.numerics.linalg import failing_as
 
@@ -171,8 +172,8 @@ def tracked(
     if ours != theirs:
         raise CompensationError(
             'the plant must have the axes and the interval of the model: it has '
-            f'{theirs[0]} voltages, {theirs[1]} displacements, {theirs[2]:g} s, the model '
-            f'{ours[0]}, {ours[1]}, {ours[2]:g} s'
+            f'{counted(theirs[0], "voltage")}, {counted(theirs[1], "displacement")}, '
+            f'{theirs[2]:g} s, the model {ours[0]}, {ours[1]}, {ours[2]:g} s'
         )
     target = np.asarray(reference, float) - np.mean(reference, axis=0)
     period = AxesRecord('period', model.dt, inverse(model, reference, highest).voltage, target, 1)

@@ -13,6 +13,7 @@ from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.frequency_response import excited, response, spectra
 from piezo_hysteresis.axes.modal_model import play_bank
 from piezo_hysteresis.axes.mode_talk import ModeTalk, mode_talk
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.numerics.linalg import failing_as
 
@@ -84,8 +85,9 @@ def cross_talk(records: Sequence[AxesRecord], below: float | None = None) -> lis
     inputs, outputs = records[0].axes, records[0].outputs
     if inputs < max(outputs, 2):
         raise RecordError(
-            f'cross-talk is a matter of pairs, and the records have {inputs} voltages and '
-            f'{outputs} displacements: choose columns with --voltage and --displacement'
+            'cross-talk is a matter of pairs, and the records have '
+            f'{counted(inputs, "voltage")} and '
+            f'{counted(outputs, "displacement")}: choose columns with --voltage and --displacement'
         )
     with failing_as(RecordError('the records do not determine the response of all axes')):
         if below is None:
@@ -166,8 +168,8 @@ def measured_pairs(
     lines = np.flatnonzero(excited(u) & (frequency <= below))
     if lines.size < _FEWEST_LINES:
         raise RecordError(
-            f'{lines.size} lines below {below:.3g} Hz cannot show static cross-talk; record '
-            'longer periods'
+            f'{counted(lines.size, "line")} below {below:.3g} Hz cannot show static '
+            'cross-talk; record longer periods'
         )
     x = frequency[lines] / below
     u, y = u[:, lines], y[:, lines]

@@ -9,6 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, ComplexArray, FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 
 # Weakest line of the excitation, as a part of the median one.
@@ -53,8 +54,8 @@ def response(records: Sequence[AxesRecord], neighbours: int = 0) -> FrequencyRes
     inputs, outputs = u.shape[2], y.shape[2]
     if len(records) * (2 * neighbours + 1) < inputs:
         raise RecordError(
-            f'{len(records)} records cannot tell {inputs} inputs apart: drive each alone, or all '
-            'with different signs, in as many records as there are inputs'
+            f'{counted(len(records), "record")} cannot tell {counted(inputs, "input")} apart: '
+            'drive each alone, or all with different signs, in as many records as there are inputs'
         )
     u, y = u[:, lines], y[:, lines]
     a = np.concatenate([_shifted(u, by) for by in range(-neighbours, neighbours + 1)])

@@ -244,7 +244,7 @@ class _Search:
     def run(self, modes: int | None, effects: Sequence[str] | None) -> ModalIdentification:
         """Return the model and its steps."""
         model = self._linear(modes)
-        steps = [self._step('linear', f'{model.layout.modes} linear modes', model, {})]
+        steps = [self._step('linear', counted(model.layout.modes, 'linear mode'), model, {})]
         if effects is None:
             model = self._searched(model, steps, (*EFFECTS, JOINTS))
         for name in effects or ():
@@ -274,8 +274,9 @@ class _Search:
         theirs = model.layout.inputs, model.layout.outputs, f'{model.dt:.6g}'
         if ours != theirs:
             raise IdentificationError(
-                f'the baseline has {theirs[0]} voltages, {theirs[1]} displacements, '
-                f'{theirs[2]} s; the records {ours[0]}, {ours[1]}, {ours[2]} s'
+                f'the baseline has {counted(theirs[0], "voltage")}, '
+                f'{counted(theirs[1], "displacement")}, {theirs[2]} s; the records {ours[0]}, '
+                f'{ours[1]}, {ours[2]} s'
             )
         self._weigh(model)
         self._sort_out(model)

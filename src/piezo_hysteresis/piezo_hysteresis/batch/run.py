@@ -25,6 +25,7 @@ from typing import Any, ClassVar
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.common.results import Tabular
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError, RecordError
 from piezo_hysteresis.process_setup import number_of_workers, one_for_linear_algebra
 from piezo_hysteresis.records.load import content_of, files_of
@@ -65,7 +66,7 @@ class Batch(Tabular):
         counts = ', '.join(f'{count} {state}' for state, count in self.states().items() if count)
         before = f' ({self.resumed} of them before)' if self.resumed else ''
         number = len(self.rows)
-        return f'{number} data set{"s" * (number != 1)}: {counts}{before}'
+        return f'{counted(number, "data set")}: {counts}{before}'
 
     def states(self) -> dict[str, int]:
         """Return the number of rows in each state."""

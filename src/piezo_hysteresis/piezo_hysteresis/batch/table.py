@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.arrays import largest_if_unknown
 from piezo_hysteresis.batch.run import Batch, Row, Work
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.interface.verbs import discover, identify
 from piezo_hysteresis.reporting.discovery_report import write_discovery
 from piezo_hysteresis.reporting.display_units import micrometres
@@ -133,10 +134,10 @@ def index_page(verb: str, rows: Sequence[Row]) -> str:
         cells = [(row['name'], row['state'], row['error']) for row in bad[:_SHOWN]]
         why = table(('data', 'state', 'why'), cells)
         sections.append(PageSection('Refused and failed data sets', '', (), (why,)))
-    summary = f'{len(done)} of {len(rows)} data sets went through `{verb}`'
+    summary = f'{len(done)} of {counted(len(rows), "data set")} went through `{verb}`'
     summary += f', {len(bad)} did not.' if bad else '.'
     sections.append(PageSection('Complete table', 'All columns, in SI units: `results.csv`.'))
-    return render(f'Batch: {verb} over {len(rows)} data sets', summary, sections)
+    return render(f'Batch: {verb} over {counted(len(rows), "data set")}', summary, sections)
 
 
 def _summary(verb: str, ranked: Sequence[Row]) -> str:
@@ -146,7 +147,9 @@ def _summary(verb: str, ranked: Sequence[Row]) -> str:
     if verb == 'discover':
         names = [name for row in ranked for name in str(row['effects']).split('; ') if name]
         counts = sorted({(-names.count(name), name) for name in names})
-        often = ', '.join(f'`{name}` {-count} times' for count, name in counts) or 'nothing'
+        often = (
+            ', '.join(f'`{name}` {counted(-count, "time")}' for count, name in counts) or 'nothing'
+        )
         return f'Gap on held-out records in multiples of the noise. Named: {often}.'
     return ''
 

@@ -103,7 +103,7 @@ def bag_lines(bag: BagContent) -> list[str]:
     lines = [f'storage {metadata.storage}: {names}']
     dropped = metadata.custom.get(DROPPED_KEY, '0')
     if dropped != '0':
-        lines.append(f'its recorder had to drop {dropped} messages')
+        lines.append(f'its recorder had to drop {counted(int(dropped), "message")}')
     return lines
 
 

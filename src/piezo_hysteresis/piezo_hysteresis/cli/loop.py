@@ -17,6 +17,7 @@ import numpy as np
 
 from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.common.registry import inside, package_of
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.compensation.inverses.reach import usual_reference
 from piezo_hysteresis.compensation.limiter import require_limits
 from piezo_hysteresis.compensation.link import Limits
@@ -208,8 +209,9 @@ def _print_addresses(group: NodeProcesses, arguments: argparse.Namespace, model:
         axes = observer.axes()
         if bool(axes) != is_modal(model) or (axes and axes != _axes_of(model)):
             raise PiezoError(
-                f'the preset {arguments.preset or ONE_AXIS} has {axes or 1} axes, the model '
-                f'{_axes_of(model) if is_modal(model) else 1}; give --preset of one with as many'
+                f'the preset {arguments.preset or ONE_AXIS} has {counted(axes or 1, "axis")}, '
+                f'the model {_axes_of(model) if is_modal(model) else 1}; give --preset of one '
+                'with as many'
             )
         observer.until_ready('excitation_1' if axes else 'excitation', 'dashboard')
     print(f'open http://localhost:{arguments.port}/ (Ctrl-C ends the loop)', flush=True)

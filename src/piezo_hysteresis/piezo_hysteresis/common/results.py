@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from piezo_hysteresis.common.wording import Guided
+from piezo_hysteresis.common.wording import Guided, counted
 from piezo_hysteresis.errors import PiezoError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Tabular(Guided, ABC):
         )
         if not rows:
             return f'<p><b>{first}{point}</b>{rest}</p>'
-        more = f'<p>{len(rows) - _ROWS} more rows</p>' if len(rows) > _ROWS else ''
+        more = f'<p>{counted(len(rows) - _ROWS, "more row")}</p>' if len(rows) > _ROWS else ''
         return (
             f'<p><b>{first}{point}</b>{rest}</p><table><thead><tr>{head}</tr></thead>'
             f'<tbody>{body}</tbody></table>{more}'

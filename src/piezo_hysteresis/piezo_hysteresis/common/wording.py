@@ -117,9 +117,20 @@ def enumerated(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} and {names[-1]}'
 
 
-def counted(number: int, noun: str) -> str:
-    """Return ``1 record`` or ``2 records``."""
-    return f'{number} {noun}' if number == 1 else f'{number} {noun}s'
+_PLURALS = {'axis': 'axes', 'is': 'are', 'was': 'were', 'has': 'have'}
+
+
+def counted(number: int, noun: str, verb: str = '') -> str:
+    """Return ``1 record`` or ``2 records``, with a verb ``1 record is`` or ``2 records are``."""
+    if number == 1:
+        return f'1 {noun} {verb}'.rstrip()
+    several = _PLURALS.get(noun, f'{noun}s')
+    return f'{number} {several} {_PLURALS.get(verb, verb.removesuffix("s"))}'.rstrip()
+
+
+def not_numbers(number: int) -> str:
+    """Return the predicate of a count of values that are not numbers."""
+    return 'is not a number' if number == 1 else 'are not numbers'
 
 
 def short(number: float) -> str:

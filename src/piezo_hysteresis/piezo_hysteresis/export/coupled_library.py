@@ -12,6 +12,7 @@ from numba import carray
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.compensation.coupled import matrix_attenuation as matrix
 from piezo_hysteresis.compensation.coupled.axes_chain import (
     AxesChain,
@@ -84,8 +85,8 @@ def coupled_files(asked: CoupledRequest) -> dict[str, bytes | str]:
     modes = chain.model.layout.modes
     kinds = 'decoupling, attenuation' if chain.attenuation is not None else 'decoupling'
     about = About(
-        name, f'{axes} axes', f'{modes} modes', digest[:12], __version__, 1.0 / chain.model.dt,
-        asked.target, f'The loop is {kinds}, limits.',
+        name, counted(axes, 'axis'), counted(modes, 'mode'), digest[:12], __version__,
+        1.0 / chain.model.dt, asked.target, f'The loop is {kinds}, limits.',
     )  # fmt: skip
     code = object_code(doors, asked.target)
     return {

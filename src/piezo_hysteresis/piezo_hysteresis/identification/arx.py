@@ -19,7 +19,7 @@ import yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.plain_yaml import write_atomically
-from piezo_hysteresis.common.wording import reason_of
+from piezo_hysteresis.common.wording import counted, reason_of
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.linalg import solve_least_squares
@@ -131,7 +131,8 @@ def _moved(record: Record, order: int) -> Pair:
     """Return voltage and displacement relative to rest, scaled to equal size."""
     if len(record) - record.warm_up_samples < 20 * order:
         raise IdentificationError(
-            f'record {record.name} has {len(record)} samples, too few for {order} poles'
+            f'record {record.name} has {counted(len(record), "sample")}, too few for '
+            f'{counted(order, "pole")}'
         )
     u, y = record.voltage, record.displacement
     if not (np.all(np.isfinite(u)) and np.all(np.isfinite(y))):

@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import irfft, next_fast_len, rfft
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import measured_without_outliers, stroke_of
 from piezo_hysteresis.identification.periods import cached_per_record, main_frequency
@@ -114,7 +115,7 @@ def _judge(record: Record) -> list[tuple[bool, str]]:
     u, y = record.voltage, measured_without_outliers(record)
     kind = record.info.input_name
     if len(record) < 20:
-        return _fatal(f'only {len(record)} samples; record more of the excitation')
+        return _fatal(f'only {counted(len(record), "sample")}; record more of the excitation')
     if float(np.ptp(u)) == 0.0:
         return []
     if float(np.ptp(y)) == 0.0:

@@ -13,7 +13,7 @@ from math import sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.common.wording import choices
+from piezo_hysteresis.common.wording import choices, counted
 from piezo_hysteresis.errors import IdentificationError
 
 _PHI = 4.2  # sum of the acceleration coefficients of Fang 2019
@@ -103,7 +103,7 @@ def search(
         evaluations=watch.used,
         history=tuple(watch.history),
         converged=bool(message),
-        message=message or f'stopped at the limit of {max_evaluations} evaluations',
+        message=message or f'stopped at the limit of {counted(max_evaluations, "evaluation")}',
     )
 
 

@@ -17,6 +17,7 @@ from piezo_hysteresis.blocks._plays import COUNT, play
 from piezo_hysteresis.blocks._second_order import hold
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.recursion import (
     ERROR_SUM,
@@ -433,7 +434,9 @@ class OnlineUd(OnlineMethod):
             if np.any(invertible_bank(self._theta) != self._theta):
                 notes.append('Weights were changed to the nearest model that can be inverted.')
         elif m[PROJECTED]:
-            notes.append(f'{int(m[PROJECTED])} updates were projected to an invertible model.')
+            notes.append(
+                f'{counted(int(m[PROJECTED]), "update", "was")} projected to an invertible model.'
+            )
         return tuple(notes)
 
 

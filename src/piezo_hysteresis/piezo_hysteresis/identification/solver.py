@@ -19,6 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.numerics.linalg import column_norms, solve_least_squares
 
 # Consecutive steps with a decrease of the cost below the tolerance, after which it has converged.
@@ -117,7 +118,7 @@ def solve(
     norms, sizes = _norms(factor), column_norms(factor)
     damping, growth, used, idle = 1e-3, 2.0, 1, 0
     minimum_steps, jumped = problem.minimum_steps, False
-    message, converged = f'stopped at the limit of {max_evaluations} evaluations', False
+    message, converged = f'stopped at the limit of {counted(max_evaluations, "evaluation")}', False
     while used < max_evaluations:
         if stopped():
             message = 'stopped: the time is over'

@@ -15,7 +15,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.modal_model import ModalModel
 from piezo_hysteresis.axes.modal_search import ModalIdentification
 from piezo_hysteresis.common.results import Reportable
-from piezo_hysteresis.common.wording import choices
+from piezo_hysteresis.common.wording import choices, counted
 from piezo_hysteresis.compensation.controllers import ATTENUATIONS, Controllers, Feedback
 from piezo_hysteresis.compensation.feedback.feedback_link import PidGains
 from piezo_hysteresis.compensation.harmonics.lines import AttenuationSettings, Method
@@ -225,7 +225,7 @@ def compensate(
     )  # fmt: skip
     shown = reference if isinstance(reference, str) else f'a {type(reference).__name__} waveform'
     if isinstance(reference, Sampled):
-        shown = f'{reference.values.size} samples at {1.0 / reference.dt:g} Hz'
+        shown = f'{counted(reference.values.size, "sample")} at {1.0 / reference.dt:g} Hz'
     return Compensation(tuple(runs), shown, study, time.perf_counter() - started)
 
 

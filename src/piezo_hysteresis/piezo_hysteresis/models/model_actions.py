@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.plain_yaml import write_atomically
 from piezo_hysteresis.common.results import Plottable
-from piezo_hysteresis.common.wording import Guided, choices
+from piezo_hysteresis.common.wording import Guided, choices, counted
 from piezo_hysteresis.errors import ModelError
 
 # Imported at the first call: a model knows no inverse and no compiler.
@@ -66,7 +66,7 @@ class InverseResult(Plottable):
     def __repr__(self) -> str:
         error = 1e6 * float(np.sqrt(np.mean((self.displacement - self.reference) ** 2)))
         first = (
-            f'Feedforward: {len(self)} samples at {1 / self.dt:g} Hz, '
+            f'Feedforward: {counted(len(self), "sample")} at {1 / self.dt:g} Hz, '
             f'{self.voltage.min():.4g} to {self.voltage.max():.4g} V, the model misses the '
             f'reference by {error:.3g} µm rms'
         )

@@ -27,6 +27,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from piezo_hysteresis.common.wording import counted
+
 if TYPE_CHECKING:
     from piezo_hysteresis.models.discrepancy import Condition
 
@@ -74,7 +76,7 @@ class Support:
             return f'Untouched repeats deviate as far: {self.count} of them, {shown}.'
         which = 'none deviates' if self.chance <= self.attainable + 1e-9 else 'few deviate'
         bound = f', so no name has a probability above {1.0 - self.chance:.2g}' if named else ''
-        return f'Of {self.count} untouched repeats {which} as far ({shown}){bound}.'
+        return f'Of {counted(self.count, "untouched repeat")} {which} as far ({shown}){bound}.'
 
 
 def are_alike(one: Condition, other: Condition) -> bool:

@@ -16,6 +16,7 @@ from rclpy.task import Future
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import Health, Level, judge
 from piezo_hysteresis.common.stamps import NANOSECONDS
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.drivers.addresses import FORMS, open_controller
 from piezo_hysteresis.drivers.controller import Controller
 from piezo_hysteresis.drivers.worker import (
@@ -178,7 +179,9 @@ class GcsDriver(GuardedNode):
         result.records, result.names = count, [record.name for record in outcome.records]
         result.samples = sum(len(record) for record in outcome.records)
         result.bag = str(bag) if count else ''
-        kept = f'{count} records at {outcome.rate:g} Hz in {bag}' if count else 'no record'
+        kept = (
+            f'{counted(count, "record")} at {outcome.rate:g} Hz in {bag}' if count else 'no record'
+        )
         if outcome.reason:
             goal.abort()
             self._counts['sweeps_failed'] += 1

@@ -11,6 +11,7 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.common.parameter_table import Value
 from piezo_hysteresis.common.stamps import nanoseconds_of
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.recursion import OnlineMethod
 from piezo_hysteresis.nodes.messages import estimate_into, inside
@@ -123,7 +124,7 @@ class IdentificationNode(GuardedNode):
         fine = (
             'waits for the first sample'
             if newest < 0
-            else f'{self._course.taken} samples are used'
+            else f'{counted(self._course.taken, "sample", "is")} used'
         )
         values = {'sample': newest, 'taken': self._course.taken, 'marked': self._marked, **counts}
         return judge(self._watch.findings(counts), fine, values)

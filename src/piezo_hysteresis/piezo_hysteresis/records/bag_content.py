@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import IntArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import cdr
 from piezo_hysteresis.records.damage import DamageLog
@@ -129,7 +130,8 @@ def _collect(
     for number in np.unique(block.topic).tolist():
         if number not in topics:
             count = int(np.sum(block.topic == number))
-            log.add(content.path, f'{count} messages belong to no topic', count=count, lost=count)
+            what = f'{counted(count, "message", "belongs")} to no topic'
+            log.add(content.path, what, count=count, lost=count)
             continue
         topic = topics[number]
         held = content.topics.setdefault(topic.name, TopicContent(topic))
@@ -153,7 +155,7 @@ def _decode(content: BagContent, held: TopicContent, block: MessageBlock, log: D
     decoded = cdr.decode(fields, block.buffer, block.offset, block.length)
     bad = int(decoded.good.size - decoded.good.sum())
     if bad:
-        what = f'{bad} messages of topic {topic.name} do not fit their definition'
+        what = f'{counted(bad, "message")} of topic {topic.name} cannot be read by the definition'
         log.add(content.path, what, count=bad, lost=bad)
     held.stamps.append(decoded.stamps)
     held.log_times.append(block.log_time[decoded.good])
@@ -179,7 +181,8 @@ def _compare(content: BagContent, metadata: Metadata, log: DamageLog) -> None:
         if found != count and not (growing and found > count):
             log.add(
                 content.path,
-                f'its metadata count {count} messages of topic {name} but {found} are readable',
+                f'its metadata count {counted(count, "message")} of topic {name} but '
+                f'{found} can be read',
                 count=abs(count - found),
                 lost=max(count - found, 0),
             )

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import BagContent, TopicContent, read_content
 from piezo_hysteresis.records.columns import alike, in_order, several_axes
@@ -178,7 +179,7 @@ def runs_of(
         for message in held.messages
     ]
     if starts.size:
-        what = f'the numbers of the samples start again {starts.size} times'
+        what = f'the numbers of the samples start again {counted(starts.size, "time")}'
         log.note(content.path, f'{what}: read as {starts.size + 1} runs', count=starts.size)
     stretches = [slice(a, b) for a, b in pairwise([0, *starts.tolist(), sample.size])]
     parts = [track.take(each) for each in stretches]
@@ -272,7 +273,8 @@ def _cut(runs: list[Track], edges: list[_Edge], path: Path, log: DamageLog) -> l
             elif edge.sample < end or edge is own[-1]:  # else it is a duplicate
                 log.note(path, f'record {marker.record} is announced but holds no samples')
     if outside:
-        log.note(path, f'{outside} samples lie outside the marked records', count=outside)
+        what = f'{counted(outside, "sample", "lies")} outside the marked records'
+        log.note(path, what, count=outside)
     return parts
 
 
@@ -335,10 +337,16 @@ def _with_reference(track: Track, path: Path, log: DamageLog) -> Track:
     if known.size:
         inside = track.take(slice(int(known[0]), int(known[-1]) + 1))
         if inside.time.size == known.size > missing:
-            what = f'record {track.name}: {missing} samples before or after the reference left out'
+            what = (
+                f'record {track.name}: {counted(missing, "sample")} before or after the '
+                'reference left out'
+            )
             log.note(path, what, count=missing)
             return inside
-        what = f'record {track.name}: {missing} samples have no reference, so it is left out'
+        what = (
+            f'record {track.name}: {counted(missing, "sample", "has")} no reference, so it '
+            'is left out'
+        )
         log.note(path, what, count=missing)
     columns = {key: column for key, column in track.columns.items() if key != 'reference'}
     return Track(track.name, track.time, columns, track.sample, track.info, track.rate)
@@ -393,8 +401,10 @@ def _bag_axes_joined(tracks: Sequence[Track], content: BagContent, log: DamageLo
             for each, (unique, index) in zip(tracks, places, strict=True)
         ]
         lone = sum(each.size for each in stamps) - len(stamps) * common.size
-        log.note(content.path, f'{lone} samples of record {tracks[0].name} lack another axis',
-                 count=lone)  # fmt: skip
+        what = (
+            f'{counted(lone, "sample")} of record {tracks[0].name} without another axis left out'
+        )
+        log.note(content.path, what, count=lone)
     columns = {
         f'{what}_{k}': each.columns[what]
         for k, each in enumerate(tracks, 1)

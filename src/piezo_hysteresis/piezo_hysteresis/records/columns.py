@@ -15,6 +15,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from piezo_hysteresis.common.stated import CLOCKS
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError, SeveralAxesError
 
 
@@ -305,9 +306,8 @@ def _range(names: Sequence[str]) -> str:
 def counted_axes(inputs: int, outputs: int) -> str:
     """Return the number of axes in words."""
     if inputs == outputs:
-        return f'{inputs} ax{"i" if inputs == 1 else "e"}s'
-    number = f'{inputs} voltage{"s" * (inputs > 1)}'
-    return f'{number} and {outputs} displacement{"s" * (outputs > 1)}'
+        return counted(inputs, 'axis')
+    return f'{counted(inputs, "voltage")} and {counted(outputs, "displacement")}'
 
 
 def _stated(name: str) -> str:

@@ -52,7 +52,9 @@ class DamageLog:
     notes: list[Damage] = field(default_factory=list)  # notes without loss of data
     left_out: list[Damage] = field(default_factory=list)  # notes on rejected records
     guesses: list[Damage] = field(default_factory=list)  # notes on guessed columns
-    doubts: list[Damage] = field(default_factory=list)  # notes on values that are improbable
+    unlikely_values: list[Damage] = field(
+        default_factory=list
+    )  # notes on values that are improbable
 
     def add(
         self,
@@ -87,10 +89,10 @@ class DamageLog:
         self.note(where, what, count=count)
         self.left_out.append(self.notes[-1])
 
-    def doubt(self, where: object, what: str) -> None:
+    def unlikely(self, where: object, what: str) -> None:
         """List a note that the checks before a fit repeat as a warning."""
         self.note(where, what)
-        self.doubts.append(self.notes[-1])
+        self.unlikely_values.append(self.notes[-1])
 
     def guess(self, where: object, what: str) -> None:
         """List a guess, once."""

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import UNITS, Meaning, meaning, unit_known, with_unit
 from piezo_hysteresis.records.text_cells import is_number, is_stamp, separator_of, split
@@ -85,7 +86,9 @@ def plain(lines: Sequence[str], header_row: int | None, path: object) -> TextLay
     begin = 0
     if header_row is not None:
         if not 1 <= header_row <= len(lines):
-            raise RecordError(f'{path}: it has no line {header_row}, but {len(lines)} lines')
+            raise RecordError(
+                f'{path}: it has no line {header_row}, but {counted(len(lines), "line")}'
+            )
         begin = header_row - 1
     filled = [k for k in range(begin, len(lines)) if lines[k].strip() and lines[k][0] != '#']
     if not filled:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray, IntArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import blocks_of
 from piezo_hysteresis.records.columns import UNITS
@@ -85,7 +86,8 @@ def foreign_records(
     first = max(held.time[0] for held in series.values())
     early = int(np.sum(ticks < first))
     if early:
-        log.note(path, f'{early} samples come before the first voltage or reference', count=early)
+        what = f'{counted(early, "sample", "comes")} before the first voltage or reference'
+        log.note(path, what, count=early)
     ticks = ticks[ticks >= first]
     columns = {}
     for key, held in series.items():

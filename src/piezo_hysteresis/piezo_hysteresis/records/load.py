@@ -205,7 +205,7 @@ def loaded(
 
 def warn_of(log: DamageLog) -> None:
     """Warn the caller of a function that reads records which no later check covers."""
-    _warn(log.findings, log.left_out, [*log.guesses, *log.doubts])
+    _warn(log.findings, log.left_out, [*log.guesses, *log.unlikely_values])
 
 
 def _warn(damage: list[Damage], left_out: list[Damage], guesses: list[Damage]) -> None:

@@ -14,6 +14,7 @@ from zlib import crc32
 
 import numpy as np
 
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.records import mcap_format as mcap
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.storage import RATIO, SMALL, MessageBlock, Topic, inflated
@@ -52,7 +53,8 @@ class McapFile:
         if self._expected is not None and self._expected != self._messages:
             self.log.add(
                 self.path,
-                f'the index counts {self._expected} messages but {self._messages} are readable',
+                f'the index counts {counted(self._expected, "message")} but '
+                f'{self._messages} can be read',
                 count=abs(self._expected - self._messages),
                 lost=max(self._expected - self._messages, 0),
             )

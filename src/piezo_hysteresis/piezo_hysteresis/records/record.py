@@ -11,7 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.results import Plottable
-from piezo_hysteresis.common.wording import missing
+from piezo_hysteresis.common.wording import counted, missing, not_numbers
 from piezo_hysteresis.errors import RecordError
 
 
@@ -202,14 +202,14 @@ class Record(Plottable):
             )
         if array.size != np.size(self.voltage):
             raise RecordError(
-                f'record {self.name}: {key} has {array.size} samples but voltage '
+                f'record {self.name}: {key} has {counted(array.size, "sample")} but voltage '
                 f'has {np.size(self.voltage)}; export both from the same clock'
             )
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
             raise RecordError(
-                f'record {self.name}: {key} has {bad.size} values that are not '
-                f'numbers, the first at sample {bad[0]}; cut or mend them'
+                f'record {self.name}: {key} has {counted(bad.size, "value")} that '
+                f'{not_numbers(bad.size)}, the first at sample {bad[0]}; cut or mend them'
             )
 
     def __len__(self) -> int:
@@ -243,8 +243,8 @@ class Record(Plottable):
         drive = f', {info.excitation}' if info.excitation != 'unknown' else ''
         drive += f' of {info.frequency:g} Hz' if info.frequency > 0 else ''
         return (
-            f'Record {self.name}: {len(self)} samples at {self.rate:g} Hz, {self.duration:g} s'
-            f'{drive}'
+            f'Record {self.name}: {counted(len(self), "sample")} at {self.rate:g} Hz, '
+            f'{self.duration:g} s{drive}'
         )
 
     def columns(self) -> dict[str, FloatArray]:
@@ -298,7 +298,7 @@ class RecordList(list[Record]):
             raise AttributeError(f'records have no attribute {name!r}{instead}')
         if len(self) != 1:
             raise AttributeError(
-                f'{len(self)} records: records[0].{name} is that of the first one'
+                f'{counted(len(self), "record")}: records[0].{name} is that of the first one'
             )
         return getattr(self[0], name)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray, IntArray
 from piezo_hysteresis.common.stamps import REORDERED
-from piezo_hysteresis.common.wording import counted
+from piezo_hysteresis.common.wording import counted, not_numbers
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import SECOND
 from piezo_hysteresis.records.damage import DamageLog
@@ -109,7 +109,7 @@ def _pieces_of(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
     place = f'{where}: record {track.name}'
     track = _ordered(track, place, log)
     if track.time.size < 2:
-        log.add(place, f'it has {track.time.size} samples, too few to know its rate')
+        log.add(place, f'it has {counted(track.time.size, "sample")}, too few to know its rate')
         return []
     pieces = [
         piece
@@ -119,7 +119,9 @@ def _pieces_of(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
     whole = [piece for piece in pieces if piece.time.size >= min(SHORTEST, track.time.size)]
     lost = track.time.size - sum(piece.time.size for piece in whole)
     if lost:
-        log.add(place, f'{lost} samples lie in pieces too short to be of use', lost=lost)
+        log.add(
+            place, f'{counted(lost, "sample", "lies")} in pieces too short to be of use', lost=lost
+        )
     names = [track.name]
     if len(whole) > 1:
         names = [f'{track.name}.{number}' for number in range(1, len(whole) + 1)]
@@ -145,7 +147,7 @@ def _finite(track: Track, place: str, log: DamageLog) -> Track:
         first = int(np.argmin(good))
         log.add(
             place,
-            f'{bad} of {good.size} samples are not numbers, the first is number {first}',
+            f'{bad} of {good.size} samples {not_numbers(bad)}, the first is number {first}',
             count=bad,
             lost=bad,
             remedy='mend them',
@@ -232,8 +234,8 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
         key = track.sample  # regardless of the stamps
     back = int(np.sum(np.diff(key) < 0))
     if back:
-        log.add(place, f'{back} samples are out of order', count=back, remedy='sort them by time',
-                done='sorted')  # fmt: skip
+        what = f'{counted(back, "sample", "is")} out of order'
+        log.add(place, what, count=back, remedy='sort them by time', done='sorted')
         track = track.take(np.argsort(key, kind='stable'))
     _refuse_two_senders(track, place)
     track = _spread(track, place, log)
@@ -245,9 +247,9 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
         track, again = _without_repeats(track, again, place, log)
     doubled = int(again.sum())
     if doubled:
-        what = f'{doubled} samples come twice'
+        what = f'{counted(doubled, "sample", "comes")} twice'
         if track.sample is None:
-            what = f'{doubled} times stand twice'
+            what = f'{counted(doubled, "time", "stands")} twice'
         remedy = 'write each sample once, with enough digits of its time'
         log.add(place, what, count=doubled, lost=doubled, remedy=remedy, done='kept once')
         track = track.take(~again)
@@ -268,7 +270,10 @@ def _spread(track: Track, place: str, log: DamageLog) -> Track:
     even = time[0] + (time[-1] - time[0]) / (size - 1) * np.arange(size)
     if np.abs(time - even).max() >= 1.5 * (even[1] - even[0]):
         return track
-    log.guess(place, f'{again.size} times stand twice with other values: taken at an even rate')
+    log.guess(
+        place,
+        f'{counted(again.size, "time", "stands")} twice with other values: taken at an even rate',
+    )
     return replace(track, time=even)
 
 
@@ -281,7 +286,9 @@ def _without_repeats(
         same[1:] &= column[1:] == column[:-1]
     repeats = int(same.sum())
     if repeats:
-        log.note(place, f'{repeats} messages were repeated by their sender', count=repeats)
+        log.note(
+            place, f'{counted(repeats, "message", "was")} repeated by the sender', count=repeats
+        )
     return track.take(~same), again[~same]
 
 
@@ -304,7 +311,7 @@ def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
         counts = np.diff(track.sample)
         restarts = int(np.sum(counts < 0))
         if restarts:
-            log.add(place, f'the numbers of the samples start again {restarts} times',
+            log.add(place, f'the numbers of the samples start again {counted(restarts, "time")}',
                     count=restarts, remedy='record a marker in front of each run')  # fmt: skip
         missing = np.where(counts > 1, counts - 1, 0)
         cuts = np.flatnonzero(counts != 1) + 1
@@ -323,8 +330,8 @@ def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
         first = float(track.time[np.argmax(missing > 0)])
         log.add(
             place,
-            f'{total} samples are missing in {number} gap{"s" * (number > 1)}, the first after '
-            f'{first:.6g} s',
+            f'{counted(total, "sample", "is")} missing in {counted(number, "gap")}, the first '
+            f'after {first:.6g} s',
             count=number,
             lost=0,
             remedy='record again without loss',
@@ -471,7 +478,7 @@ def check_units(track: Track, dt: float, place: str, log: DamageLog) -> None:  #
         if certain:
             log.refuse(place, sentence)
         else:
-            log.doubt(place, sentence)
+            log.unlikely(place, sentence)
 
 
 # Numerator and denominator of the ratio of two rates are no larger.

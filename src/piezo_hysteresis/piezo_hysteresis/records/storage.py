@@ -17,6 +17,7 @@ from rosbags.rosbag2.metadata import dump_qos_v8
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from piezo_hysteresis.arrays import BoolArray, IntArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.damage import DamageLog
 
@@ -153,7 +154,7 @@ def decompressed(block: MessageBlock, path: Path, log: DamageLog) -> MessageBloc
         payloads.append(payload)
     bad = int(good.size - good.sum())
     if bad:
-        log.add(path, f'{bad} messages cannot be decompressed', count=bad, lost=bad)
+        log.add(path, f'{counted(bad, "message")} cannot be decompressed', count=bad, lost=bad)
     length: IntArray = np.array([len(payload) for payload in payloads], np.int64)
     return MessageBlock(
         np.frombuffer(b''.join(payloads), np.uint8),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import (
     CERTAIN,
@@ -83,7 +84,9 @@ def file_samples(
 def _cut(track: Track, table: ColumnTable, where: str, log: DamageLog) -> list[SampledTrack]:
     """Return the samples of a table, which is cut where its names stand again without a time."""
     if table.count and track.time.size != table.count:
-        what = f'its header states {table.count} samples but {track.time.size} follow'
+        what = (
+            f'its header states {counted(table.count, "sample")}, the file holds {track.time.size}'
+        )
         log.add(where, what, lost=max(table.count - track.time.size, 0), remedy='save it again')
     if not table.repeats or track.rate <= 0.0:
         return sampled(track, where, log)
@@ -294,7 +297,8 @@ def _on_one_clock(
     if not keep.any():
         raise RecordError(f'{where}: its columns share no time; save them from one clock')
     if not keep.all():
-        log.note(where, f'{int((~keep).sum())} samples at the ends lack a column', count=1)
+        lost = counted(int((~keep).sum()), 'sample')
+        log.note(where, f'{lost} at the ends left out, where a column is missing')
     return ticks[keep], {what: column[keep] for what, column in values.items()}
 
 
@@ -341,7 +345,9 @@ def _held(found: dict[str, Column], where: str, log: DamageLog) -> dict[str, Col
             pauses = int(np.sum(steps > 1.5 * usual))
             pauses += bool(times[rows[-1]] - times[filled[-1]] > (1.0 + SAME_TICK) * usual)
             if pauses:
-                log.note(where, f'{what} pauses {pauses} times and is held', count=pauses)
+                log.note(
+                    where, f'{what} pauses {counted(pauses, "time")} and is held', count=pauses
+                )
     if apart:
         log.guess(
             where, 'its signals stand in rows of their own: a voltage is held until the next'

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import csv_columns
 from piezo_hysteresis.records.columns import Meaning, ReadOptions, stamped, used_columns
@@ -117,8 +118,8 @@ def _table(
     notes = [layout.assumed] if layout.assumed else []
     if layout.head:
         notes.append(
-            f'the {layout.head} lines in front of the column names are not read; they may state '
-            'units, factors or an interval'
+            f'{counted(layout.head, "line")} in front of the column names not read, which may '
+            'state units, factors or an interval'
         )
     if layout.names and all(name.isdigit() for name in layout.names) and not layout.assumed:
         notes.append('no line of names: its columns are 1, 2, 3, ...')
@@ -200,12 +201,14 @@ def _columns(
         places = sorted(used_columns(layout.names, path, options, hints, timed))
     except RecordError:
         places = []
-    wrong = {k: f'line {rows.numbers[k]} has {len(cells)} cells for {width} columns'
+    wrong = {k: f'line {rows.numbers[k]} has {counted(len(cells), "cell")} for '
+                f'{counted(width, "column")}'
              for k, cells in enumerate(rows.cells)
              if any(cells[width:])}  # fmt: skip
     if len(wrong) > 0.5 * len(rows.cells):
         raise RecordError(
-            f'{path}: its rows have {len(rows.cells[0])} cells but {width} columns have a name; '
+            f'{path}: its rows have {counted(len(rows.cells[0]), "cell")} but '
+            f'{counted(width, "column", "has")} a name; '
             'commas separate and stand in numbers, too, or names are missing: save it with '
             'semicolons, or name the line with --header-row'
         )
@@ -235,8 +238,9 @@ def _columns(
         found[0] = replace(found[0], values=whole + found[1].values / 1e9)
     if wrong:
         first = wrong[min(wrong)]
-        log.add(path, f'{len(wrong)} lines are not numbers, {first}', count=len(wrong),
-                lost=len(wrong), remedy='mend them')  # fmt: skip
+        many = len(wrong)
+        what = f'{counted(many, "line")} cannot be read, {first}'
+        log.add(path, what, count=many, lost=many, remedy='mend them')
         good = np.ones(len(rows.cells), np.bool_)
         good[list(wrong)] = False
         found = [replace(each, values=each.values[good]) for each in found]

@@ -17,6 +17,7 @@ from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.axes_tracking import AxesRun
 from piezo_hysteresis.axes.modal_model import ModalModel
 from piezo_hysteresis.axes.modal_search import ModalIdentification, rms_error
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.models.plain import yaml_text
 from piezo_hysteresis.reporting.discovery_report import probability_text
 from piezo_hysteresis.reporting.display_units import MICRO, micrometres
@@ -251,10 +252,11 @@ def _page(found: ModalIdentification, records: Sequence[AxesRecord]) -> str:
         for level in last
     )
     verdict = (
-        f'A model of {layout.inputs} axes with {layout.modes} modes leaves {errors} on records '
+        f'A model of {counted(layout.inputs, "axis")} with {counted(layout.modes, "mode")} '
+        f'leaves {errors} on records '
         'that were not fitted.'
     )
-    return render(f'{layout.inputs} axes', verdict, _sections(found, records))
+    return render(counted(layout.inputs, 'axis'), verdict, _sections(found, records))
 
 
 def _sections(found: ModalIdentification, records: Sequence[AxesRecord]) -> list[PageSection]:

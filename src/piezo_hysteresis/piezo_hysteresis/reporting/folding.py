@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.reporting.display_units import shown, with_deviation
 from piezo_hysteresis.reporting.page import Plot
 from piezo_hysteresis.reporting.plots import PALETTE, new_axes
@@ -74,8 +75,8 @@ def _line(group: Sequence[Value]) -> tuple[str, str, str]:
     sizes = np.array([factor * value.value for value in group])
     largest = int(np.argmax(np.abs(sizes)))
     text = (
-        f'{len(group)} values, the largest {group[largest].name}, sum {sizes.sum():.3g}, '
-        f'{sizes.min():.3g} .. {sizes.max():.3g}'
+        f'{counted(len(group), "value")}, the largest {group[largest].name}, sum '
+        f'{sizes.sum():.3g}, {sizes.min():.3g} .. {sizes.max():.3g}'
     )
     return f'{group[0].name} .. {_number(group[-1])}', text, shown_unit
 

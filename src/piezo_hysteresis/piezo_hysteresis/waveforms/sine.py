@@ -10,6 +10,7 @@ from math import gcd
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.numerics.smooth import smooth_ramp
 from piezo_hysteresis.waveforms.waveform import Samples, Shape, Shaped, WaveformError
 
@@ -169,7 +170,8 @@ def multisine_orders(
         raise WaveformError(f'there is no grid {grid!r}; there are {", ".join(GRIDS)}')
     if not 1 <= count <= 100_000:
         raise WaveformError(
-            f'a multisine of {count} lines cannot be made; choose `highest` within 1 .. 1e5 times '
+            f'a multisine of {counted(count, "line")} cannot be made; choose `highest` within '
+            '1 .. 1e5 times '
             'the fundamental'
         )
     orders = np.arange(1, count + 1, 1 if grid == 'full' else 2)

@@ -13,6 +13,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.modal_model import ModalModel
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.compensation.coupled.decoupling import Decoupling
 from piezo_hysteresis.compensation.coupled.matrix_attenuation import MatrixAttenuation
 from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
@@ -84,8 +85,9 @@ def axes_chain(
     layout = model.layout
     if layout.inputs != layout.outputs or layout.inputs != len(limits):
         raise CompensationError(
-            f'the model has {layout.inputs} voltages and {layout.outputs} displacements; a loop '
-            f'of {len(limits)} axes needs as many of both'
+            f'the model has {counted(layout.inputs, "voltage")} and '
+            f'{counted(layout.outputs, "displacement")}; a loop '
+            f'of {counted(len(limits), "axis")} needs as many of both'
         )
     if abs(model.dt * rate - 1.0) > 1e-6:
         raise CompensationError(

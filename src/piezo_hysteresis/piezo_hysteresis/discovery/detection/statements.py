@@ -10,6 +10,7 @@ from math import inf, isfinite, pi
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.discovery.data.dataset import HELD_OUT, part_of
 from piezo_hysteresis.discovery.detection.limits import (
     BetterExperiment,
@@ -187,8 +188,9 @@ def sentence(found: Sequence[Statement]) -> str:
     hidden = [each.effect for each in found if not isfinite(each.displacement_m[1])]
     more = f' They would not show {", ".join(hidden)} at any size.' if hidden else ''
     return (
-        f'These records would have shown {len(seen)} known effects: from {in_prefixes(low, "m")} '
-        f'rms of the response ({seen[0].effect}) to {in_prefixes(high, "m")} '
+        f'These records would have shown {counted(len(seen), "known effect")}: from '
+        f'{in_prefixes(low, "m")} rms of the response ({seen[0].effect}) to '
+        f'{in_prefixes(high, "m")} '
         f'({seen[-1].effect}).{more}'
     )
 

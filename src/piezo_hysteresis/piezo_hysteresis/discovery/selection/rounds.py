@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
@@ -150,11 +151,11 @@ def select(
     )
     screened = evaluator.map(lambda each: _screened(evaluator, screen, each), every)
     scores = [each for each in screened if each is not None]
-    progress(0.2, f'{len(every)} candidates screened')
+    progress(0.2, f'{counted(len(every), "candidate")} screened')
     least = rules.min_screening_score(evaluator.excess(before), evaluator.policy)
     chosen = choose_trials(scores, least, evaluator.policy)
     tried = evaluator.map(lambda each: _trial(evaluator, before, each), chosen)
-    progress(0.4, f'{len(chosen)} candidates tried')
+    progress(0.4, f'{counted(len(chosen), "candidate")} tried')
     promising = choose_first_fits(evaluator, _themselves([f for f in tried if f is not None]))
     first = evaluator.with_early_stopping(
         lambda each, enough: first_fit(evaluator, each, enough, each is promising[0]),
@@ -163,7 +164,7 @@ def select(
     )
     again = better_of_both(evaluator, before, chosen, ranked(evaluator, first))
     fitted = ranked(evaluator, _themselves(again))
-    progress(0.6, f'{len(fitted)} first fits')
+    progress(0.6, counted(len(fitted), 'first fit'))
     finalists = _finalists(evaluator, before, fitted, start, len(every))
     if not finalists:
         return None

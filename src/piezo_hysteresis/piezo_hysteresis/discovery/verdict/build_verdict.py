@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.discovery.data.dataset import Check, Dataset
 from piezo_hysteresis.discovery.detection.bends import Similar
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit
@@ -160,9 +161,8 @@ def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray])
         return []
     middle = float(np.median(found))
     if np.median(np.abs(np.array(found) - middle)) < 0.02 * middle:
-        return [
-            f'{len(found)} records contain a tone near {middle:.4g} Hz that is not a harmonic.'
-        ]
+        many = counted(len(found), 'record', 'contains')
+        return [f'{many} a tone near {middle:.4g} Hz that is not a harmonic.']
     return ['The records contain tones that are not harmonics, at different frequencies.']
 
 

@@ -178,7 +178,9 @@ def _evidence(step: Step, variant: str, floor: float, *, further: bool) -> list[
     found_in = step.round
     effect = next(e for e in described(step.fit.effect) if e.variant == variant)
     gap = f'{found_in.before.rms / floor:.3g} to {step.fit.rms / floor:.3g} noise floors'
-    trust = f'{found_in.gain.ratio:.3g} standard errors, {found_in.tried} candidates tried'
+    trust = (
+        f'{found_in.gain.ratio:.3g} standard errors, {counted(found_in.tried, "candidate")} tried'
+    )
     subject = 'A further element' if further else 'It'
     sentences = [
         effect.physics,

@@ -332,7 +332,8 @@ class SweepServer:
             self._refused_before = refused
         elif refused > self._refused_before and not self._reason:
             self._reason = (
-                f'the actuator refused {refused - self._refused_before} commands: the amplitude '
+                'the actuator refused '
+                f'{counted(refused - self._refused_before, "command")}: the amplitude '
                 'is beyond its range'
             )
             run.take_back(self._known_until, self._newest + 1, REFUSED)

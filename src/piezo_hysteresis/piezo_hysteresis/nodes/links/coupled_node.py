@@ -8,6 +8,7 @@ from std_srvs.srv import Trigger
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.common.parameter_table import Value
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.compensation.coupled import axes_chain
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.links.link_node import LinkNode
@@ -88,7 +89,7 @@ class Coupled(GuardedNode):
         assert self._loop is not None
         self.parameters.serve(self._apply)
         self.get_logger().info(
-            f'{self.axes} axes, {self.model.layout.modes} modes: '
+            f'{counted(self.axes, "axis")}, {counted(self.model.layout.modes, "mode")}: '
             + ', '.join(f'axis {i} {each.low:g} .. {each.high:g} V' for i, each in
                         enumerate(limits, 1))
         )  # fmt: skip

@@ -16,6 +16,7 @@ from rosgraph_msgs.msg import Clock
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
 from piezo_hysteresis.common.stamps import stamp_into
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.recording.listeners import Ended, Listeners, message_type
 from piezo_hysteresis.parameters.node_tables import PLAYER
@@ -118,7 +119,7 @@ class PlayerNode(GuardedNode):
                 self._counts['samples'] = sent
             if self._listeners is not None:
                 self._listeners.wait_taken(sent)
-            self.get_logger().info(f'played {sent} samples')
+            self.get_logger().info(f'played {counted(sent, "sample")}')
         except Ended:
             pass
         except PiezoError as error:

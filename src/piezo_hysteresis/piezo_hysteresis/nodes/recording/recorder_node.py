@@ -12,6 +12,7 @@ from rclpy.subscription import Subscription
 
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.node_sheet import CounterWatch, Finding, Health, Level, judge
+from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.nodes.recording.listeners import matching, message_type, offered_as_yaml
 from piezo_hysteresis.parameters.node_tables import RECORDER
@@ -215,7 +216,7 @@ class RecorderNode(GuardedNode):
         if status.problem:
             findings.append((Level.ERROR, f'nothing can be written: {status.problem}'))
         findings += [(Level.WARN, f'no node publishes {name} yet') for name in self._missing]
-        fine = f'{status.written} messages are in {self._recorder.path}'
+        fine = f'{counted(status.written, "message", "is")} in {self._recorder.path}'
         return judge(findings, fine, counts)
 
     def _drain(self) -> None:
@@ -240,7 +241,10 @@ class RecorderNode(GuardedNode):
         """Write all received messages and close the bag."""
         self._drain()
         status = self._recorder.close()
-        text = f'{self._recorder.path}: {status.written} messages, {status.dropped} dropped'
+        text = (
+            f'{self._recorder.path}: {counted(status.written, "message")}, '
+            f'{status.dropped} dropped'
+        )
         if status.dropped or status.problem:
             self.exit_code = 1
             problem = status.problem or 'the disk is too slow'
