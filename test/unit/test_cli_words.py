@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.main import main
+from piezo_hysteresis.cli.main import main, parser_of
 from piezo_hysteresis.common.wording import OneLineParser, counted, near
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, write_bag
+from piezo_sim.cli import build_parser
 from piezo_sim.cli import main as simulate
 
 SOURCES = Path(__file__).parents[2] / 'src'
@@ -143,6 +144,17 @@ def test_no_sentence_gives_a_count_a_fixed_plural() -> None:
         for match in fixed.finditer(file.read_text(encoding='utf-8'))
     ]
     assert found == []
+
+
+@pytest.mark.parametrize('low', ['-50', '-5e1', '-.5E+2', '-5.e1'])
+def test_a_negative_number_is_no_option(low: str) -> None:
+    """The library knows no exponent; a verb and the simulator take it, alone and in a list."""
+    words = ['model.yaml', '--out', 'o', '--limits', low, '150', '1e6', '--pid', '1', low, low]
+    given = parser_of('export').parse_args(words)
+    assert given.limits == [float(low), 150.0, 1e6]
+    assert given.pid == [1.0, float(low), float(low)]
+    sweep = ['sweep', '--out', 'o', '--frequencies', '5', '--amplitudes', f'{low},{low}']
+    assert build_parser().parse_args(sweep).amplitudes == [float(low)] * 2
 
 
 def test_only_what_is_near_is_suggested() -> None:

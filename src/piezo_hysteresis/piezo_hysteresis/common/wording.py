@@ -158,12 +158,17 @@ class DefaultsFormatter(argparse.HelpFormatter):
         return super()._fill_text(text, width, indent)
 
 
+# What begins with a minus and is no option: numbers, and lists and ranges of them.
+_NEGATIVE = re.compile(r'-(\d|\.\d|inf\b|nan\b)[-+\d.eE,:]*$')
+
+
 class OneLineParser(argparse.ArgumentParser):
     """Reports an error of the command line in one sentence; ``--help`` prints the usage."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         options.setdefault('formatter_class', DefaultsFormatter)
         super().__init__(*given, **options)
+        self._negative_number_matcher = _NEGATIVE  # that of argparse knows no exponent
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; a mistyped option is named before what seems to be missing for it."""
