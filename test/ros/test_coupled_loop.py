@@ -282,5 +282,5 @@ def test_a_model_file_that_does_not_exist_starts_no_loop_of_one_axis(
     given = {'coupled:model_file': str(tmp_path / 'absent.yaml')}
     node = processes.start('piezo_hysteresis', 'control_loop', given)
     assert processes.wait_for(node, 60.0) == 2
-    assert f'there is no model file {tmp_path / "absent.yaml"}' in node.tail()
+    assert f'error: there is no model file {tmp_path / "absent.yaml"}' in node.tail()
     processes.retire(node)

@@ -22,6 +22,7 @@ from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.starting import refuse_start
 from piezo_interfaces.msg import ActuatorState, Gap
 from piezo_interfaces.srv import LoadModel
 
@@ -63,8 +64,7 @@ class GapMonitorNode(GuardedNode):
                 self._model_parameters.load(ModelFile.load(path))
             self._model_parameters.follow()
         except PiezoError as error:
-            self.get_logger().fatal(str(error))
-            raise SystemExit(2) from None
+            refuse_start(error)
 
     def _take(self, loaded: ModelFile) -> None:
         self._loaded = loaded

@@ -33,6 +33,7 @@ from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LOOP
 from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node, wall_timer
+from piezo_hysteresis.ros.starting import refuse_start
 from piezo_interfaces.action import RunSweep
 from piezo_interfaces.msg import ActuatorState
 
@@ -47,8 +48,7 @@ class GcsDriver(GuardedNode):
         super().__init__('gcs_driver')
         self._params = NodeParameters(self, GCS_DRIVER)
         if not self._params.text('controller'):
-            self.get_logger().fatal(f'no controller is given: controller:={FORMS}')
-            raise SystemExit(2)
+            refuse_start(f'no controller is given: controller:={FORMS}')
         self._bag = Path()
         self._folder = Path(self._params.text('folder')).expanduser()
         self._is_busy, self._last = False, ''

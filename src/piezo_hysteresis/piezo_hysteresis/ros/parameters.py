@@ -21,6 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable, Value
+from piezo_hysteresis.ros.starting import refuse_start
 
 Apply = Callable[[dict[str, Value]], None]
 Refuse = Callable[[dict[str, Value]], str]
@@ -78,7 +79,7 @@ class NodeParameters:
         own = {spec.name: self.values[spec.name] for spec in table.specs}
         reason = '' if refuse is None else refuse(own)
         if reason:
-            self._give_up(reason)
+            refuse_start(reason)
         self._groups[0] = _Group(table, apply, refuse)
 
     def extend(self, table: ParameterTable, apply: Apply, refuse: Refuse | None = None) -> None:
@@ -88,7 +89,7 @@ class NodeParameters:
         if not reason and refuse is not None:
             reason = refuse(values)
         if reason:
-            self._give_up(reason)
+            refuse_start(reason)
         self.values.update(values)
         self._groups.append(_Group(table, apply, refuse))
 
@@ -159,7 +160,7 @@ class NodeParameters:
             found = self._declare_converted(spec, descriptor)
         except (InvalidParameterValueException, ValueError) as error:
             reason = ' '.join(str(error).split())
-            self._give_up(f'{spec.name}: {reason}; allowed is {spec.range_text()}')
+            refuse_start(f'{spec.name}: {reason}; allowed is {spec.range_text()}')
         if found is None and isinstance(spec.default, list):
             found = self._declare_empty(spec, descriptor)
         return list(found) if isinstance(spec.default, list) else found
@@ -171,7 +172,7 @@ class NodeParameters:
         empty = Parameter(spec.name, ARRAYS[spec.element], [])
         result = self._node.set_parameters([empty])[0]
         if not result.successful:
-            self._give_up(f'{spec.name}: {result.reason}')
+            refuse_start(f'{spec.name}: {result.reason}')
         return []
 
     def _declare_converted(self, spec: ParameterSpec, descriptor: ParameterDescriptor) -> Value:
@@ -179,7 +180,7 @@ class NodeParameters:
         value = spec.coerce(self._override(spec.name))
         reason = spec.judge(value)
         if reason:
-            self._give_up(reason)
+            refuse_start(reason)
         declared = self._node.declare_parameter(spec.name, value, descriptor, ignore_override=True)
         result: Value = declared.value
         return result
@@ -190,10 +191,6 @@ class NodeParameters:
         given: object = self._node.declare_parameter(name, None, loose).value
         self._node.undeclare_parameter(name)
         return given
-
-    def _give_up(self, reason: str) -> None:
-        self._node.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
-        raise SystemExit(2)
 
     def _coerce(self, parameters: list[Parameter]) -> list[Parameter]:
         coerced = []

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
-from typing import NoReturn
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -29,6 +28,7 @@ from rclpy.timer import Timer
 
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.ros.starting import refuse_start
 
 # Names the file of profiles that Fast DDS reads when the first node of a process is created.
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -287,16 +287,16 @@ def _init(options: list[str]) -> None:
     try:
         rclpy.init(args=options, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy does not export the class of this error
-        _refuse(error, 'mend the arguments or the parameter file')
+        refuse_start(error)
 
 
 def _create(create: Callable[[], Sequence[Node]]) -> Sequence[Node]:
     try:
         return create()
     except PiezoError as error:
-        _refuse(error, 'mend the arguments or the parameter file')
+        refuse_start(error)
     except RCLError as error:
-        _refuse(error, 'mend the names, or the ROS_SECURITY settings where they are set')
+        refuse_start(error, 'mend the names, or the ROS_SECURITY settings where they are set')
 
 
 def _name_mistyped(nodes: Sequence[Node]) -> None:
@@ -308,11 +308,6 @@ def _name_mistyped(nodes: Sequence[Node]) -> None:
         if not name.startswith('model.') and (guess := near(name, known)):
             log = nodes[0].get_logger()
             log.warning(f'there is no parameter {name}{guess}; its value is ignored')
-
-
-def _refuse(error: Exception, remedy: str) -> NoReturn:
-    print(f'error: {" ".join(str(error).split())} ({remedy})', file=sys.stderr)
-    raise SystemExit(2) from None
 
 
 def finish(nodes: Sequence[Node]) -> None:

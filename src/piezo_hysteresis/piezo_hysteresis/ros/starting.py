@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 
 from piezo_hysteresis.common.registry import NODES, SHEETS, package_of
 
@@ -70,6 +71,17 @@ def _watch(owner: int) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(TIMEOUT)
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refuse_start(
+    reason: object, remedy: str = 'mend the arguments or the parameter file'
+) -> NoReturn:
+    """End a process as a verb does that cannot run: one sentence, exit code 2.
+
+    A line of the log would add a level and a time.
+    """
+    print(f'error: {" ".join(str(reason).split())} ({remedy})', file=sys.stderr)
+    raise SystemExit(2) from None
 
 
 def print_help(node: str) -> None:

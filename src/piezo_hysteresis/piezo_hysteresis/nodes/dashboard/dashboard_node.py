@@ -32,6 +32,7 @@ from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node, wall_timer
+from piezo_hysteresis.ros.starting import refuse_start
 
 LISTEN_EVERY = 0.03
 LAG = 1.0  # time without polling after which it is counted [s]
@@ -108,8 +109,7 @@ class Dashboard(GuardedNode):
                 refresh=self._params.number('refresh'),
             )
         except PiezoError as error:
-            self.get_logger().fatal(str(error))
-            raise SystemExit(2) from None
+            refuse_start(error)
         if not server.local and not self._params.text('token'):
             self.get_logger().warning(
                 f'anyone who reaches port {server.port} of this machine can move the actuator: '

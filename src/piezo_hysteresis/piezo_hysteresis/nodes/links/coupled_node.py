@@ -16,6 +16,7 @@ from piezo_hysteresis.parameters.links import COUPLED, VOLTAGE
 from piezo_hysteresis.ros.guarded import GuardedNode
 from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.readiness import Diagnostics
+from piezo_hysteresis.ros.starting import refuse_start
 from piezo_hysteresis.runtime.coupled_ticks import CoupledLoop
 from piezo_hysteresis.runtime.link_health import ALARMS, CHECKING, CORRECTS
 
@@ -66,12 +67,8 @@ class Coupled(GuardedNode):
         try:
             self.model = axes_chain.loaded(self.parameters.text('model_file'))
         except PiezoError as error:
-            self._give_up(error)
+            refuse_start(error)
         self.create_service(Trigger, '~/reset', self._on_reset)
-
-    def _give_up(self, error: PiezoError) -> None:
-        self.get_logger().fatal(f'{error} (mend the parameter file or argument)')
-        raise SystemExit(2) from None
 
     @property
     def axes(self) -> int:
@@ -85,7 +82,7 @@ class Coupled(GuardedNode):
             limits = [link.limits() for link in links]
             self._loop = CoupledLoop(self.model, self.parameters.values, limits)
         except PiezoError as error:
-            self._give_up(error)
+            refuse_start(error)
         assert self._loop is not None
         self.parameters.serve(self._apply)
         self.get_logger().info(

@@ -22,6 +22,7 @@ from piezo_hysteresis.parameters.links import FEEDFORWARD
 from piezo_hysteresis.ros.cdr_header import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.running import run_node, wall_timer
+from piezo_hysteresis.ros.starting import refuse_start
 from piezo_hysteresis.runtime.laws import Inversion, forward_settings
 from piezo_interfaces.msg import ActuatorState, ModelEstimate, Reference
 from piezo_interfaces.srv import LoadModel
@@ -132,7 +133,7 @@ class Feedforward(LinkNode):
                 self.load(ModelFile.load(path))
             self._model_parameters.follow()
         except PiezoError as error:
-            self.give_up(str(error))
+            refuse_start(error)
 
     def _refusal(self, loaded: ModelFile) -> str:
         return self._inversion.refusal(self.parameters.text('law'), loaded)

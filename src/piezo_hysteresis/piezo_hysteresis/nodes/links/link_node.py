@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NoReturn, Protocol
+from typing import Protocol
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -27,6 +27,7 @@ from piezo_hysteresis.ros.parameters import NodeParameters
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import wall_timer
+from piezo_hysteresis.ros.starting import refuse_start
 from piezo_hysteresis.runtime.link_health import ALARMS, CORRECTS, LinkHealth, Watchdog
 from piezo_interfaces.msg import LoopStatus, VoltageCommand
 
@@ -109,11 +110,6 @@ class LinkNode(GuardedLifecycleNode):
             self.trigger_configure()
             self.trigger_activate()
 
-    def give_up(self, reason: str) -> NoReturn:
-        """End the process at start, because its settings are unusable."""
-        self.get_logger().fatal(f'{reason} (mend the parameter file or argument)')
-        raise SystemExit(2)
-
     def destroy_node(self) -> None:
         """Destroy the node and its life cycle, which otherwise keeps the node alive."""
         super().destroy_node()
@@ -128,7 +124,7 @@ class LinkNode(GuardedLifecycleNode):
         try:
             model = ModelFile.load(path) if path else None
         except PiezoError as error:
-            self.give_up(str(error))
+            refuse_start(error)
         own = self.parameters
 
         def given(name: str) -> float | None:

@@ -17,6 +17,7 @@ from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
 from piezo_hysteresis.nodes.messages import VOLTAGE, measured_of, point_of, requested_model
 from piezo_hysteresis.ros.cdr_header import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
+from piezo_hysteresis.ros.starting import refuse_start
 from piezo_hysteresis.runtime.laws import LawMaker
 from piezo_hysteresis.runtime.link_health import (
     CHECKING,
@@ -70,7 +71,7 @@ class TrackingNode(LinkNode):
             self._model = ModelFile.load(path) if path else None
             self._install(self._built({}))
         except PiezoError as error:
-            self.give_up(str(error))
+            refuse_start(error)
         self._sensor = StuckSensor(self.dt)
         self._book: SampleSynchronizer[bytes] = SampleSynchronizer()
         self._started = False

@@ -28,6 +28,7 @@ from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.readiness import Diagnostics, Neighbours
 from piezo_hysteresis.ros.running import run_node
+from piezo_hysteresis.ros.starting import refuse_start
 from piezo_interfaces.msg import RecordMarker
 
 # Largest number of unconfirmed samples in lock-step; listeners confirm more often.
@@ -71,8 +72,7 @@ class PlayerNode(GuardedNode):
             self._player = self._open()
             self._topics = {name: self._publisher(t) for name, t in self._player.topics.items()}
         except PiezoError as error:
-            self.get_logger().fatal(str(error))
-            raise SystemExit(2) from None
+            refuse_start(error)
         self._clock_publisher = None
         if self._params.flag('publish_clock'):
             self._clock_publisher = self.create_publisher(Clock, '/clock', LOOP)

@@ -24,6 +24,7 @@ from piezo_hysteresis.ros.processes import ros_arguments
 from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.ros.readiness import Diagnostics
 from piezo_hysteresis.ros.running import run_node, wall_timer
+from piezo_hysteresis.ros.starting import refuse_start
 from piezo_hysteresis.runtime.consumer_progress import MARKED, TAKEN
 from piezo_interfaces.msg import LoopStatus
 
@@ -116,11 +117,11 @@ class RecorderNode(GuardedNode):
         self._params = NodeParameters(self, RECORDER)
         out = self._params.text('out')
         if not out:
-            self._give_up('give the bag to create: -p out:=FOLDER')
+            refuse_start('give the bag to create: -p out:=FOLDER')
         try:
             self._recorder = Recorder(out)
         except PiezoError as error:
-            self._give_up(str(error))
+            refuse_start(str(error))
         names = [str(name) for name in self._params.values['topics'] if name]  # type: ignore[union-attr]
         self._missing = {self.resolve_topic_name(name) for name in names or DEFAULT_TOPICS}
         self._inlets: list[tuple[Subscription, Callable[[bytes], None]]] = []
@@ -134,10 +135,6 @@ class RecorderNode(GuardedNode):
         wall_timer(self, 0.1, self._look)
         wall_timer(self, REPORT_AFTER, self._report.publish_if_changed)
         wall_timer(self, 1.0, self._publish_progress)
-
-    def _give_up(self, reason: str) -> None:
-        self.get_logger().fatal(reason)
-        raise SystemExit(2)
 
     def _topics_counted(self) -> dict[str, Callable[[], None]]:
         """Return the counter of states and markers, if both are recorded."""
