@@ -96,7 +96,12 @@ def test_only_an_error_above_the_known_one_is_a_new_deviation() -> None:
     assert usual.ratio == pytest.approx(1.2)
     assert larger.new_deviation
     assert larger.ratio == pytest.approx(2.0)
-    assert 'within the known discrepancy' in comparison_text([usual], known)
+    assert comparison_text([usual], known) == (
+        'the error is near the known discrepancy of the model; the largest on r: 1.2 times the '
+        '0.1 µm expected from the fitted records, which is not new below 1.5 times'
+    )
+    smaller = compared([residual(waves(h1=9e-8))], known)
+    assert 'is within the known discrepancy of the model' in comparison_text(smaller, known)
     assert 'on 1 of 2 records; most on r: 2 times the 0.1 µm' in comparison_text(
         [usual, larger], known
     )
@@ -194,7 +199,7 @@ def test_validate_reports_an_error_above_the_known_discrepancy(
 ) -> None:
     words = ['validate', '--model', str(folder / 'model' / 'model.yaml')]
     assert main([*words, str(folder / 'more.csv'), '--out', str(tmp_path / 'more')]) == 0
-    assert 'within the known discrepancy of the model' in capsys.readouterr().out
+    assert 'the known discrepancy of the model; the largest on' in capsys.readouterr().out
     assert main([*words, str(folder / 'crept.csv'), '--out', str(tmp_path / 'crept')]) == 0
     assert 'exceeds the known discrepancy of the model on 1 of 1' in capsys.readouterr().out
     content = {

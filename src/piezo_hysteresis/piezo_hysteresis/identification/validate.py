@@ -90,6 +90,11 @@ def comparison_text(found: Sequence[Comparison], known: Discrepancy | None) -> s
         f'{where}'
     )
     new_deviation = sum(each.new_deviation for each in found)
+    if not new_deviation and worst.ratio > 1.0:
+        return (
+            f'the error is near the known discrepancy of the model; the largest on {text}, which '
+            f'is not new below {NEW_DEVIATION:g} times'
+        )
     if not new_deviation:
         return f'the error is within the known discrepancy of the model; the largest on {text}'
     count = f'{new_deviation} of {len(found)} records'
