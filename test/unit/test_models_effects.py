@@ -227,3 +227,16 @@ def test_limits_are_guessed_just_inside_the_drive(
     seen = residual_of(baseline, baseline)
     # A limit outside the drive would show nothing, and a fit could not find its way from there.
     assert 0.75 * largest < candidate.guessed(seen)[0][parameter] < largest
+
+
+def test_a_candidate_has_the_name_with_which_its_chain_is_identified() -> None:
+    """An effect of several blocks gave the chain of two elements the name of that of one."""
+    added = [
+        each
+        for each in models.candidates(models.named('bouc_wen_mode'))
+        if each.effect.name == 'creep'
+    ]
+    names = {each.model.name for each in added}
+    assert {'bouc_wen_mode+creep', 'bouc_wen_mode+creep_pair'} <= names
+    for each in added:
+        assert models.named(each.model.name).block_names == each.model.block_names

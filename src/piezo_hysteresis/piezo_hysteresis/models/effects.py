@@ -249,7 +249,8 @@ def add_effect(
             f'already or lacks {", ".join((*effect.requires, *effect.replaces)) or "A0"}'
         )
     ratios = (input_amplitude / REFERENCE_INPUT, displacement_amplitude / REFERENCE_DISPLACEMENT)
-    name = f'{model.name}+{effect.name}'
+    # the name that `named` takes: an effect has several blocks, creep one of one or two elements
+    name = f'{model.name}+{(effect.block or effect).name}'
     if effect.block is None:
         larger, renamed = model.free(*effect.frees), {each: each for each in effect.frees}
         own = {q.name: q for block in model.blocks for q in block.parameters}
