@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.selection.baseline import first_values
 from piezo_hysteresis.discovery.selection.candidate_fit import (
@@ -209,6 +210,19 @@ def test_changes_are_stated_in_units_of_users_and_the_gain_once() -> None:
     low = next(q.low for q in MODEL.parameters if q.name == 'natural_frequency')
     ended = bare | {'natural_frequency': Number(low, None, 'Hz')}
     assert changes_of(ended, start, start, [multisine(VALUES)]) == ('gain +3 %',)
+
+
+def test_changes_without_standard_deviations_stand_in_the_order_of_their_evidence() -> None:
+    """A time limit leaves none: creep that hardly shows moved far, the mode a little."""
+    model = MODEL.with_block(named_block('creep'))
+    values = {**VALUES, 'creep_share': 1e-4, 'creep_time': 3.0}
+    start = CandidateFit(model, values)
+    units = {q.name: q.unit for q in model.parameters}
+    after = {'natural_frequency': 140.0, 'creep_time': 30.0, 'creep_share': 2e-4}
+    numbers = {name: Number(after.get(name, v), None, units[name]) for name, v in values.items()}
+    first, *others = changes_of(numbers, start, start, [multisine(VALUES)])
+    assert first == 'natural_frequency 160 Hz to 140 Hz'
+    assert {each.partition(' ')[0] for each in others} == {'creep_time', 'creep_share'}
 
 
 @pytest.mark.parametrize('shape', [1.15, 0.8])

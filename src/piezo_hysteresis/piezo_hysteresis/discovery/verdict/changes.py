@@ -45,7 +45,7 @@ def changes_of(
     width, width_std = loop.deviates(loop.width)
     found = [
         f'{name} {_between(start.values[name], numbers[name])}'
-        for name in _changed(numbers, start, 1.0 + gain)
+        for name in _changed(numbers, start, 1.0 + gain, loop)
     ]
     if len(found) > LISTED:
         found[LISTED:] = [counted(len(found) - LISTED, 'further parameter')]
@@ -56,14 +56,21 @@ def changes_of(
     return tuple(found)
 
 
-def _changed(numbers: Mapping[str, Number], start: CandidateFit, gain: float) -> list[str]:
-    """Return the names of the parameters outside the hysteresis that changed, clearest first."""
+def _changed(
+    numbers: Mapping[str, Number], start: CandidateFit, gain: float, loop: _Loop
+) -> list[str]:
+    """Return the names of the parameters outside the hysteresis that changed, clearest first.
+
+    Behind those with a standard deviation are the others, by how much their change moves the
+    response: a parameter that the records hardly show moves far without any.
+    """
     shape = _shape_of(start)
     within = {
         q.name: q.name not in numbers or q.low < numbers[q.name].value < q.high
         for q in start.model.parameters
     }
     sure: dict[str, float] = {}
+    unsure: dict[str, float] = {}
     for name, number in numbers.items():
         follows = number.unit.startswith('m')
         if name in shape:
@@ -75,8 +82,11 @@ def _changed(numbers: Mapping[str, Number], start: CandidateFit, gain: float) ->
         elif number.std is None and not follows and within[name]:
             moved = change / max(abs(start.values[name]), 1e-300)
             if moved > MOVED:
-                sure[name] = moved
-    return sorted(sure, key=lambda each: -sure[each])
+                unsure[name] = loop.moves(name)
+    return [
+        *sorted(sure, key=lambda each: -sure[each]),
+        *sorted(unsure, key=lambda each: -unsure[each]),
+    ]
 
 
 def _shape_of(start: CandidateFit) -> set[str]:
@@ -110,6 +120,7 @@ class _Loop:
         records: Sequence[Record],
     ) -> None:
         driven = [each for each in records if np.ptp(each.voltage) > 0.0]
+        self._driven = driven
         self._slow = min(driven, key=lambda each: each.info.frequency or np.inf, default=None)
         self._start, self._final, self._numbers = start, final, numbers
         shape = _shape_of(start)
@@ -126,6 +137,16 @@ class _Loop:
         if not before.size:
             return 1.0
         return float(before @ after) / max(float(before @ before), 1e-300)
+
+    def moves(self, name: str) -> float:
+        """Return how much the change of one parameter moves the response to all records [m]."""
+        after = {**self._start.values, **{k: v.value for k, v in self._numbers.items()}}
+        back = {**after, name: self._start.values[name]}
+        squares = [
+            float(np.sum((self._run(each, after) - self._run(each, back)) ** 2))
+            for each in self._driven
+        ]
+        return float(np.sqrt(sum(squares) / max(sum(map(len, self._driven)), 1)))
 
     def width(self, other: Mapping[str, float]) -> float:
         """Return the width of the loop, relative to its gain, over that of the baseline."""
@@ -161,9 +182,11 @@ class _Loop:
         return {**self._start.values, **fitted, **other}
 
     def _respond(self, values: Mapping[str, float]) -> FloatArray:  # [m]
-        model, slow = self._start.model, self._slow
-        if slow is None:
-            return np.zeros(0)
-        run = np.asarray(model.respond(slow.voltage, model.pack(values), slow.dt))
-        run = run[slow.warm_up_samples :]
+        return np.zeros(0) if self._slow is None else self._run(self._slow, values)
+
+    def _run(self, record: Record, values: Mapping[str, float]) -> FloatArray:  # [m]
+        """Return the response of the baseline to a record behind its warm-up, without mean."""
+        model = self._start.model
+        run = np.asarray(model.respond(record.voltage, model.pack(values), record.dt))
+        run = run[record.warm_up_samples :]
         return np.asarray(run - run.mean())
