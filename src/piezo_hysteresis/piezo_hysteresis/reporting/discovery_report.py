@@ -90,8 +90,7 @@ def _gaps(found: Discovery) -> PageSection:
 def _plots(found: Discovery) -> PageSection:
     """Return the plots of the held-out records."""
     verdict, proof = found.verdict, found.proof
-    unit = found.data.records[0].info.input_unit
-    names = _unique([_label(r.record, r.frequency, r.amplitude, unit) for r in proof.rows])
+    names = _unique([row.record for row in proof.rows])
     bars = bars_before_after(
         names,
         [r.before for r in proof.rows],
@@ -360,10 +359,6 @@ def _model(found: Discovery) -> PageSection:
         f'Seed {verdict.seed}; {verdict.seconds:.1f} s.'
     )
     return PageSection('Final model', text, (), (table(('parameter', 'value', 'unit'), rows),))
-
-
-def _label(record: str, frequency: float, amplitude: float, unit: str) -> str:
-    return f'{frequency:g} Hz, {amplitude:.3g} {unit}' if frequency else record
 
 
 def _unique(names: Sequence[str]) -> list[str]:
