@@ -51,6 +51,9 @@ def sections() -> dict[str, str]:
 def _effects() -> str:
     head = re.split(r'^## ', EFFECTS.read_text(encoding='utf-8'), maxsplit=1, flags=re.M)[0]
     found = {name: _new_section(name) for name in EFFECT_NAMES} | sections()
+    listed = ', '.join(f'[{name}](#{name})' for name in sorted(found))
+    head = re.split(r'^\*\*Sections\*\*', head, maxsplit=1, flags=re.M)[0].rstrip()
+    head = f'{head}\n\n**Sections**: {listed}.\n\n'
     return head + '\n'.join(f'## {name}\n{found[name].rstrip()}\n' for name in sorted(found))
 
 
