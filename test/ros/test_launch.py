@@ -101,3 +101,14 @@ def test_a_scenario_that_is_not_there_is_named(processes: NodeProcesses, tmp_pat
     assert launched.wait(60.0) != 0
     assert 'scenario:=no_such is not there' in log.read_text()
     assert 'tracking' in log.read_text()
+
+
+def test_several_axes_are_refused_with_the_verb_that_starts_them(
+    processes: NodeProcesses, tmp_path: Path
+) -> None:
+    """The loop of one axis ran with the simulator of two, and nothing was commanded."""
+    log = tmp_path / 'launch.log'
+    launched = launch(processes, log, 'loop.launch.py', 'preset:=xy_scanner')
+    assert launched.wait(60.0) != 0
+    assert 'preset:=xy_scanner is of several axes' in log.read_text()
+    assert 'piezo_hysteresis loop --preset' in log.read_text()

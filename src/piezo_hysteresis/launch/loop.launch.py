@@ -18,6 +18,7 @@ from piezo_hysteresis.common.registry import package_of
 from piezo_hysteresis.compensation.inverses.reach import usual_reference
 from piezo_hysteresis.compensation.operating_limits import operating_limits, rate_of
 from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.models.modelfile import is_modal
 
 SWITCHES = ('simulator', 'identification', 'gap_monitor', 'enclaves', 'dashboard')
 CHOICES = {
@@ -75,8 +76,25 @@ def _scenario_file(context, name):
     return str(found)
 
 
+def _require_one_axis(context, values):
+    """Refuse a preset or a model of several axes, whose loop is that of the verb."""
+    several = ''
+    if values['simulator'] == 'true':
+        share = Path(FindPackageShare('piezo_sim').perform(context))
+        if (share / 'config' / 'axes' / f'{values["preset"]}.yaml').is_file():
+            several = f'preset:={values["preset"]}'
+    if values['model_file'] and is_modal(values['model_file']):
+        several = f'model_file:={values["model_file"]}'
+    if several:
+        raise RuntimeError(
+            f'{several} is of several axes and this file starts the loop of one; start '
+            '`python -m piezo_hysteresis loop --preset PRESET --model MODEL.yaml`'
+        )
+
+
 def _nodes(context):
     values = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    _require_one_axis(context, values)
     scenario = _scenario_file(context, values['scenario'])
     namespace = values['namespace'].strip('/')
     secured = values['enclaves'] == 'true'
