@@ -85,7 +85,7 @@ def coupled_files(asked: CoupledRequest) -> dict[str, bytes | str]:
     modes = chain.model.layout.modes
     kinds = 'decoupling, attenuation' if chain.attenuation is not None else 'decoupling'
     about = About(
-        name, counted(axes, 'axis'), counted(modes, 'mode'), digest[:12], __version__,
+        name, counted(axes, 'axis'), counted(modes, 'natural mode'), digest[:12], __version__,
         1.0 / chain.model.dt, asked.target, f'The loop is {kinds}, limits.',
     )  # fmt: skip
     code = object_code(doors, asked.target)

@@ -252,9 +252,8 @@ def _page(found: ModalIdentification, records: Sequence[AxesRecord]) -> str:
         for level in last
     )
     verdict = (
-        f'A model of {counted(layout.inputs, "axis")} with {counted(layout.modes, "mode")} '
-        f'leaves {errors} on records '
-        'that were not fitted.'
+        f'A model of {counted(layout.inputs, "axis")} with '
+        f'{counted(layout.modes, "natural mode")} leaves {errors} on records that were not fitted.'
     )
     return render(counted(layout.inputs, 'axis'), verdict, _sections(found, records))
 
