@@ -226,7 +226,7 @@ def limits() -> None:
     """Limit a voltage, let it go to rest, and change a model smoothly."""
     from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for
     from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
-    from piezo_hysteresis.compensation.link import CrossFade, Limits, SensorWatch, Transition
+    from piezo_hysteresis.compensation.link import CrossFade, Limits, Transition
     from piezo_hysteresis.models import named
 
     limiter = Limiter(Limits(), DT)
@@ -237,7 +237,6 @@ def limits() -> None:
         change.apply(1.0)
         change.start()
         change.apply(0.0)
-    SensorWatch(DT).reset()
     model = named('bouc_wen_mode')
     inverse_for(model, model.defaults(), DT).set_parameters({'A': 3e-5})
 

@@ -37,11 +37,10 @@ from piezo_hysteresis.export.header import of_model
 from piezo_hysteresis.export.native import object_code
 from piezo_hysteresis.export.pieces import plant_of
 from piezo_hysteresis.export.sections import (
-    attenuation_section,
-    feedback_section,
     inverse_section,
     limiter_section,
     limits_fields,
+    section_of,
 )
 from piezo_hysteresis.models import NAMES, Model, named
 from piezo_hysteresis.waveforms import Sine
@@ -191,10 +190,8 @@ def loops() -> Any:
         link = build()
         if isinstance(link, InverseLink):
             section = inverse_section(link, nothing)
-        elif isinstance(link, HarmonicAttenuation):
-            section = attenuation_section(link)
         else:
-            section = feedback_section(link)
+            section = section_of(link)
         sections = (section, limiter_section(LIMITS, DT))
         found[name] = compensator_of(
             sections, limits_fields(LIMITS, ENERGY.get(name, EnergyLimits())), DT, MARK

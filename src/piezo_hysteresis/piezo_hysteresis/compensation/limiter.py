@@ -9,7 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.parameter_table import range_refusal
-from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.link import OK, CompiledLaw, Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 
@@ -163,6 +163,34 @@ def packed_limits(limits: Limits, dt: float, energy: EnergyLimits | None = None)
     require_limits(limits)
     power, share, per_volt = (0.0, 0.0, 0.0) if energy is None else packed_energy(energy, dt)
     return np.array([limits.low, limits.high, limits.slew * dt, power, share, per_volt])
+
+
+def limiter_law(dt: float) -> CompiledLaw:  # [s]
+    """Return the limiter as kernels, for C."""
+
+    @leaf
+    def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
+        return limit(received, memory, numbers)
+
+    @leaf
+    def take(
+        values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
+        first: bool,
+    ) -> int:  # fmt: skip
+        numbers[LOW], numbers[HIGH], numbers[STEP] = bounds[0], bounds[1], bounds[2] * dt
+        numbers[POWER], span = bounds[3], bounds[1] - bounds[0]
+        numbers[SHARE], numbers[PER_VOLT] = energy_numbers(bounds[4], bounds[5], span, dt)
+        return OK
+
+    return CompiledLaw('limiter', step, reset_limiter, take, ())
+
+
+@leaf
+def reset_limiter(memory: FloatArray, numbers: FloatArray) -> None:
+    """Start at the voltage that is nearest to 0, with every counter at 0."""
+    for k in range(LIMITER_SIZE):
+        memory[k] = 0.0
+    memory[VOLTAGE] = min(max(0.0, numbers[LOW]), numbers[HIGH])
 
 
 class Limiter:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from struct import Struct
 from typing import NamedTuple, Protocol
@@ -235,6 +236,7 @@ SAMPLE, DISPLACEMENT, VELOCITY, ACCELERATION, FREQUENCY, PHASE = range(6)
 POINT_SIZE = 6
 READ_SAMPLE, READ_VOLTAGE, READ_DISPLACEMENT = range(3)
 READ_SIZE = 3
+GIVEN_SIZE = POINT_SIZE + READ_SIZE  # both, one behind the other
 
 # Places in the memory of the watch, then the points of the last ticks.
 COUNTS = ('missing', 'repeated', 'not_finite', 'unpaired', 'frozen')
@@ -243,9 +245,12 @@ _POINTS = 9
 WATCH_SIZE = _POINTS + HISTORY * POINT_SIZE
 
 NONE = math.nan  # the sample of a measurement that is not there
+# Time of equal readings while the voltage moves, after which a sensor is frozen [s].
+_FROZEN_AFTER = 0.05
 
 _pack_point = Struct('6d').pack_into
 _pack_read = Struct('3d').pack_into
+_pack_given = Struct('9d').pack_into
 
 
 @jit
@@ -308,48 +313,47 @@ def write_read(place: FloatArray, measured: Measured | None) -> None:
         _pack_read(place.data, 0, *measured)
 
 
-class SensorWatch:
-    """Pairs each measurement with the reference of its tick and rejects bad ones.
-
-    A measurement that is missing, repeated, not a number, older than the history or frozen is
-    counted and not used; the controller then holds what it has learned.
-    """
-
-    def __init__(
-        self, dt: float, frozen_after: float = 0.05, memory: FloatArray | None = None
-    ) -> None:  # dt, frozen_after [s]; memory (WATCH_SIZE,)
-        self.frozen_ticks = frozen_ticks(dt, frozen_after)
-        self._memory = np.zeros(WATCH_SIZE) if memory is None else memory
-        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
-        self.reset()
-
-    def reset(self) -> None:
-        """Discard all points and counters."""
-        reset_watch(self._memory)
-
-    def pair(
-        self, point: ReferencePoint, measured: Measured | None
-    ) -> tuple[ReferencePoint, float] | None:
-        """Return the reference of the measured tick and the displacement [m], or None."""
-        write_point(self._point, point)
-        write_read(self._read, measured)
-        place = partner_of(self._point, self._read, self._memory, self.frozen_ticks)
-        if place < 0 or measured is None:
-            return None
-        sample, *rest = self._memory[place : place + POINT_SIZE].tolist()
-        return ReferencePoint(int(sample), *rest), measured.displacement
-
-    @property
-    def frozen(self) -> bool:
-        """Whether the sensor repeats itself while the voltage moves."""
-        return bool(self._memory[_STILL] >= self.frozen_ticks)
-
-    def counters(self) -> dict[str, int]:
-        """Return how many measurements were not used, by reason."""
-        own = self._memory[: len(COUNTS)]
-        return {name: int(count) for name, count in zip(COUNTS, own, strict=True)}
+def watch_counters(memory: FloatArray) -> dict[str, int]:
+    """Return how many measurements were not used, by reason."""
+    return {name: int(count) for name, count in zip(COUNTS, memory, strict=False)}
 
 
-def frozen_ticks(dt: float, frozen_after: float = 0.05) -> float:
+def frozen_ticks(dt: float) -> float:
     """Return after how many equal readings a sensor counts as frozen."""
-    return float(max(3, round(frozen_after / dt)))
+    return float(max(3, round(_FROZEN_AFTER / dt)))
+
+
+# Answers of `CompiledLaw.take`.
+OK, IMPOSSIBLE = 0, -3
+
+
+class CompiledLaw(NamedTuple):
+    """A link as kernels on its memory and its numbers, which Python, the nodes and C share."""
+
+    name: str  # of its node and its parameter table
+    # ``step(given, received, memory, numbers)`` [V]; `given` are a point and a measurement
+    step: Callable[..., float]
+    reset: Callable[[FloatArray, FloatArray], None]  # ``reset(memory, numbers)``
+    # ``take(values, bounds, memory, numbers, first)`` sets values and limits, the latter in the
+    # order low, high, slew, power, capacitance, window; it returns OK, or IMPOSSIBLE unchanged
+    take: Callable[[FloatArray, FloatArray, FloatArray, FloatArray, bool], int]
+    settable: tuple[tuple[str, float], ...]  # parameters of that table that `take` sets last
+
+
+class CompiledLink:
+    """A link that is a kernel on its memory and its numbers, the packed settings."""
+
+    def __init__(self, kernel: Callable[..., float], numbers: FloatArray, size: int) -> None:
+        self.kernel, self.numbers, self.memory = kernel, numbers, np.zeros(size)
+        self._given = np.zeros(GIVEN_SIZE)
+
+    def step(
+        self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
+    ) -> float:
+        """Return the voltage to pass on [V], which is `received` plus the share of the law."""
+        if measured is None:
+            _pack_point(self._given.data, 0, *point)
+            self._given[POINT_SIZE] = NONE
+        else:
+            _pack_given(self._given.data, 0, *point, *measured)
+        return self.kernel(self._given, float(received), self.memory, self.numbers)

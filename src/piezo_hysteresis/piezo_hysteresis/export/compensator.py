@@ -10,15 +10,8 @@ from numba import carray
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.limiter import LIMITER_SIZE, slow_enough
-from piezo_hysteresis.compensation.link import POINT_SIZE, READ_SIZE
-from piezo_hysteresis.export.header import (
-    IMPOSSIBLE,
-    OK,
-    UNINITIALISED,
-    Component,
-    Field,
-    checking,
-)
+from piezo_hysteresis.compensation.link import GIVEN_SIZE, IMPOSSIBLE, OK, POINT_SIZE
+from piezo_hysteresis.export.header import UNINITIALISED, Component, Field, checking
 from piezo_hysteresis.export.native import Entry
 from piezo_hysteresis.export.sections import Section
 from piezo_hysteresis.jit import leaf, scratch
@@ -83,7 +76,7 @@ def compensator_of(
 
 
 @leaf
-def _pass(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -> float:
+def _pass(given: FloatArray, received: float, s: FloatArray) -> float:
     return received
 
 
@@ -101,9 +94,9 @@ def _then(before: Any, section: Section, begin: int, end: int) -> Any:
     step = section.step
 
     @leaf
-    def both(point: FloatArray, read: FloatArray, received: float, s: FloatArray) -> float:
-        passed = before(point, read, received, s)
-        return step(point, read, passed, s[begin:end])
+    def both(given: FloatArray, received: float, s: FloatArray) -> float:
+        passed = before(given, received, s)
+        return step(given, passed, s[begin:end])
 
     return both
 
@@ -161,7 +154,8 @@ def _stepping(
         if s[_MARK] != mark:
             voltage[0] = safe
             return UNINITIALISED
-        point, read, code = scratch(POINT_SIZE), scratch(READ_SIZE), 0
+        asked, code = scratch(GIVEN_SIZE), 0
+        point, read = asked[:POINT_SIZE], asked[POINT_SIZE:]
         tick = s[_TICK]
         point[0] = tick
         for k in range(5):
@@ -181,7 +175,7 @@ def _stepping(
             code |= NOT_USED
         out, slowed, refused = s[counts + 1], s[counts + 2], s[counts]
         spared = s[counts + 3]
-        given = chain(point, read, 0.0, s)
+        given = chain(asked, 0.0, s)
         if s[counts] != refused:
             code |= NOT_FINITE
         if s[counts + 1] != out:

@@ -31,12 +31,17 @@ from piezo_hysteresis.compensation.limiter import (
     limit,
     packed_limits,
 )
-from piezo_hysteresis.compensation.link import POINT_SIZE, READ_SIZE, WATCH_SIZE, Limits
+from piezo_hysteresis.compensation.link import (
+    IMPOSSIBLE,
+    OK,
+    POINT_SIZE,
+    READ_SIZE,
+    WATCH_SIZE,
+    Limits,
+)
 from piezo_hysteresis.export import compensator as one
 from piezo_hysteresis.export.compensator import INPUT_SIZE, common_doors, is_absurd
 from piezo_hysteresis.export.header import (
-    IMPOSSIBLE,
-    OK,
     UNINITIALISED,
     About,
     Component,

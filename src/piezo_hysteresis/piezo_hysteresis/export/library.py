@@ -36,11 +36,10 @@ from piezo_hysteresis.export.native import ExportError, known_target, object_cod
 from piezo_hysteresis.export.pieces import plant_of
 from piezo_hysteresis.export.sections import (
     Section,
-    attenuation_section,
-    feedback_section,
     inverse_section,
     limiter_section,
     limits_fields,
+    section_of,
     switched,
 )
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -117,10 +116,8 @@ def _sections(asked: Request, links: Sequence[Link], packed: FloatArray) -> list
     for link in links:
         if isinstance(link, InverseLink) and not found:
             found.append(inverse_section(link, fields))
-        elif isinstance(link, HarmonicAttenuation):
-            found.append(switched(attenuation_section(link), asked.dt))
-        elif isinstance(link, FeedbackLink):
-            found.append(switched(feedback_section(link), asked.dt))
+        elif isinstance(link, HarmonicAttenuation | FeedbackLink):
+            found.append(switched(section_of(link), asked.dt))
         else:
             raise ExportError(
                 f'{type(link).__name__} has no kernel and cannot be exported; choose another law'

@@ -15,8 +15,9 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
+from piezo_hysteresis.compensation.link import OK
 from piezo_hysteresis.export.compensator import NOT_FINITE
-from piezo_hysteresis.export.header import OK, UNINITIALISED, Component, Field, checking, of_model
+from piezo_hysteresis.export.header import UNINITIALISED, Component, Field, checking, of_model
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.simulation.compiled import kernel_of

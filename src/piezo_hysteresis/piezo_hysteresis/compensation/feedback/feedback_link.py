@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,22 +14,21 @@ from piezo_hysteresis.common.parameter_table import documented, judge, setting
 from piezo_hysteresis.compensation.link import (
     DISPLACEMENT,
     FADE_SIZE,
+    OK,
     POINT_SIZE,
     READ_DISPLACEMENT,
-    READ_SIZE,
     READ_VOLTAGE,
     WATCH_SIZE,
+    CompiledLaw,
+    CompiledLink,
     Limits,
-    Measured,
-    ReferencePoint,
-    SensorWatch,
     begin_fade,
     fade,
     frozen_ticks,
     partner_of,
     reset_fade,
-    write_point,
-    write_read,
+    reset_watch,
+    watch_counters,
 )
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
@@ -82,8 +81,9 @@ _POLARITY = WATCH_SIZE + 5
 _FADING = _POLARITY + POLARITY_SIZE
 OWN = _FADING + FADE_SIZE  # where the memory of the law begins
 
-# Places in the settings.
+# Places in the numbers; the parameters of the law follow.
 DT, LOW, HIGH, SLEW, WINDOW, FROZEN = range(6)
+SETTINGS = 6
 
 
 class FeedbackLaw(NamedTuple):
@@ -118,19 +118,18 @@ def judge_error(excess: float, received_in_range: bool, memory: FloatArray, wind
 
 
 def stepping(law: FeedbackLaw) -> Callable[..., float]:
-    """Return the kernel of a link: ``step(point, read, received, memory, settings, p)``.
+    """Return the kernel of a link: ``step(given, received, memory, numbers)``.
 
     It returns `received` plus the share of the law [V].
     """
     share_of, hold, cut = law
 
     @jit
-    def step(
-        point: FloatArray, read: FloatArray, received: float, memory: FloatArray,
-        settings: FloatArray, p: FloatArray,
-    ) -> float:  # fmt: skip
-        dt, low, high, own = settings[DT], settings[LOW], settings[HIGH], memory[OWN:]
-        place = partner_of(point, read, memory, settings[FROZEN])
+    def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
+        point, read = given[:POINT_SIZE], given[POINT_SIZE:]
+        dt, low, high, own = numbers[DT], numbers[LOW], numbers[HIGH], memory[OWN:]
+        p = numbers[SETTINGS:]
+        place = partner_of(point, read, memory, numbers[FROZEN])
         on = memory[_OFF] == 0.0
         if not on:
             share = 0.0
@@ -144,15 +143,16 @@ def stepping(law: FeedbackLaw) -> Callable[..., float]:
         safe = min(max(unlimited, low), high)
         if on and place >= 0:
             cut(safe - unlimited, own, p, dt)
-            judge_error(safe - unlimited, low <= received <= high, memory, settings[WINDOW])
-        return received + fade(safe - received, memory[_FADING:OWN], dt, _FADE, settings[SLEW])
+            judge_error(safe - unlimited, low <= received <= high, memory, numbers[WINDOW])
+        return received + fade(safe - received, memory[_FADING:OWN], dt, _FADE, numbers[SLEW])
 
     return step
 
 
 @jit
-def reset_link(memory: FloatArray) -> None:
-    """Reset all state except the sensor guard, which has its own reset."""
+def reset_feedback(memory: FloatArray, numbers: FloatArray) -> None:
+    """Reset everything but the parameters."""
+    reset_watch(memory)
     for k in range(WATCH_SIZE, memory.size):
         memory[k] = 0.0
     reset_fade(memory[_FADING:OWN])
@@ -165,7 +165,16 @@ def packed_settings(dt: float, limits: Limits | None) -> FloatArray:
     return np.array([dt, bound.low, bound.high, bound.slew, window, frozen_ticks(dt)])
 
 
-class FeedbackLink:
+@leaf
+def take_limits(
+    values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray, first: bool
+) -> int:
+    """Set the limits, see `CompiledLaw`."""
+    numbers[LOW], numbers[HIGH], numbers[SLEW] = bounds[0], bounds[1], bounds[2]
+    return OK
+
+
+class FeedbackLink(CompiledLink):
     """Base of the feedback links: adds a law on the error to the voltage that it receives.
 
     The measurement is compared with the reference of its own tick. Without a valid measurement the
@@ -178,34 +187,36 @@ class FeedbackLink:
         Sampling interval [s].
     limits : Limits, optional
         Range of the output voltage [V]; the law receives the limited value (anti-windup).
+    kernel : callable
+        Kernel of the link, from `stepping`.
+    packed : ndarray
+        Parameters of the law, as its kernels read them.
     size : int
         Size of the memory of the law.
     """
 
-    #: Kernel of the link, from `stepping`.
-    kernel: ClassVar[Any]
-
-    def __init__(self, dt: float, limits: Limits | None, size: int) -> None:
+    def __init__(
+        self,
+        dt: float,
+        limits: Limits | None,
+        kernel: Callable[..., float],
+        packed: FloatArray,
+        size: int,
+    ) -> None:
         if not (math.isfinite(dt) and dt > 0):
             raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')
         self.dt = dt
-        self.settings = packed_settings(dt, limits)
-        self.memory = np.zeros(OWN + size)
-        self._watch = SensorWatch(dt, memory=self.memory)
-        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
-        #: Parameters of the law, as its kernels read them.
-        self.packed: FloatArray = np.zeros(0)
+        super().__init__(kernel, np.concatenate([packed_settings(dt, limits), packed]), OWN + size)
+        self.reset()
 
-    def step(
-        self, point: ReferencePoint, received: float, measured: Measured | None = None
-    ) -> float:
-        """Return `received` plus the share of the law [V]."""
-        write_point(self._point, point)
-        write_read(self._read, measured)
-        answer: float = self.kernel(
-            self._point, self._read, float(received), self.memory, self.settings, self.packed
-        )
-        return answer
+    @property
+    def packed(self) -> FloatArray:
+        """Parameters of the law, as its kernels read them."""
+        return self.numbers[SETTINGS:]
+
+    def compiled(self) -> CompiledLaw:
+        """Return its kernels; only the limits change at run time."""
+        return CompiledLaw('feedback', self.kernel, reset_feedback, take_limits, ())
 
     def counters(self) -> dict[str, int]:
         """Return the error counters by name."""
@@ -213,13 +224,12 @@ class FeedbackLink:
             'saturated': int(self.memory[_SATURATED]),
             'inverted_plant': int(self.memory[_OFF] == _INVERTED),
             'diverged': int(self.memory[_OFF] == _DIVERGED),
-            **self._watch.counters(),
+            **watch_counters(self.memory),
         }
 
     def reset(self) -> None:
         """Reset everything but the parameters."""
-        self._watch.reset()
-        reset_link(self.memory)
+        reset_feedback(self.memory, self.numbers)
 
 
 #: Laws on the tracking error.

@@ -363,7 +363,7 @@ def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
             memory[i] += p[gain + i] * excess
 
 
-LAW = FeedbackLaw(controlled, hold, cut)
+_COMPILED = stepping(FeedbackLaw(controlled, hold, cut))
 
 
 class HInfinity(FeedbackLink):
@@ -381,17 +381,15 @@ class HInfinity(FeedbackLink):
         Log text on activation.
     """
 
-    kernel = staticmethod(stepping(LAW))
-
     def __init__(
         self, controller: StateSpace, dt: float, *, limits: Limits | None = None, words: str = ''
     ) -> None:
         k = controller
-        super().__init__(dt, limits, len(k.a))
-        self.words = words
-        self.packed = np.concatenate(
+        packed = np.concatenate(
             [(len(k.a), k.d[0, 0]), k.a.ravel(), k.b[:, 0], k.c[0], _observer_gain(k)]
         )
+        super().__init__(dt, limits, _COMPILED, packed, len(k.a))
+        self.words = words
 
 
 def _observer_gain(controller: StateSpace) -> FloatArray:

@@ -5,9 +5,10 @@ Zhou 2021 figure 10, Fang 2019 figure 5.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, field
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
-from typing import TypedDict
+from typing import ClassVar, TypedDict
 
 import numpy as np
 import yaml
@@ -17,13 +18,16 @@ from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.compensation.feedback.feedback_link import (
     OWN,
+    SETTINGS,
     FeedbackLaw,
     FeedbackLink,
     FuzzyScales,
     PidGains,
+    reset_feedback,
     stepping,
+    take_limits,
 )
-from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.link import CompiledLaw, Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
 
@@ -81,7 +85,7 @@ def take_gains(memory: FloatArray, before: float, proportional: float) -> None:
         memory[_INTEGRAL] += (before - proportional) * memory[_LAST]
 
 
-PID_LAW = FeedbackLaw(plain, hold, cut)
+_PLAIN = stepping(FeedbackLaw(plain, hold, cut))
 
 
 class Pid(FeedbackLink):
@@ -101,12 +105,11 @@ class Pid(FeedbackLink):
         As in `FeedbackLink`.
     """
 
-    kernel = staticmethod(stepping(PID_LAW))
+    _kernel: ClassVar[Callable[..., float]] = staticmethod(_PLAIN)
 
     def __init__(self, gains: PidGains, dt: float, *, limits: Limits | None = None) -> None:
-        super().__init__(dt, limits, PID_SIZE)
         self._gains = gains
-        self.packed = self._pack()
+        super().__init__(dt, limits, self._kernel, self._pack(), PID_SIZE)
 
     @property
     def gains(self) -> PidGains:
@@ -118,6 +121,29 @@ class Pid(FeedbackLink):
         take_gains(self.memory[OWN:], float(self._gains.proportional), float(gains.proportional))
         self._gains = gains
         self.packed[:] = self._pack()
+
+    def compiled(self) -> CompiledLaw:
+        """Return its kernels; limits, gains and scales change at run time."""
+        names = self._settable()
+        count = len(names)
+
+        @leaf
+        def take(
+            values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
+            first: bool,
+        ) -> int:  # fmt: skip
+            if not first:
+                before = numbers[SETTINGS + PROPORTIONAL]
+                take_gains(memory[OWN:], before, values[PROPORTIONAL])
+            for k in range(count):
+                numbers[SETTINGS + k] = values[k]
+            return int(take_limits(values, bounds, memory, numbers, first))
+
+        settable = tuple(zip(names, self.packed.tolist(), strict=False))
+        return CompiledLaw('feedback', self.kernel, reset_feedback, take, settable)
+
+    def _settable(self) -> tuple[str, ...]:
+        return tuple(f'pid.{each.name}' for each in fields(PidGains))
 
     def _pack(self) -> FloatArray:
         return np.array(astuple(self._gains), dtype=np.float64)
@@ -259,7 +285,7 @@ def scheduled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> flo
     return pid(error, max(proportional, 0.0), max(integral, 0.0), memory, p, dt)
 
 
-FUZZY_LAW = FeedbackLaw(scheduled, hold, cut)
+_FUZZY = stepping(FeedbackLaw(scheduled, hold, cut))
 
 
 class FuzzyPid(Pid):
@@ -280,7 +306,7 @@ class FuzzyPid(Pid):
         As in `FeedbackLink`.
     """
 
-    kernel = staticmethod(stepping(FUZZY_LAW))
+    _kernel = staticmethod(_FUZZY)
 
     def __init__(
         self, gains: PidGains, rules: FuzzyRules, dt: float, *, limits: Limits | None = None
@@ -288,10 +314,11 @@ class FuzzyPid(Pid):
         self._rules = rules
         super().__init__(gains, dt, limits=limits)
 
+    def _settable(self) -> tuple[str, ...]:
+        return (*super()._settable(), *(f'fuzzy.{each.name}' for each in fields(FuzzyScales)))
+
     def _pack(self) -> FloatArray:
         rules = self._rules
-        scales = (
-            rules.error_scale, rules.rate_scale, rules.proportional_range, rules.integral_range,
-        )  # fmt: skip
+        scales = [getattr(rules, each.name) for each in fields(FuzzyScales)]
         tables = (np.ravel(rules.proportional_rules), np.ravel(rules.integral_rules))
         return np.concatenate([super()._pack(), scales, *tables]).astype(np.float64)

@@ -22,31 +22,33 @@ from piezo_hysteresis.compensation.harmonics.harmonic_rls import (
     supervise,
 )
 from piezo_hysteresis.compensation.harmonics.lines import (
+    LIVE,
     SETTLE,
     WITH_MEAN,
     AttenuationSettings,
     Harmonic,
 )
-from piezo_hysteresis.compensation.linear_gain import LinearGain, ScaledGain
+from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain, ScaledGain
 from piezo_hysteresis.compensation.link import (
     ACCELERATION,
     DISPLACEMENT,
     FREQUENCY,
+    OK,
     PHASE,
     POINT_SIZE,
     READ_DISPLACEMENT,
-    READ_SIZE,
     VELOCITY,
     WATCH_SIZE,
+    CompiledLaw,
+    CompiledLink,
     Limits,
     Measured,
     ReferencePoint,
-    SensorWatch,
     Transition,
     frozen_ticks,
     partner_of,
-    write_point,
-    write_read,
+    reset_watch,
+    watch_counters,
 )
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf
@@ -64,8 +66,14 @@ _TURN, _LARGEST, _BEFORE = range(WATCH_SIZE, WATCH_SIZE + 3)
 GUARD = WATCH_SIZE + 3
 OWN = GUARD + GUARD_SIZE  # where the memory of the law begins
 
-# Places in the settings of the link.
-DT, FROZEN = range(2)
+# Places in the numbers: where the gain of the plant begins, behind the packed settings.
+DT, FROZEN, _GAIN_AT = range(3)
+SETTINGS = 3
+#: Parameters of the mode of the plant that may change, by place in its packed gain.
+_MODE = {
+    name: 1 + ModeGain._fields.index(name)
+    for name in ('gain', 'natural_frequency', 'damping_ratio')
+}
 
 
 class HarmonicLaw(NamedTuple):
@@ -130,7 +138,7 @@ def reset_ramp(memory: FloatArray) -> None:
 
 
 def stepping(law: HarmonicLaw) -> Callable[..., float]:
-    """Return the kernel of a link: ``step(point, read, received, memory, settings, p, g)``.
+    """Return the kernel of a link: ``step(given, received, memory, numbers)``.
 
     It returns `received` minus the correction [V]; see `supervision` for its weight.
     """
@@ -138,15 +146,15 @@ def stepping(law: HarmonicLaw) -> Callable[..., float]:
     fading = law.fading
 
     @jit
-    def step(
-        point: FloatArray, read: FloatArray, received: float, memory: FloatArray,
-        settings: FloatArray, p: FloatArray, g: FloatArray,
-    ) -> float:  # fmt: skip
-        dt, own, guard = settings[DT], memory[OWN:], memory[GUARD:OWN]
+    def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
+        point, read = given[:POINT_SIZE], given[POINT_SIZE:]
+        dt, own, guard = numbers[DT], memory[OWN:], memory[GUARD:OWN]
+        at = int(numbers[_GAIN_AT])
+        p, g = numbers[SETTINGS:at], numbers[at:]
         ramping = ramp_ended(point, memory)
         if ramping:
             disturb(own, p, g, dt)
-        place = partner_of(point, read, memory, settings[FROZEN])
+        place = partner_of(point, read, memory, numbers[FROZEN])
         if place >= 0:
             error = read[READ_DISPLACEMENT] - memory[place + DISPLACEMENT]
             frequency, phase = memory[place + FREQUENCY], memory[place + PHASE]
@@ -168,10 +176,25 @@ def stepping(law: HarmonicLaw) -> Callable[..., float]:
     return step
 
 
-STEPS = {method: stepping(law) for method, law in LAWS.items()}
+def resetting(law: HarmonicLaw) -> Callable[[FloatArray, FloatArray], None]:
+    """Return the kernel that resets everything but the settings."""
+    clear, fading = law.clear, law.fading
+
+    @jit
+    def reset(memory: FloatArray, numbers: FloatArray) -> None:
+        at = int(numbers[_GAIN_AT])
+        reset_watch(memory)
+        reset_ramp(memory)
+        reset_guard(memory[GUARD:OWN], fading)
+        clear(memory[OWN:], numbers[SETTINGS:at], numbers[at:], numbers[DT])
+
+    return reset
 
 
-class HarmonicAttenuation:
+STEPS = {method: (stepping(law), resetting(law)) for method, law in LAWS.items()}
+
+
+class HarmonicAttenuation(CompiledLink):
     """A link that cancels selected harmonics of the error.
 
     The measurement is compared with the reference of its own tick, whatever the latency, and the
@@ -206,36 +229,51 @@ class HarmonicAttenuation:
         decay: float = math.inf,
     ) -> None:
         self.dt = float(dt)
-        self.packed_gain = gain.packed
-        self.numbers = np.array([self.dt, frozen_ticks(dt)])
-        self._point, self._read = np.zeros(POINT_SIZE), np.zeros(READ_SIZE)
-        self._use(settings.within(limits, decay))
+        self._use(settings.within(limits, decay), gain.packed)
 
-    def _use(self, settings: AttenuationSettings) -> None:
+    def _use(self, settings: AttenuationSettings, gain: FloatArray) -> None:
         """Begin with these settings, without a correction."""
         if settings.method == 'rls' and settings.automatic:
             raise CompensationError(
                 'attenuation: method rls takes order -1 from a model that was identified per '
                 'frequency; give the orders by number, as in [3], or take method afc'
             )
-        self.settings = settings
-        #: Settings and gain, as the kernels read them.
-        self.packed = settings.packed
-        self._law, self._step = LAWS[settings.method], STEPS[settings.method]
-        self.memory = np.zeros(OWN + self._law.size(self.packed))
-        self._watch = SensorWatch(self.dt, memory=self.memory)
+        self.settings, packed = settings, settings.packed
+        self._law, (kernel, self._reset) = LAWS[settings.method], STEPS[settings.method]
+        head = (self.dt, frozen_ticks(self.dt), SETTINGS + packed.size)
+        numbers = np.concatenate([head, packed, gain])
+        super().__init__(kernel, numbers, OWN + self._law.size(packed))
         HarmonicAttenuation.reset(self)
 
-    def step(
-        self, point: ReferencePoint, received: float, measured: Measured | None = None
-    ) -> float:
-        """Return `received` minus the correction [V]."""
-        write_point(self._point, point)
-        write_read(self._read, measured)
-        return self._step(
-            self._point, self._read, float(received), self.memory, self.numbers, self.packed,
-            self.packed_gain,
-        )  # fmt: skip
+    @property
+    def packed(self) -> FloatArray:
+        """Settings as the kernels read them."""
+        return self.numbers[SETTINGS : int(self.numbers[_GAIN_AT])]
+
+    @property
+    def packed_gain(self) -> FloatArray:
+        """Gain of the plant as the kernels read it."""
+        return self.numbers[int(self.numbers[_GAIN_AT]) :]
+
+    def compiled(self) -> CompiledLaw:
+        """Return its kernels, with settings and the plant as a mode that change at run time."""
+        at, regain = SETTINGS + self.packed.size, self._law.regain
+        places = np.array([SETTINGS + k for k in LIVE.values()] + [at + k for k in _MODE.values()])
+
+        @leaf
+        def take(
+            values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
+            first: bool,
+        ) -> int:  # fmt: skip
+            for k in range(places.size):
+                numbers[places[k]] = values[k]
+            if not first:
+                regain(memory[OWN:], numbers[SETTINGS:at], numbers[at:], numbers[DT])
+            return OK
+
+        names = (*LIVE, *(f'plant.{name}' for name in _MODE))
+        settable = tuple(zip(names, self.numbers[places].tolist(), strict=True))
+        return CompiledLaw('attenuation', self.kernel, self._reset, take, settable)
 
     def harmonics(self) -> list[Harmonic]:
         """Return order, error [m, rad] and correction [V, rad] of every order."""
@@ -243,20 +281,18 @@ class HarmonicAttenuation:
 
     def set_gain(self, gain: LinearGain) -> None:
         """Take a new model of the plant gain while running."""
-        self.packed_gain = gain.packed
+        settings = self.numbers[: int(self.numbers[_GAIN_AT])]
+        self.numbers = np.concatenate([settings, gain.packed])
         self._law.regain(self.memory[OWN:], self.packed, self.packed_gain, self.dt)
 
     def counters(self) -> dict[str, int]:
         """Return what the law, its supervision and the watch over the sensor counted."""
         own = self._law.counters(self.memory[OWN:])
-        return {**own, **guard_counters(self.memory[GUARD:OWN]), **self._watch.counters()}
+        return {**own, **guard_counters(self.memory[GUARD:OWN]), **watch_counters(self.memory)}
 
     def reset(self) -> None:
         """Reset everything but the settings."""
-        self._watch.reset()
-        reset_ramp(self.memory)
-        reset_guard(self.memory[GUARD:OWN], self._law.fading)
-        self._law.clear(self.memory[OWN:], self.packed, self.packed_gain, self.dt)
+        self._reset(self.memory, self.numbers)
 
 
 class ScheduledAttenuation(HarmonicAttenuation):
@@ -298,7 +334,7 @@ class ScheduledAttenuation(HarmonicAttenuation):
         return self._selector.point
 
     def step(
-        self, point: ReferencePoint, received: float, measured: Measured | None = None
+        self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
     ) -> float:
         """Return `received` minus the correction [V]."""
         before = self.point
@@ -341,7 +377,7 @@ class ScheduledAttenuation(HarmonicAttenuation):
 
     def _take(self, chosen: OperatingPoint) -> None:
         if self._by_order and self.settings.orders != self.settings.only(chosen.order).orders:
-            self._use(self.settings.only(chosen.order))
+            self._use(self.settings.only(chosen.order), self.packed_gain)
         self.set_gain(self._gains[chosen.name])
         if self.settings.method == 'rls':
             self._fade.start()

@@ -398,3 +398,9 @@ class AttenuationSettings:
     SWITCH, RESONANCE, WITH_MEAN, FIRST_STEP, AUTOMATIC, ORDERS,
 ) = range(15)  # fmt: skip
 COMPUTED, PRINTED = 0.0, 1.0
+#: Settings that may change at run time, by place.
+LIVE = {
+    'settle': SETTLE, 'span': SPAN, 'step_size': STEP_SIZE, 'largest_step': LARGEST_STEP,
+    'largest_correction': LARGEST, 'forgetting': FORGETTING, 'gain': ERROR_GAIN,
+    'switch_frequency': SWITCH,
+}  # fmt: skip

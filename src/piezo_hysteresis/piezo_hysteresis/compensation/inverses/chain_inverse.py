@@ -351,12 +351,12 @@ class ChainInverse(InverseLink):
         self.run = self._kernel.run
         self.memory_size = self._kernel.start.size
         super().__init__(values, dt, limits=limits, start=start, transition=transition)
-        self.settings[OFFSET] = self.packed[REST]
+        self.numbers[OFFSET] = self.packed[REST]
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
         """Change parameters at run time; the output changes smoothly, the memory is kept."""
         super().set_parameters(parameters)
-        self.settings[OFFSET] = self.packed[REST]
+        self.numbers[OFFSET] = self.packed[REST]
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         packed = self._model.pack(parameters)

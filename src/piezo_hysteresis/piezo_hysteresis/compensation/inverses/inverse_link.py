@@ -8,21 +8,22 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.link import (
     FADE_SIZE,
-    POINT_SIZE,
+    OK,
+    CompiledLaw,
+    CompiledLink,
     Limits,
-    Measured,
     ReferencePoint,
-    Transition,
+    begin_fade,
     fade,
-    write_point,
+    reset_fade,
 )
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, leaf, scratch
@@ -38,8 +39,9 @@ _TICK, _LAST, REFUSED = 0, 1, 2
 FADING = 3
 OWN = FADING + FADE_SIZE
 
-# Indices in the settings.
+# Indices in the numbers; the packed parameters of the inverse follow.
 DT, LOW, HIGH, OFFSET, EASING, DURATION, SLEW = range(7)
+SETTINGS = 7
 
 #: Ticks of the reference that an inverse is simulated with before its use, so that its hysteresis
 #: has the history of the previous one.
@@ -84,41 +86,54 @@ def condition(
 
 @leaf
 def conditioned_point(
-    point: FloatArray, shaped: FloatArray, memory: FloatArray, settings: FloatArray
+    point: FloatArray, shaped: FloatArray, memory: FloatArray, numbers: FloatArray
 ) -> None:
     """Return the conditioned reference of one tick, see `condition`."""
     row = scratch((3, 1))
     row[0, 0], row[1, 0], row[2, 0] = point[1], point[2], point[3]
-    condition(row, shaped, memory[:FADING], settings[OFFSET], settings[EASING], settings[DT])
+    condition(row, shaped, memory[:FADING], numbers[OFFSET], numbers[EASING], numbers[DT])
 
 
 @leaf
-def faded_answer(answer: float, memory: FloatArray, settings: FloatArray) -> float:
+def faded_answer(answer: float, memory: FloatArray, numbers: FloatArray) -> float:
     """Return the voltage of an inverse, smooth after a change of its parameters."""
     changing = memory[FADING:OWN]
-    return float(fade(answer, changing, settings[DT], settings[DURATION], settings[SLEW]))
+    return float(fade(answer, changing, numbers[DT], numbers[DURATION], numbers[SLEW]))
 
 
 @functools.cache
 def stepping(run: Run) -> Callable[..., float]:
-    """Return the kernel of a link: ``step(point, received, memory, settings, p)``.
+    """Return the kernel of a link: ``step(given, received, memory, numbers)``.
 
     It returns `received` plus the voltage of the inverse [V].
     """
 
     @jit
-    def step(
-        point: FloatArray, received: float, memory: FloatArray, settings: FloatArray, p: FloatArray
-    ) -> float:
-        shaped, answer = scratch((3, 1)), scratch(1)
-        conditioned_point(point, shaped, memory, settings)
-        run(shaped, answer, memory[OWN:], p, settings[DT], settings[LOW], settings[HIGH])
-        return received + faded_answer(answer[0], memory, settings)
+    def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
+        shaped, answer, p = scratch((3, 1)), scratch(1), numbers[SETTINGS:]
+        conditioned_point(given, shaped, memory, numbers)
+        run(shaped, answer, memory[OWN:], p, numbers[DT], numbers[LOW], numbers[HIGH])
+        return received + faded_answer(answer[0], memory, numbers)
 
     return step
 
 
-class InverseLink:
+class Packing(NamedTuple):
+    """Packed values of an inverse as a function of the parameters of its model."""
+
+    #: ``pack(values, p, own, first)``: fills the packed values `p` from the parameters and
+    #: converts the memory `own` unless `first`; returns OK, or IMPOSSIBLE.
+    pack: Callable[[FloatArray, FloatArray, FloatArray, bool], int]
+    live: tuple[str, ...]  # parameters that can change; the others are constants in the code
+
+
+@leaf
+def pack_nothing(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
+    """Leave the packed values as they are, see `Packing`."""
+    return OK
+
+
+class InverseLink(CompiledLink):
     """Base of the feedforward links; the first of a chain.
 
     Subclasses define `counter_names`, their kernel, the size of its memory and the order of its
@@ -162,30 +177,74 @@ class InverseLink:
             raise CompensationError(f'the sampling interval must be positive, got {dt:g} s')
         self.dt = dt
         bound = Limits(-math.inf, math.inf, math.inf) if limits is None else limits
-        self._point = np.zeros(POINT_SIZE)
-        self.memory = np.zeros(OWN + self.memory_size)
-        self._transition = Transition(dt, transition, bound.slew, self.memory[FADING:OWN])
         self._parameters = dict(parameters)
-        self.packed = self._pack(self._parameters)
+        packed = self._pack(self._parameters)
         offset = float(self._parameters.get('offset', 0.0))
         ease = float(round(start / dt))
-        self.settings = np.array(
-            [dt, bound.low, bound.high, offset, ease, transition, bound.slew], dtype=np.float64
-        )
-        self._step = stepping(self.run)
+        settings = (dt, bound.low, bound.high, offset, ease, transition, bound.slew)
+        numbers = np.concatenate([settings, packed])
+        super().__init__(stepping(self.run), numbers, OWN + self.memory_size)
         self.reset()
+
+    @property
+    def packed(self) -> FloatArray:
+        """Packed parameters, as the kernel reads them."""
+        return self.numbers[SETTINGS:]
 
     @property
     def parameters(self) -> dict[str, float]:
         """Current parameters by name."""
         return dict(self._parameters)
 
-    def step(
-        self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
-    ) -> float:
-        """Return the voltage for this tick: `received` plus that of the inverse [V]."""
-        write_point(self._point, point)
-        return self._step(self._point, float(received), self.memory, self.settings, self.packed)
+    def compiled(self, names: Sequence[str] = ()) -> CompiledLaw:
+        """Return its kernels; the parameters of the model, in the order of `names`, may change."""
+        pack, live = self.packing({name: k for k, name in enumerate(names)})
+        rest, count, offset = self.initial_memory(), len(names), -1
+        if 'offset' in names:
+            offset = list(names).index('offset')
+        at_rest, changes = not np.any(rest), bool(live)
+        if rest.size == 0:
+            rest = np.zeros(1)
+
+        @leaf
+        def reset(memory: FloatArray, numbers: FloatArray) -> None:
+            for k in range(memory.size):
+                memory[k] = 0.0 if at_rest or k < OWN else rest[k - OWN]
+            reset_fade(memory[FADING:OWN])
+
+        @leaf
+        def take(
+            values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
+            first: bool,
+        ) -> int:  # fmt: skip
+            if changes:
+                before = scratch(numbers.size)
+                for k in range(numbers.size):
+                    before[k] = numbers[k]
+                code = pack(values, numbers[SETTINGS:], memory[OWN:], first)
+                if code != OK:
+                    return code
+                if offset >= 0:
+                    numbers[OFFSET] = values[offset]
+                moved = before[OFFSET] != numbers[OFFSET]
+                for k in range(SETTINGS, numbers.size):
+                    moved = moved or before[k] != numbers[k]
+                if moved and not first:
+                    begin_fade(memory[FADING:OWN])
+            numbers[EASING] = float(round(values[count] / numbers[DT]))
+            numbers[DURATION] = values[count + 1]
+            numbers[LOW], numbers[HIGH], numbers[SLEW] = bounds[0], bounds[1], bounds[2]
+            return OK
+
+        settable = (
+            ('start', float(self.numbers[EASING] * self.dt)),
+            ('transition', float(self.numbers[DURATION])),
+        )
+        return CompiledLaw('feedforward', self.kernel, reset, take, settable)
+
+    def packing(self, place: Mapping[str, int]) -> Packing:
+        """Return how it packs parameters, by their place; by default none can change."""
+        return Packing(pack_nothing, ())
 
     def respond(
         self,
@@ -210,7 +269,7 @@ class InverseLink:
             if column is not None:
                 reference[row] = column
         conditioned = np.empty_like(reference)
-        dt, low, high, offset, ease = self.settings[: EASING + 1].tolist()
+        dt, low, high, offset, ease = self.numbers[: EASING + 1].tolist()
         condition(reference, conditioned, np.zeros(3), offset, ease, dt)
         voltage = np.empty(reference.shape[1])
         self.run(conditioned, voltage, self.initial_memory(), self.packed, dt, low, high)
@@ -232,15 +291,15 @@ class InverseLink:
         merged = {**self._parameters, **parameters}
         packed = self._pack(merged)
         self._carry_over(self.packed, packed)
-        self.packed = packed
+        self.numbers = np.concatenate([self.numbers[:SETTINGS], packed])
         self._parameters = merged
-        self.settings[OFFSET] = float(merged.get('offset', 0.0))
-        self._transition.start()
+        self.numbers[OFFSET] = float(merged.get('offset', 0.0))
+        begin_fade(self.memory[FADING:OWN])
 
     def follow(self, past: Iterable[ReferencePoint]) -> None:
         """Take the memory that the last points of a running reference leave."""
         self.reset()
-        dt, low, high, offset, ease = self.settings[: EASING + 1].tolist()
+        dt, low, high, offset, ease = self.numbers[: EASING + 1].tolist()
         self.memory[_TICK] = ease
         rows = np.array([point[1:4] for point in past], dtype=np.float64).reshape(-1, 3)
         reference = np.ascontiguousarray(rows.T)
@@ -260,7 +319,7 @@ class InverseLink:
         """Reset the memory; the parameters are kept."""
         self.memory[:FADING] = 0.0
         self.memory[OWN:] = self.initial_memory()
-        self._transition.reset()
+        reset_fade(self.memory[FADING:OWN])
 
     @property
     def own(self) -> FloatArray:

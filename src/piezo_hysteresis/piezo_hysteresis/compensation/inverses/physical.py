@@ -20,10 +20,10 @@ from piezo_hysteresis.compensation.inverses.block_inverse import (
     invert_structure,
     mode_coefficients,
 )
-from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Run, take
-from piezo_hysteresis.compensation.link import Limits
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Packing, Run, take
+from piezo_hysteresis.compensation.link import IMPOSSIBLE, OK, Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import jit, leaf, scratch
 
 Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
 _Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
@@ -145,9 +145,74 @@ class PhysicalInverse(InverseLink):
             ratio = saturation(new[FIRST:]) / max(saturation(old[FIRST:]), 1e-300)
             self.own[hysteresis.H] *= ratio
 
+    def packing(self, place: Mapping[str, int]) -> Packing:
+        """Return how it packs parameters; a mere gain has none that can change."""
+        if self.law == 'gain':
+            return super().packing(place)
+        return _packing(self.law, place, self.dt)
+
     def counters(self) -> dict[str, int]:
         """Return the error counters; ``corners`` counts steps of the slope of the reference."""
         return {**super().counters(), 'corners': int(self.own[_SIZES[self.law] + CORNERS])}
+
+
+# How a structure is given.
+_MODE, _MASS, _RIGID = range(3)
+
+
+def _packing(law: str, place: Mapping[str, int], dt: float) -> Packing:
+    """Return the packing of `PhysicalInverse`."""
+    plays = law == 'plays'
+    known = tuple(name for name in (PLAYS if plays else BOUC_WEN) if name in place)
+    at = tuple(place.get(name, -1) for name in (PLAYS if plays else BOUC_WEN))
+    delay = place.get('delay', -1)
+    if 'mass' in place:
+        kind, structure = _MASS, tuple(place[n] for n in ('mass', 'damping', 'stiffness'))
+    elif 'natural_frequency' in place:
+        kind, structure = _MODE, (place['natural_frequency'], place['damping_ratio'], 0)
+    else:
+        kind, structure = _RIGID, (0, 0, 0)
+    count, solved, slope = len(at), law != 'delayed', 1 if plays else 0
+
+    @leaf
+    def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
+        new, k1, k2 = scratch(count), 0.0, 0.0
+        for k in range(count):
+            new[k] = values[at[k]] if at[k] >= 0 else 0.0
+        if kind == _MODE:
+            k1, k2 = mode_coefficients(values[structure[0]], values[structure[1]])
+        elif kind == _MASS:
+            stiffness = values[structure[2]]
+            k1, k2 = values[structure[1]] / stiffness, values[structure[0]] / stiffness
+        if not (k1 >= 0.0 and k2 >= 0.0):
+            return IMPOSSIBLE
+        if plays and not monotonic_plays(new):
+            return IMPOSSIBLE
+        if not first and new[slope] * p[FIRST + slope] < 0.0:
+            return IMPOSSIBLE
+        inner, shift = (new[1], new[2]) if solved else (0.0, 0.0)
+        if not plays and not monotonic_bouc_wen(new[0], inner, shift):
+            return IMPOSSIBLE
+        if not (plays or first):
+            own[hysteresis.H] *= saturation(new) / max(saturation(p[FIRST:]), 1e-300)
+        lead = 0.5 * dt if k2 > 0.0 else 0.0
+        p[MINIMUM] = 0.1 * abs(new[slope])
+        p[K1], p[K2] = k1, k2
+        p[LEAD] = lead + (values[delay] if delay >= 0 else 0.0)
+        for k in range(count):
+            p[FIRST + k] = new[k]
+        return OK
+
+    names = (
+        'natural_frequency',
+        'damping_ratio',
+        'mass',
+        'damping',
+        'stiffness',
+        'delay',
+        'offset',
+    )
+    return Packing(pack, (*known, *(name for name in names if name in place)))
 
 
 def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, float]:
@@ -302,6 +367,28 @@ def _invert_printed(
 _EXTENDED = {'solved': _invert_extended, 'printed': _invert_printed}
 
 
+def _extended_packing(place: Mapping[str, int]) -> Packing:
+    """Return the packing of `ExtendedInverse`."""
+    at = tuple(place.get(name, -1) for name in NAMES)
+    count = len(NAMES)
+
+    @leaf
+    def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
+        new = scratch(count)
+        for k in range(count):
+            new[k] = values[at[k]] if at[k] >= 0 else 0.0
+        if new[0] == 0.0 or (not first and new[0] * p[0] < 0.0):
+            return IMPOSSIBLE
+        if not first:
+            own[_H] *= saturation(new) / max(saturation(p), 1e-300)
+        for k in range(count):
+            p[k] = new[k]
+        p[count] = 0.1 * abs(new[0])
+        return OK
+
+    return Packing(pack, tuple(name for name in (*NAMES, 'offset') if name in place))
+
+
 class ExtendedInverse(InverseLink):
     """Feedforward by the direct inverse of the extended model.
 
@@ -335,6 +422,10 @@ class ExtendedInverse(InverseLink):
         self.run = _EXTENDED[law]
         self._minimum_slope = minimum_slope
         super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
+
+    def packing(self, place: Mapping[str, int]) -> Packing:
+        """Return how it packs parameters."""
+        return _extended_packing(place)
 
     def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
         with_defaults = {'A0': 0.0, **parameters}
