@@ -249,7 +249,6 @@ NONE = math.nan  # the sample of a measurement that is not there
 _FROZEN_AFTER = 0.05
 
 _pack_point = Struct('6d').pack_into
-_pack_read = Struct('3d').pack_into
 _pack_given = Struct('9d').pack_into
 
 
@@ -300,17 +299,13 @@ def partner_of(
     return partner
 
 
-def write_point(place: FloatArray, point: ReferencePoint) -> None:
-    """Write a point into an array, shape (6,)."""
-    _pack_point(place.data, 0, *point)
-
-
-def write_read(place: FloatArray, measured: Measured | None) -> None:
-    """Write a measurement into an array, shape (3,)."""
+def write_given(place: FloatArray, point: ReferencePoint, measured: Measured | None) -> None:
+    """Write a point and a measurement into an array, shape (9,)."""
     if measured is None:
-        place[READ_SAMPLE] = NONE
+        _pack_point(place.data, 0, *point)
+        place[POINT_SIZE] = NONE
     else:
-        _pack_read(place.data, 0, *measured)
+        _pack_given(place.data, 0, *point, *measured)
 
 
 def watch_counters(memory: FloatArray) -> dict[str, int]:
@@ -351,9 +346,5 @@ class CompiledLink:
         self, point: ReferencePoint, received: float = 0.0, measured: Measured | None = None
     ) -> float:
         """Return the voltage to pass on [V], which is `received` plus the share of the law."""
-        if measured is None:
-            _pack_point(self._given.data, 0, *point)
-            self._given[POINT_SIZE] = NONE
-        else:
-            _pack_given(self._given.data, 0, *point, *measured)
+        write_given(self._given, point, measured)
         return self.kernel(self._given, float(received), self.memory, self.numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,10 +11,10 @@ from numba import carray
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.limiter import LIMITER_SIZE, slow_enough
-from piezo_hysteresis.compensation.link import GIVEN_SIZE, IMPOSSIBLE, OK, POINT_SIZE
-from piezo_hysteresis.export.header import UNINITIALISED, Component, Field, checking
+from piezo_hysteresis.compensation.link import GIVEN_SIZE, IMPOSSIBLE, OK
+from piezo_hysteresis.export.header import UNINITIALISED, Component, Field, changing, checking
 from piezo_hysteresis.export.native import Entry
-from piezo_hysteresis.export.sections import Section
+from piezo_hysteresis.export.sections import Section, in_chain
 from piezo_hysteresis.jit import leaf, scratch
 
 # Indices in the memory: mark of initialisation, number of ticks, last voltage, last reference;
@@ -43,6 +44,48 @@ def is_absurd(x: FloatArray) -> bool:
     return not (abs(x[D]) < ABSURD and abs(x[V]) < _ABSURD_RATE and abs(x[A]) < _ABSURD_RATE)
 
 
+@leaf
+def take_input(
+    x: FloatArray, tick: float, last: FloatArray, nyquist: float, given: FloatArray
+) -> int:
+    """Fill a point and a measurement from the input of an axis; return the bits of refusals.
+
+    `last` are the last voltage, and the last reference, which is replaced.
+    """
+    code, given[0] = OK, tick
+    for k in range(5):
+        given[1 + k] = x[k]
+    if is_absurd(x):
+        given[1], given[2], given[3] = last[1], 0.0, 0.0
+        code |= REFERENCE_REFUSED
+    if not (x[F] >= 0.0 and x[F] < nyquist and abs(x[PHI]) < 1e15):
+        given[4] = given[5] = 0.0
+        code |= REFERENCE_REFUSED
+    last[1] = given[1]
+    given[6], given[7], given[8] = np.nan, last[0], x[MEASURED]
+    if x[AGE] >= 0.5 and x[AGE] <= tick:
+        given[6] = tick - np.floor(x[AGE] + 0.5)
+    if not abs(x[MEASURED]) < ABSURD:
+        given[8] = np.nan
+        code |= NOT_USED
+    return code
+
+
+@leaf
+def limiter_bits(before: FloatArray, counts: FloatArray) -> int:
+    """Return the bits of those counts of a limiter that have changed."""
+    code = OK
+    if counts[0] != before[0]:
+        code |= NOT_FINITE
+    if counts[1] != before[1]:
+        code |= OUT_OF_RANGE
+    if counts[2] != before[2]:
+        code |= SLEW_LIMITED
+    if counts[3] != before[3]:
+        code |= ENERGY_LIMITED
+    return code
+
+
 def compensator_of(
     sections: Sequence[Section], limits: Sequence[Field], dt: float, mark: float
 ) -> Component:  # dt [s]
@@ -50,82 +93,28 @@ def compensator_of(
 
     Its ``step(s, x, voltage)`` returns the bits above.
     """
-    fields = (*limits, *(field for section in sections for field in section.fields))
-    step: Any = _pass
-    reset: Any = _no_reset
-    take: Any = _take_nothing
-    size, place = HEAD, len(limits)
-    for section in sections:
-        end, last = size + section.start.size, place + len(section.fields)
-        step = _then(step, section, size, end)
-        reset = _and(reset, section, size, end)
-        take = _taking(take, section, (size, end), (place, last))
-        size, place = end, last
-    rest = fields[0].value, fields[1].value
-    safe = min(max(0.0, rest[0]), rest[1])
-    judge = _judging(fields, dt)
+    whole = functools.reduce(in_chain, sections)
+    fields, size = (*limits, *whole.fields), HEAD + whole.start.size
+    take_whole, reset_whole = whole.take, whole.reset
+    safe = min(max(0.0, fields[0].value), fields[1].value)
+
+    @leaf
+    def take(values: FloatArray, s: FloatArray, first: bool) -> int:
+        return int(take_whole(values[LIMITS:], values[:LIMITS], s[HEAD:], first))
+
+    @leaf
+    def reset(s: FloatArray) -> None:
+        reset_whole(s[HEAD:])
+        s[_TICK] = s[_ASKED] = s[_VOLTAGE] = 0.0
+
+    start = np.concatenate([np.zeros(HEAD), whole.start])
     return Component(
-        _stepping(step, size, 0.5 / dt, mark, safe),
-        _beginning(judge, reset, take, sections, size, mark),
-        _changing(judge, take, mark),
-        _resetting(reset, mark),
+        _stepping(whole.step, size, 0.5 / dt, mark, safe),
+        *changing(_judging(fields, dt), take, reset, start, mark),
         size,
         fields,
         (('head', HEAD), *((section.name, section.start.size) for section in sections)),
     )
-
-
-@leaf
-def _pass(given: FloatArray, received: float, s: FloatArray) -> float:
-    return received
-
-
-@leaf
-def _no_reset(s: FloatArray) -> None:
-    return
-
-
-@leaf
-def _take_nothing(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
-    return OK
-
-
-def _then(before: Any, section: Section, begin: int, end: int) -> Any:
-    step = section.step
-
-    @leaf
-    def both(given: FloatArray, received: float, s: FloatArray) -> float:
-        passed = before(given, received, s)
-        return step(given, passed, s[begin:end])
-
-    return both
-
-
-def _and(before: Any, section: Section, begin: int, end: int) -> Any:
-    reset = section.reset
-
-    @leaf
-    def both(s: FloatArray) -> None:
-        before(s)
-        reset(s[begin:end])
-
-    return both
-
-
-def _taking(
-    before: Any, section: Section, own: tuple[int, int], values_of: tuple[int, int]
-) -> Any:
-    take, (begin, end), (first_value, last_value) = section.take, own, values_of
-
-    @leaf
-    def both(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
-        # only the model can reject values, so it is first
-        code = before(values, bounds, s, first)
-        if code != OK:
-            return int(code)
-        return take(values[first_value:last_value], bounds, s[begin:end], first)
-
-    return both
 
 
 def _judging(fields: Sequence[Field], dt: float) -> Callable[[FloatArray], int]:
@@ -154,98 +143,16 @@ def _stepping(
         if s[_MARK] != mark:
             voltage[0] = safe
             return UNINITIALISED
-        asked, code = scratch(GIVEN_SIZE), 0
-        point, read = asked[:POINT_SIZE], asked[POINT_SIZE:]
-        tick = s[_TICK]
-        point[0] = tick
-        for k in range(5):
-            point[1 + k] = x[k]
-        if is_absurd(x):
-            point[1], point[2], point[3] = s[_ASKED], 0.0, 0.0
-            code |= REFERENCE_REFUSED
-        if not (x[F] >= 0.0 and x[F] < nyquist and abs(x[PHI]) < 1e15):
-            point[4] = point[5] = 0.0
-            code |= REFERENCE_REFUSED
-        s[_ASKED] = point[1]
-        read[0], read[1], read[2] = np.nan, s[_VOLTAGE], x[MEASURED]
-        if x[AGE] >= 0.5 and x[AGE] <= tick:
-            read[0] = tick - np.floor(x[AGE] + 0.5)
-        if not abs(x[MEASURED]) < ABSURD:
-            read[2] = np.nan
-            code |= NOT_USED
-        out, slowed, refused = s[counts + 1], s[counts + 2], s[counts]
-        spared = s[counts + 3]
-        given = chain(asked, 0.0, s)
-        if s[counts] != refused:
-            code |= NOT_FINITE
-        if s[counts + 1] != out:
-            code |= OUT_OF_RANGE
-        if s[counts + 2] != slowed:
-            code |= SLEW_LIMITED
-        if s[counts + 3] != spared:
-            code |= ENERGY_LIMITED
-        s[_TICK], s[_VOLTAGE] = tick + 1.0, given
-        voltage[0] = given
-        return code
+        given, before = scratch(GIVEN_SIZE), scratch(4)
+        code = take_input(x, s[_TICK], s[_VOLTAGE:HEAD], nyquist, given)
+        for k in range(4):
+            before[k] = s[counts + k]
+        answer = chain(given, 0.0, s[HEAD:])
+        s[_TICK], s[_VOLTAGE] = s[_TICK] + 1.0, answer
+        voltage[0] = answer
+        return code | limiter_bits(before, s[counts:])
 
     return step
-
-
-def _beginning(
-    judge: Any, reset: Any, take: Any, sections: Sequence[Section], size: int, mark: float
-) -> Callable[[FloatArray, FloatArray], int]:
-    """Return the kernel that initialises a state; the packed values of all sections are copied."""
-    copies = [np.trim_zeros(np.concatenate([section.start, [0.0]]), 'b') for section in sections]
-    starts = np.cumsum([HEAD, *(section.start.size for section in sections)])[:-1]
-    places = np.concatenate(
-        [np.arange(start, start + copy.size) for start, copy in zip(starts, copies, strict=True)]
-    ).astype(np.int64)
-    numbers = np.concatenate(copies)
-    total = numbers.size
-
-    @leaf
-    def begin(s: FloatArray, values: FloatArray) -> int:
-        s[_MARK] = 0.0
-        code = judge(values)
-        if code != OK:
-            return int(code)
-        for k in range(size):
-            s[k] = 0.0
-        for k in range(total):
-            s[places[k]] = numbers[k]
-        code = take(values, values[:LIMITS], s, True)
-        if code != OK:
-            return int(code)
-        reset(s)
-        s[_MARK] = mark
-        return OK
-
-    return begin
-
-
-def _changing(judge: Any, take: Any, mark: float) -> Callable[[FloatArray, FloatArray], int]:
-    @leaf
-    def change(s: FloatArray, values: FloatArray) -> int:
-        if s[_MARK] != mark:
-            return UNINITIALISED
-        code = judge(values)
-        if code != OK:
-            return int(code)
-        return int(take(values, values[:LIMITS], s, False))
-
-    return change
-
-
-def _resetting(reset: Any, mark: float) -> Callable[[FloatArray], int]:
-    @leaf
-    def reset_all(s: FloatArray) -> int:
-        if s[_MARK] != mark:
-            return UNINITIALISED
-        reset(s)
-        s[_TICK] = s[_ASKED] = s[_VOLTAGE] = 0.0
-        return OK
-
-    return reset_all
 
 
 def compensator_doors(name: str, chain: Component) -> list[Entry]:

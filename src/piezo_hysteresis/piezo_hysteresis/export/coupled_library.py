@@ -27,26 +27,19 @@ from piezo_hysteresis.compensation.limiter import (
     LIMITER_SIZE,
     LOW,
     STEP,
-    VOLTAGE,
     limit,
     packed_limits,
+    reset_limiter,
 )
-from piezo_hysteresis.compensation.link import (
-    IMPOSSIBLE,
-    OK,
-    POINT_SIZE,
-    READ_SIZE,
-    WATCH_SIZE,
-    Limits,
-)
-from piezo_hysteresis.export import compensator as one
-from piezo_hysteresis.export.compensator import INPUT_SIZE, common_doors, is_absurd
+from piezo_hysteresis.compensation.link import GIVEN_SIZE, IMPOSSIBLE, OK, WATCH_SIZE, Limits
+from piezo_hysteresis.export.compensator import INPUT_SIZE, common_doors, limiter_bits, take_input
 from piezo_hysteresis.export.header import (
     UNINITIALISED,
     About,
     Component,
     Field,
     archive,
+    changing,
     checking,
     cmake,
     coupled_header,
@@ -62,7 +55,7 @@ from piezo_hysteresis.waveforms import Sine
 
 # Ticks of the test vectors, and the frequency of the sine of the first axis [Hz].
 _VECTORS, _FREQUENCY = 4000, 20.0
-# Places in the memory, and of an axis in it: last reference and voltage.
+# Places in the memory, and of an axis in it: last voltage and reference.
 _MARK, _TICK = range(2)
 _OF_AXIS = 3  # fields: low, high, slew
 _SETTINGS = 6  # numbers of a limiter
@@ -149,9 +142,7 @@ def _attenuating(law: Any, first: Mapping[str, int], size: int) -> Any:
     if law is None:
 
         @leaf
-        def nothing(
-            points: FloatArray, reads: FloatArray, s: FloatArray, answer: FloatArray
-        ) -> None:
+        def nothing(given: FloatArray, s: FloatArray, answer: FloatArray) -> None:
             return
 
         return nothing
@@ -160,9 +151,9 @@ def _attenuating(law: Any, first: Mapping[str, int], size: int) -> Any:
     known, guard = first['gains'], first['guard']
 
     @leaf
-    def learn(points: FloatArray, reads: FloatArray, s: FloatArray, answer: FloatArray) -> None:
+    def learn(given: FloatArray, s: FloatArray, answer: FloatArray) -> None:
         attenuate(
-            points, reads, s[own:watch], orders, gains, s[watch:lines], s[lines:known],
+            given, s[own:watch], orders, gains, s[watch:lines], s[lines:known],
             s[known:guard], s[guard:size], answer,
         )  # fmt: skip
 
@@ -186,48 +177,27 @@ def _stepping(
             for i in range(axes):
                 voltages[i] = 0.0
             return UNINITIALISED
-        points, reads = scratch((axes, POINT_SIZE)), scratch((axes, READ_SIZE))
-        near, answer = scratch((axes, 3)), scratch(axes)
-        tick, code = s[_TICK], OK
+        given, near, answer = scratch((axes, GIVEN_SIZE)), scratch((axes, 3)), scratch(axes)
+        code, before = OK, scratch(4)
         for i in range(axes):
-            row = x[i * INPUT_SIZE : (i + 1) * INPUT_SIZE]
-            points[i, 0] = tick
-            for k in range(5):
-                points[i, 1 + k] = row[k]
-            if is_absurd(row):
-                points[i, 1], points[i, 2], points[i, 3] = s[last + 2 * i], 0.0, 0.0
-                code |= one.REFERENCE_REFUSED
-            if not (row[one.F] >= 0.0 and row[one.F] < nyquist and abs(row[one.PHI]) < 1e15):
-                points[i, 4] = points[i, 5] = 0.0
-                code |= one.REFERENCE_REFUSED
-            s[last + 2 * i] = points[i, 1]
+            row, own_last = x[i * INPUT_SIZE : (i + 1) * INPUT_SIZE], last + 2 * i
+            code |= take_input(row, s[_TICK], s[own_last : own_last + 2], nyquist, given[i])
             for k in range(3):
-                near[i, k] = points[i, 1 + k]
-            reads[i, 0], reads[i, 1] = np.nan, s[last + 2 * i + 1]
-            reads[i, 2] = row[one.MEASURED]
-            if row[one.AGE] >= 0.5 and row[one.AGE] <= tick:
-                reads[i, 0] = tick - np.floor(row[one.AGE] + 0.5)
-            if not abs(row[one.MEASURED]) < one.ABSURD:
-                reads[i, 2] = np.nan
-                code |= one.NOT_USED
+                near[i, k] = given[i, 1 + k]
         decouple(
             near, drive, strain, rows, products, widths, powers, weights, strain_widths,
             strain_weights, square, cube, s[own:limiters], answer,
         )  # fmt: skip
-        learn(points, reads, s, answer)
+        learn(given, s, answer)
         for i in range(axes):
             begin = limiters + i * each
             memory = s[begin + _SETTINGS : begin + each]
-            before = memory[2], memory[3], memory[4]
+            for k in range(4):
+                before[k] = memory[2 + k]
             voltages[i] = limit(answer[i], memory, s[begin : begin + _SETTINGS])
-            if memory[2] != before[0]:
-                code |= one.NOT_FINITE
-            if memory[3] != before[1]:
-                code |= one.OUT_OF_RANGE
-            if memory[4] != before[2]:
-                code |= one.SLEW_LIMITED
-            s[last + 2 * i + 1] = voltages[i]
-        s[_TICK] = tick + 1.0
+            code |= limiter_bits(before, memory[2:])
+            s[last + 2 * i] = voltages[i]
+        s[_TICK] += 1.0
         return code
 
     return step
@@ -240,9 +210,7 @@ def _changing(
     """Return the kernels that initialise, change and reset a state."""
     check, limiters, each = checking(fields), first['limits'], _SETTINGS + LIMITER_SIZE
     count = _OF_AXIS * axes
-    numbers = packed_limits(Limits(), dt)
     has_law = law is not None
-    settings = law.settings if has_law else np.zeros(1)
     own, watch = first.get('settings', 0), first.get('watch', 0)
     lines, known, guard = first.get('lines', 0), first.get('gains', 0), first.get('guard', 0)
     clear = matrix.reset_matrix
@@ -256,7 +224,7 @@ def _changing(
         return int(code)
 
     @leaf
-    def take(s: FloatArray, values: FloatArray) -> None:
+    def take(values: FloatArray, s: FloatArray, begins: bool) -> int:
         for i in range(axes):
             at = limiters + i * each
             s[at + LOW], s[at + HIGH] = values[_OF_AXIS * i], values[_OF_AXIS * i + 1]
@@ -264,6 +232,7 @@ def _changing(
         if has_law:
             s[own + matrix.STEP] = values[count]
             s[own + matrix.LARGEST] = values[count + 1]
+        return OK
 
     @leaf
     def rest(s: FloatArray) -> None:
@@ -271,48 +240,16 @@ def _changing(
             s[k] = 0.0
         for i in range(axes):
             at = limiters + i * each
-            for k in range(LIMITER_SIZE):
-                s[at + _SETTINGS + k] = 0.0
-            s[at + _SETTINGS + VOLTAGE] = min(max(0.0, s[at + LOW]), s[at + HIGH])
+            reset_limiter(s[at + _SETTINGS : at + each], s[at : at + _SETTINGS])
         if has_law:
             clear(s[watch:lines], s[lines:known], s[known:guard], s[guard:size])
 
-    @leaf
-    def change(s: FloatArray, values: FloatArray) -> int:
-        if s[_MARK] != mark:
-            return UNINITIALISED
-        code = judge(values)
-        if code == OK:
-            take(s, values)
-        return int(code)
-
-    @leaf
-    def begin(s: FloatArray, values: FloatArray) -> int:
-        s[_MARK] = 0.0
-        code = judge(values)
-        if code != OK:
-            return int(code)
-        for k in range(size):
-            s[k] = 0.0
-        for i in range(axes):
-            for k in range(_SETTINGS):
-                s[limiters + i * each + k] = numbers[k]
-        if has_law:
-            for k in range(settings.size):
-                s[own + k] = settings[k]
-        take(s, values)
-        rest(s)
-        s[_MARK] = mark
-        return OK
-
-    @leaf
-    def reset(s: FloatArray) -> int:
-        if s[_MARK] != mark:
-            return UNINITIALISED
-        rest(s)
-        return OK
-
-    return begin, change, reset
+    start = np.zeros(size)
+    for i in range(axes):
+        start[limiters + i * each : limiters + i * each + _SETTINGS] = packed_limits(Limits(), dt)
+    if has_law:
+        start[own : own + law.settings.size] = law.settings
+    return changing(judge, take, rest, start, mark)
 
 
 def coupled_doors(name: str, part: Component, axes: int) -> list[Entry]:

@@ -7,7 +7,7 @@ import re
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -100,6 +100,55 @@ class Component(NamedTuple):
     size: int  # size of the state
     fields: tuple[Field, ...]  # settable fields
     rows: tuple[tuple[str, int], ...]  # sections of the state and their sizes
+
+
+def changing(
+    judge: Callable[[FloatArray], int],  # returns the reason of a rejection of values
+    take: Callable[[FloatArray, FloatArray, bool], int],  # sets values in a state
+    reset: Callable[[FloatArray], None],
+    start: FloatArray,  # the state before it takes values; its first number is its mark
+    mark: float,
+) -> tuple[Any, Any, Any]:
+    """Return the kernels that initialise, change and reset a state."""
+    places = np.flatnonzero((start != 0.0) | np.signbit(start))
+    numbers, total, size = start[places], places.size, start.size
+    if total == 0:
+        places, numbers = np.zeros(1, dtype=np.int64), np.zeros(1)
+
+    @leaf
+    def begin(s: FloatArray, values: FloatArray) -> int:
+        s[0] = 0.0
+        code = judge(values)
+        if code != OK:
+            return int(code)
+        for k in range(size):
+            s[k] = 0.0
+        for k in range(total):
+            s[places[k]] = numbers[k]
+        code = take(values, s, True)
+        if code != OK:
+            return int(code)
+        reset(s)
+        s[0] = mark
+        return OK
+
+    @leaf
+    def change(s: FloatArray, values: FloatArray) -> int:
+        if s[0] != mark:
+            return UNINITIALISED
+        code = judge(values)
+        if code != OK:
+            return int(code)
+        return int(take(values, s, False))
+
+    @leaf
+    def reset_marked(s: FloatArray) -> int:
+        if s[0] != mark:
+            return UNINITIALISED
+        reset(s)
+        return OK
+
+    return begin, change, reset_marked
 
 
 _ENVIRONMENT = Environment(

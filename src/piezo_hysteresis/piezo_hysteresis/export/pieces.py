@@ -17,7 +17,14 @@ from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
 from piezo_hysteresis.compensation.link import OK
 from piezo_hysteresis.export.compensator import NOT_FINITE
-from piezo_hysteresis.export.header import UNINITIALISED, Component, Field, checking, of_model
+from piezo_hysteresis.export.header import (
+    UNINITIALISED,
+    Component,
+    Field,
+    changing,
+    checking,
+    of_model,
+)
 from piezo_hysteresis.jit import leaf, scratch
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.simulation.compiled import kernel_of
@@ -292,9 +299,23 @@ def plant_of(model: Model, packed: FloatArray, dt: float, mark: float) -> Compon
     fields = (_FREQUENCY, *of_model(model, packed, whole.live))
     values, states = len(fields), whole.start.size
     first = HEAD + values
+    rest = whole.start if states else np.zeros(1)
+
+    @leaf
+    def take(given: FloatArray, s: FloatArray, begins: bool) -> int:
+        for k in range(values):
+            s[HEAD + k] = given[k]
+        return OK
+
+    @leaf
+    def reset(s: FloatArray) -> None:
+        s[_VOLTAGE] = 0.0
+        for k in range(states):
+            s[first + k] = rest[k]
+
     return Component(
         _stepping(whole.run, first, states, mark),
-        *_changing(fields, whole.start, first, mark),
+        *changing(checking(fields), take, reset, np.zeros(first + states), mark),
         first + states,
         fields,
         (('head', HEAD), ('parameters', values), ('memory', states)),
@@ -319,42 +340,3 @@ def _stepping(
         return code
 
     return step
-
-
-def _changing(
-    fields: tuple[Field, ...], start: FloatArray, first: int, mark: float
-) -> tuple[Any, Any, Any]:
-    """Return the kernels that initialise, change and reset a state."""
-    check, count = checking(fields), len(fields)
-    states = start.size
-    rest = start if states else np.zeros(1)
-
-    @leaf
-    def change(s: FloatArray, values: FloatArray) -> int:
-        if s[_MARK] != mark:
-            return UNINITIALISED
-        code = check(values)
-        if code == OK:
-            for k in range(count):
-                s[HEAD + k] = values[k]
-        return code
-
-    @leaf
-    def reset(s: FloatArray) -> int:
-        if s[_MARK] != mark:
-            return UNINITIALISED
-        s[_VOLTAGE] = 0.0
-        for k in range(states):
-            s[first + k] = rest[k]
-        return OK
-
-    @leaf
-    def begin(s: FloatArray, values: FloatArray) -> int:
-        s[_MARK] = mark
-        reset(s)
-        code = change(s, values)
-        if code != OK:
-            s[_MARK] = 0.0
-        return code
-
-    return begin, change, reset

@@ -114,6 +114,33 @@ def _section(law: CompiledLaw, numbers: FloatArray, size: int) -> Section:
     return Section(law.name, step, reset, take, start, tuple(fields))
 
 
+def in_chain(before: Section, behind: Section) -> Section:
+    """Return two sections, of which one hands its voltage to the other, as one."""
+    first_step, first_reset, first_take = before.step, before.reset, before.take
+    last_step, last_reset, last_take = behind.step, behind.reset, behind.take
+    n, count = before.start.size, len(before.fields)
+
+    @leaf
+    def step(given: FloatArray, received: float, s: FloatArray) -> float:
+        return last_step(given, first_step(given, received, s[:n]), s[n:])
+
+    @leaf
+    def reset(s: FloatArray) -> None:
+        first_reset(s[:n])
+        last_reset(s[n:])
+
+    @leaf
+    def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
+        # only the model can reject values, so it is first
+        code = first_take(values[:count], bounds, s[:n], first)
+        if code != OK:
+            return int(code)
+        return int(last_take(values[count:], bounds, s[n:], first))
+
+    start = np.concatenate([before.start, behind.start])
+    return Section('chain', step, reset, take, start, (*before.fields, *behind.fields))
+
+
 def switched(section: Section, dt: float) -> Section:
     """Return a section that can be switched off and on like the laws of the nodes.
 

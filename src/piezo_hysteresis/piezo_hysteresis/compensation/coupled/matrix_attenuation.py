@@ -23,10 +23,10 @@ from piezo_hysteresis.compensation.link import (
     COUNTS,
     DISPLACEMENT,
     FREQUENCY,
+    GIVEN_SIZE,
     PHASE,
     POINT_SIZE,
     READ_DISPLACEMENT,
-    READ_SIZE,
     VELOCITY,
     WATCH_SIZE,
     Measured,
@@ -34,8 +34,7 @@ from piezo_hysteresis.compensation.link import (
     frozen_ticks,
     partner_of,
     reset_watch,
-    write_point,
-    write_read,
+    write_given,
 )
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.jit import jit, leaf, scratch
@@ -56,6 +55,8 @@ _LESS, _LEAST = 0.1, 1e-3
 # Places in the settings.
 DT, FROZEN, STEP, LARGEST, SPACING, WITH_MEAN, FASTEST = range(7)
 SETTINGS_SIZE = 7
+# Place of the displacement in a point and a measurement.
+_READING = POINT_SIZE + READ_DISPLACEMENT
 # Places in the guard.
 _TICKS, _SQUARES, _SIZES, _BASE, _SHARE, _BACKED_OFF, _BOUNDED = range(7)
 GUARD_SIZE = 7
@@ -148,8 +149,7 @@ def judge_window(
 
 @jit
 def attenuate(
-    points: FloatArray,  # as `ReferencePoint` (outputs, 6)
-    reads: FloatArray,  # as `Measured` (outputs, 3)
+    given: FloatArray,  # a point and a measurement of each axis (outputs, 9)
     settings: FloatArray,  # (SETTINGS_SIZE,)
     orders: FloatArray,  # without 0 (orders,)
     gains: FloatArray,  # see `gains_of`
@@ -160,23 +160,23 @@ def attenuate(
     answer: FloatArray,  # [V] (inputs,)
 ) -> None:
     """Subtract the correction of one tick from `answer`, and learn from the last errors."""
-    outputs, inputs, count, dt = points.shape[0], answer.size, orders.size, settings[DT]
+    outputs, inputs, count, dt = given.shape[0], answer.size, orders.size, settings[DT]
     room = 1 + 2 * inputs * outputs
     seen, slowest, errors, sizes = 0, math.inf, 0.0, 0.0
     places = scratch(outputs)
     for o in range(outputs):
         own = watch[o * WATCH_SIZE : (o + 1) * WATCH_SIZE]
-        places[o] = partner_of(points[o], reads[o], own, settings[FROZEN])
+        places[o] = partner_of(given[o, :POINT_SIZE], given[o, POINT_SIZE:], own, settings[FROZEN])
         places[o] += o * WATCH_SIZE if places[o] >= 0.0 else 0.0
         seen += places[o] >= 0.0
     # Errors of all axes at one tick, or nothing is learnt.
     for o in range(1, outputs):
-        if reads[o, 0] != reads[0, 0]:
+        if given[o, POINT_SIZE] != given[0, POINT_SIZE]:
             seen = 0
     if seen == outputs:
         for o in range(outputs):
             at = int(places[o])
-            error = reads[o, READ_DISPLACEMENT] - watch[at + DISPLACEMENT]
+            error = given[o, _READING] - watch[at + DISPLACEMENT]
             frequency = watch[at + FREQUENCY]
             errors += error * error
             if frequency > 0.0:
@@ -215,7 +215,7 @@ def attenuate(
             for i in range(inputs):
                 real, imaginary = 0.0, 0.0
                 for o in range(outputs):
-                    error = reads[o, READ_DISPLACEMENT] - watch[int(places[o]) + DISPLACEMENT]
+                    error = given[o, _READING] - watch[int(places[o]) + DISPLACEMENT]
                     real += inverse[2 * (i * outputs + o)] * error
                     imaginary += inverse[2 * (i * outputs + o) + 1] * error
                 # times exp(-i turn): what the error was at phase 0
@@ -231,9 +231,9 @@ def attenuate(
         turn = 0.0
         if line > 0:
             axis = (line - 1) // count
-            if points[axis, FREQUENCY] <= 0.0:
+            if given[axis, FREQUENCY] <= 0.0:
                 continue
-            turn = orders[(line - 1) % count] * points[axis, PHASE]
+            turn = orders[(line - 1) % count] * given[axis, PHASE]
         cosine, sine = math.cos(turn), math.sin(turn)
         for i in range(inputs):
             at = 2 * (line * inputs + i)
@@ -263,8 +263,7 @@ class MatrixAttenuation:
         self.lines = np.zeros(count * layout.inputs * 2)
         self.known = np.zeros(count * (1 + 2 * layout.inputs * layout.outputs))
         self.guard = np.zeros(GUARD_SIZE)
-        self._points = np.zeros((layout.outputs, POINT_SIZE))
-        self._reads = np.zeros((layout.outputs, READ_SIZE))
+        self._given = np.zeros((layout.outputs, GIVEN_SIZE))
         self.reset()
 
     def step(
@@ -274,11 +273,10 @@ class MatrixAttenuation:
         measured: Sequence[Measured | None],
     ) -> None:
         """Subtract the correction of one tick from the voltages `received`, in place."""
-        for k, (point, read) in enumerate(zip(points, measured, strict=True)):
-            write_point(self._points[k], point)
-            write_read(self._reads[k], read)
+        for row, point, read in zip(self._given, points, measured, strict=True):
+            write_given(row, point, read)
         attenuate(
-            self._points, self._reads, self.settings, self.orders, self.gains, self.watch,
+            self._given, self.settings, self.orders, self.gains, self.watch,
             self.lines, self.known, self.guard, received,
         )  # fmt: skip
 
