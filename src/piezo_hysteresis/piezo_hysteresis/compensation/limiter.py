@@ -173,6 +173,10 @@ def limiter_law(dt: float) -> CompiledLaw:  # [s]
         return limit(received, memory, numbers)
 
     @leaf
+    def reset(memory: FloatArray, numbers: FloatArray) -> None:
+        reset_limiter(0.0, memory, numbers)
+
+    @leaf
     def take(
         values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
         first: bool,
@@ -182,15 +186,15 @@ def limiter_law(dt: float) -> CompiledLaw:  # [s]
         numbers[SHARE], numbers[PER_VOLT] = energy_numbers(bounds[4], bounds[5], span, dt)
         return OK
 
-    return CompiledLaw('limiter', step, reset_limiter, take, ())
+    return CompiledLaw('limiter', step, reset, take, ())
 
 
-@leaf
-def reset_limiter(memory: FloatArray, numbers: FloatArray) -> None:
-    """Start at the voltage that is nearest to 0, with every counter at 0."""
+@jit
+def reset_limiter(voltage: float, memory: FloatArray, numbers: FloatArray) -> None:
+    """Start at the safe voltage that is nearest to `voltage` [V], with every counter at 0."""
     for k in range(LIMITER_SIZE):
         memory[k] = 0.0
-    memory[VOLTAGE] = min(max(0.0, numbers[LOW]), numbers[HIGH])
+    memory[VOLTAGE] = min(max(voltage, numbers[LOW]), numbers[HIGH])
 
 
 class Limiter:
@@ -241,9 +245,8 @@ class Limiter:
 
     def reset(self, voltage: float = 0.0) -> None:
         """Restart at `voltage` [V], clamped to the range, with every counter at 0."""
-        start = voltage if math.isfinite(voltage) else 0.0
-        self._memory[:] = 0.0
-        self._memory[VOLTAGE] = min(max(start, self.limits.low), self.limits.high)
+        start = float(voltage) if math.isfinite(voltage) else 0.0
+        reset_limiter(start, self._memory, self._settings)
 
     def follow(self, voltage: float) -> None:
         """Set the last voltage [V], after another source has changed it."""

@@ -240,7 +240,7 @@ def _changing(
             s[k] = 0.0
         for i in range(axes):
             at = limiters + i * each
-            reset_limiter(s[at + _SETTINGS : at + each], s[at : at + _SETTINGS])
+            reset_limiter(0.0, s[at + _SETTINGS : at + each], s[at : at + _SETTINGS])
         if has_law:
             clear(s[watch:lines], s[lines:known], s[known:guard], s[guard:size])
 

@@ -165,15 +165,6 @@ def packed_settings(dt: float, limits: Limits | None) -> FloatArray:
     return np.array([dt, bound.low, bound.high, bound.slew, window, frozen_ticks(dt)])
 
 
-@leaf
-def take_limits(
-    values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray, first: bool
-) -> int:
-    """Set the limits, see `CompiledLaw`."""
-    numbers[LOW], numbers[HIGH], numbers[SLEW] = bounds[0], bounds[1], bounds[2]
-    return OK
-
-
 class FeedbackLink(CompiledLink):
     """Base of the feedback links: adds a law on the error to the voltage that it receives.
 
@@ -216,7 +207,16 @@ class FeedbackLink(CompiledLink):
 
     def compiled(self) -> CompiledLaw:
         """Return its kernels; only the limits change at run time."""
-        return CompiledLaw('feedback', self.kernel, reset_feedback, take_limits, ())
+
+        @leaf
+        def take(
+            values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
+            first: bool,
+        ) -> int:  # fmt: skip
+            numbers[LOW], numbers[HIGH], numbers[SLEW] = bounds[0], bounds[1], bounds[2]
+            return OK
+
+        return CompiledLaw('feedback', self.kernel, reset_feedback, take, ())
 
     def counters(self) -> dict[str, int]:
         """Return the error counters by name."""

@@ -25,7 +25,6 @@ from piezo_hysteresis.compensation.feedback.feedback_link import (
     PidGains,
     reset_feedback,
     stepping,
-    take_limits,
 )
 from piezo_hysteresis.compensation.link import CompiledLaw, Limits
 from piezo_hysteresis.errors import CompensationError
@@ -124,7 +123,7 @@ class Pid(FeedbackLink):
 
     def compiled(self) -> CompiledLaw:
         """Return its kernels; limits, gains and scales change at run time."""
-        names = self._settable()
+        names, take_limits = self._settable(), super().compiled().take
         count = len(names)
 
         @leaf

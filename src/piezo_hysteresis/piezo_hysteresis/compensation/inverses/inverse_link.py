@@ -127,12 +127,6 @@ class Packing(NamedTuple):
     live: tuple[str, ...]  # parameters that can change; the others are constants in the code
 
 
-@leaf
-def pack_nothing(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
-    """Leave the packed values as they are, see `Packing`."""
-    return OK
-
-
 class InverseLink(CompiledLink):
     """Base of the feedforward links; the first of a chain.
 
@@ -244,7 +238,12 @@ class InverseLink(CompiledLink):
 
     def packing(self, place: Mapping[str, int]) -> Packing:
         """Return how it packs parameters, by their place; by default none can change."""
-        return Packing(pack_nothing, ())
+
+        @leaf
+        def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
+            return OK
+
+        return Packing(pack, ())
 
     def respond(
         self,
