@@ -30,7 +30,7 @@ from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.start import SearchOptions, unsearched
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.records import Record, load
 from studies.exams import Exam
@@ -66,7 +66,7 @@ def judged(
     records: Sequence[Record], model: ModelFile, seconds: float
 ) -> tuple[list[float], list[bool]]:
     """Return score and new deviation of every block of so many seconds."""
-    how = SearchOptions(Choices('auto', 'auto'), 0, 1, {}, Deadline(inf))
+    how = SearchOptions(RecordAssumptions('auto', 'auto'), 0, 1, {}, Deadline(inf))
     scores, alarms = [], []
     for record in records:
         length = round(seconds / record.dt)

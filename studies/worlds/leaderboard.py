@@ -37,7 +37,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.error_measures import views_of
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record, load
@@ -209,7 +209,7 @@ def free_run(test: Test, record: Record, fit: Fit) -> FloatArray:
     """Return a free run; its initial condition and zero come from the known samples alone."""
     model, values, late = fit
     known = round(test.known * len(record)) or len(record)
-    choices = Choices(start=test.start, zero=test.zero)
+    choices = RecordAssumptions(start=test.start, zero=test.zero)
     (view,) = views_of(model, values, [record.section(0, known)], late, choices)
     valid = np.ones(known) if view.valid is None else view.valid
     whole = replace(

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from piezo_hysteresis.identification.fit_data import fold
 from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
-from piezo_hysteresis.identification.targets import fold
 from piezo_hysteresis.numerics.qr import triangle
 from piezo_hysteresis.records import Record
 

@@ -31,7 +31,7 @@ from piezo_hysteresis.discovery.selection.free_evaluator import FreeEvaluator
 from piezo_hysteresis.discovery.selection.search import search
 from piezo_hysteresis.discovery.selection.start import SearchOptions, held_data
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -117,7 +117,7 @@ def held(kind: str) -> tuple[Evaluator, CandidateFit]:
     """Return the evaluator of a model file, and the model as the file says."""
     given = ModelFile.load(FROZEN / 'plays.yaml')
     data = split(annotated(records(kind, plays, ((1, 1.0), (5, 1.0)))))
-    how = SearchOptions(Choices(), 1, 1, {}, Deadline())
+    how = SearchOptions(RecordAssumptions(), 1, 1, {}, Deadline())
     base, seen = held_data(data, given, how, searched=False)
     return FixedBaselineEvaluator(seen, 1, 1, base, given), base
 

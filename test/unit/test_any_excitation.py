@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 import piezo_hysteresis as ph
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import require_usable
+from piezo_hysteresis.identification.fit_data import fold
 from piezo_hysteresis.identification.periods import main_frequency, period_of
-from piezo_hysteresis.identification.targets import fold
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
 

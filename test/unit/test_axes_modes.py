@@ -14,7 +14,7 @@ from piezo_hysteresis.axes.axes_discovery import discover_axes
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.cross_talk import cross_talk
 from piezo_hysteresis.axes.frequency_response import response, vector_fit
-from piezo_hysteresis.axes.modal_fit import FitData, ModalDerivatives, ModalFit
+from piezo_hysteresis.axes.modal_fit import ModalDerivatives, ModalFit, ModalFitData
 from piezo_hysteresis.axes.modal_gradient import gradient
 from piezo_hysteresis.axes.modal_model import (
     AxesDrive,
@@ -183,7 +183,7 @@ def test_a_fit_finds_strong_hysteresis_of_the_elongation() -> None:
     records = [record('a', u, made.simulate(record('a', u, u))) for u in (voltage(8), voltage(9))]
     start = replace(made, vector=made.vector.copy())
     start.parameters['elongation_weights'][...] = 0.0
-    fit = ModalFit(start, FitData.of(records, kind, np.full(2, 1.0 / MICRO)))
+    fit = ModalFit(start, ModalFitData.of(records, kind, np.full(2, 1.0 / MICRO)))
     found = fit.run(['log_omega', 'log_damping', 'shape', 'elongation_weights'], 40)
     left = rms_error(found, records[0]) / records[0].displacement.std()
     assert left < 5e-3, left  # with slopes that take it as a gain, 0.038
@@ -253,7 +253,7 @@ def test_a_play_wider_than_every_voltage_is_left_alone() -> None:
     records = linear_records(noise=0.003)[:2]
     kind = ModalLayout(2, 2, 3, (0.05, 100.0))
     made = model(kind)
-    fit = ModalFit(made, FitData.of(records, kind, np.ones(2)))
+    fit = ModalFit(made, ModalFitData.of(records, kind, np.ones(2)))
     found = fit.run(['voltage_weights'], 1)
     assert np.isfinite(found.output).all()
     assert not found.output[-2:].any()

@@ -23,7 +23,7 @@ from piezo_hysteresis.discovery.choose import (
 )
 from piezo_hysteresis.discovery.selection.policy import rows
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_hysteresis.models.named import LADDER, MEMORIES
 from piezo_hysteresis.records import Record
@@ -74,7 +74,7 @@ def test_nothing_is_added_where_nothing_is_missing() -> None:
 def test_an_effect_that_promises_nothing_is_not_fitted_to_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    selection = ForwardSelection([record(None)], Choices())
+    selection = ForwardSelection([record(None)], RecordAssumptions())
     before = selection.memory('modified')
     monkeypatch.delattr(ForwardSelection, '_polished')
     for name in ('amplifier_lag', 'creep'):
@@ -240,6 +240,8 @@ def test_a_rung_is_evaluated_with_the_lead_in_of_its_fit(samples: int) -> None:
     led = np.concatenate([u[:cut], u[:cut], u[:cut], u])
     moved = model.respond(led, model.pack(model.defaults()), 1e-3)[3 * cut :]
     moved = moved + 1e-9 * np.random.default_rng(0).standard_normal(samples)
-    trial = ForwardSelection([Record('a', 1e-3, u, moved)], Choices()).memory('classical')
+    trial = ForwardSelection([Record('a', 1e-3, u, moved)], RecordAssumptions()).memory(
+        'classical'
+    )
     assert trial.trained < 1.1e-9
     assert trial.held_out < 1.1e-9

@@ -22,12 +22,12 @@ from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import FixedB
 from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.screen import Screen, with_delayed_discrepancy
 from piezo_hysteresis.discovery.selection.start import SearchOptions, held_data
+from piezo_hysteresis.identification.fit_data import FitData, whole
 from piezo_hysteresis.identification.free_run import simulated
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.model_discrepancy import residual_of
 from piezo_hysteresis.identification.prediction import Prediction, predictions
 from piezo_hysteresis.identification.simulate import JITTER, clock_about, clock_of
-from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.identification.validate import compared
 from piezo_hysteresis.models import (
     Condition,
@@ -79,7 +79,7 @@ def held_by(
     known: ModelFile, records: list[Record]
 ) -> tuple[FixedBaselineEvaluator, CandidateFit]:
     """Return who judges beside a file, and its model."""
-    how = SearchOptions(Choices(start='rest'), 1, 1, {}, Deadline())
+    how = SearchOptions(RecordAssumptions(start='rest'), 1, 1, {}, Deadline())
     base, seen = held_data(split(records), known, how)
     return FixedBaselineEvaluator(seen, 1, 1, base, known), base
 
@@ -103,7 +103,7 @@ def test_a_tone_is_guessed_on_the_clock_of_the_model(late: float) -> None:
     """At 90 Hz half a tick is 32 degrees."""
     hum = {'hum_frequency': 90.0, 'hum_sine': 2e-7, 'hum_cosine': 1e-7}
     spec, truth = with_effect('mains_hum', hum)
-    views: list[Target] = [whole(r) for r in measured(spec.model, truth, late, noise=0.0)]
+    views: list[FitData] = [whole(r) for r in measured(spec.model, truth, late, noise=0.0)]
     before = evaluated_on(ModelSpec(MODEL, VALUES, (), late), views)
     promise = Screen(before, views, ()).score(add_effect(MODEL, described('mains_hum')[0]))
     best = promise.starts[0]

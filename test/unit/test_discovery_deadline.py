@@ -21,7 +21,7 @@ from piezo_hysteresis.discovery.selection.elimination import without_unfinished
 from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.discovery.selection.policy import POLICY
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -122,7 +122,7 @@ def test_a_baseline_without_time_is_fitted_from_its_first_start_only() -> None:
     end = Deadline(1e-9)
     model = named('classical')
     given = ModelFile(model, {**model.defaults(), 'offset': 0.0})
-    fitted_baselines(split(annotated(records())), given, Choices(), deadline=end)
+    fitted_baselines(split(annotated(records())), given, RecordAssumptions(), deadline=end)
     assert 'a further start of the baseline' in end.untried
     assert 'the baseline on the slowest records' in end.untried
 

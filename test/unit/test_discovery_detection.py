@@ -32,8 +32,8 @@ from piezo_hysteresis.discovery.detection.statements import (
 )
 from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits, catalogue
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.fit_data import FitData, whole
 from piezo_hysteresis.identification.free_run import simulated
-from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.models import Model, candidates, named
 from piezo_hysteresis.records import Record, RecordInfo, write_csv
 from piezo_hysteresis.reporting.validation_report import detection_section, limits_line
@@ -283,7 +283,7 @@ def test_validate_states_the_limits_of_new_records(
 def test_no_limit_is_below_what_a_free_run_in_double_precision_resolves() -> None:
     searched = object.__new__(DetectionCalculator)
     voltage = np.linspace(0.0, 100.0, 50)
-    view = Target('r', voltage, 1e-7 * voltage, 0, 1, DT, 0.0, 1, 1e-20, 0)
+    view = FitData('r', voltage, 1e-7 * voltage, 0, 1, DT, 0.0, 1, 1e-20, 0)
     searched._views = (view,)
     searched._whitening = Whitening([np.ones(50)], [1.0], [1.0])
     searched._detection_test = lambda changes: lambda factor: True

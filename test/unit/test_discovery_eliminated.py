@@ -21,7 +21,7 @@ from piezo_hysteresis.discovery.selection.search import (
     led_by_best_start,
 )
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import Model, add_effect, described, named
 from piezo_hysteresis.records import Record, RecordInfo
 
@@ -71,7 +71,7 @@ def given(
 @pytest.fixture(scope='module')
 def scene() -> tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit]:
     """Return the baseline in motion, and it with a delay, with a lag and with both."""
-    evaluator = FreeEvaluator(in_motion(split(records())), 0, 1, choices=Choices())
+    evaluator = FreeEvaluator(in_motion(split(records())), 0, 1, choices=RecordAssumptions())
     base = named('bouc_wen_mode')
     start = evaluator.evaluated(ModelSpec(base, base.defaults() | OWN))
     delay = given(evaluator, start, 'transport_delay', 'transport_delay', DELAY)

@@ -11,12 +11,12 @@ from piezo_hysteresis.discovery.data.dataset import cut
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec
 from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import widened
 from piezo_hysteresis.discovery.selection.residual_model import expectation
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.identification.model_discrepancy import (
     RecordResidual,
     condition_of,
     drive_lines,
 )
-from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Condition, Discrepancy, named
 from piezo_hysteresis.records import Record, RecordInfo
 

@@ -20,7 +20,7 @@ from piezo_hysteresis.discovery.selection.rules import Improvement
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
 from piezo_hysteresis.discovery.selection.search import search
 from piezo_hysteresis.identification.initial_conditions.record_start import SETTLED
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import EFFECT_NAMES
 
 CONTENT: dict[str, Any] = json.loads((FROZEN / 'rounds.json').read_text('utf-8'))
@@ -194,7 +194,7 @@ def test_initial_conditions_of_a_finalist_are_kept_if_they_score_better(
     assert isinstance(known, FixedBaselineEvaluator)
     assert known.with_own_starts(base) == (known, base)  # the records keep theirs
     evaluator = FixedBaselineEvaluator(
-        known.data, 1, 1, known.base, known.given, choices=Choices()
+        known.data, 1, 1, known.base, known.given, choices=RecordAssumptions()
     )
     other = known.data.with_each(lambda view: replace(view, begins=SETTLED))
     monkeypatch.setattr(

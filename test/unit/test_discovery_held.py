@@ -30,8 +30,8 @@ from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
 from piezo_hysteresis.discovery.selection.start import SearchOptions, as_on, held_data
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
-from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.identification.fit_data import whole
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import PARAMETER_SHIFT, Condition, Discrepancy, ModelFile, named
 from piezo_hysteresis.models.repeating import KnownResidual
 from piezo_hysteresis.records import Record, RecordInfo
@@ -172,7 +172,7 @@ def test_another_gain_is_other_numbers_and_no_effect(known: ModelFile, factor: f
 def test_a_change_of_a_value_costs_by_its_deviation_in_the_file(known: ModelFile) -> None:
     known = replace(known, correlation=None)
     data = split(annotated([actuator(f, 1.0, 60 + f) for f in (1, 5)]))
-    base, seen = held_data(data, known, SearchOptions(Choices(), 1, 1, {}, Deadline()))
+    base, seen = held_data(data, known, SearchOptions(RecordAssumptions(), 1, 1, {}, Deadline()))
     assert known.discrepancy is not None
     held = FixedBaselineEvaluator(seen, 1, 1, base, known)
     (change,) = (c for c in held.candidates(base) if c.effect is PARAMETER_SHIFT)

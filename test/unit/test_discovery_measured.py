@@ -10,7 +10,7 @@ import pytest
 
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.selection.candidate_fit import evaluated_on
-from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import load
 

@@ -20,7 +20,7 @@ from piezo_hysteresis.discovery.verdict.naming import (
     with_fractions,
 )
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect
-from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_hysteresis.records import Record, RecordInfo
 

@@ -14,7 +14,7 @@ from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.selection.residual_model import expectation
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
-from piezo_hysteresis.identification.targets import whole
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.models import Condition, Discrepancy, ModelFile, named
 from piezo_hysteresis.models.repeated_records import (
     Support,

@@ -25,7 +25,7 @@ from piezo_hysteresis.discovery.selection.rules import (
     win_shares,
 )
 from piezo_hysteresis.discovery.selection.screen import ScreeningScore
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import add_effect, described, named
 from piezo_sim.sweep import simulate
 from studies.worlds.simulated_world import draw, records_of
@@ -291,7 +291,7 @@ def scene() -> Scene:
     ]
     data = split(simulate('generic_bouc_wen', plan, HIDDEN, 2))
     evaluator = FreeEvaluator(data, 0, 1)
-    base, _ = fitted_baselines(data, named('classical'), Choices())
+    base, _ = fitted_baselines(data, named('classical'), RecordAssumptions())
     return evaluator, base.joint
 
 
@@ -340,5 +340,7 @@ def test_a_baseline_that_describes_the_records_leaves_their_noise() -> None:
     """From four starting points it ended at three noise floors, with a memory named."""
     hidden = draw('null', 7, 301, 'poor')
     data = split(records_of(hidden))
-    base, _ = fitted_baselines(data, named(hidden.world.baseline), Choices(zero='record'))
+    base, _ = fitted_baselines(
+        data, named(hidden.world.baseline), RecordAssumptions(zero='record')
+    )
     assert base.joint.floors < 1.2

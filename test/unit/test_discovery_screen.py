@@ -12,8 +12,8 @@ from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.discovery.data.dataset import part_of, split, thinned
 from piezo_hysteresis.discovery.selection.candidate_fit import ModelSpec, evaluated_on
 from piezo_hysteresis.discovery.selection.screen import Screen, ScreeningScore
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.identification.free_run import StageCache, simulated
-from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, add_effect, described, named
 from piezo_hysteresis.records import Record, RecordInfo
 from piezo_sim.sweep import simulate

@@ -9,7 +9,7 @@ from piezo_hysteresis.blocks.effect import Residual
 from piezo_hysteresis.blocks.mains_hum import guess
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import find_tone, phasor, with_aligned_phases
-from piezo_hysteresis.identification.targets import Target, whole
+from piezo_hysteresis.identification.fit_data import FitData, whole
 from piezo_hysteresis.numerics.harmonics import (
     harmonics,
     line_amplitudes,
@@ -23,7 +23,7 @@ from piezo_hysteresis.records import Record, RecordInfo
 DT, TONE, SIZE = 1e-3, 41.7, 3e-7
 
 
-def tone(view: Target, phase: float) -> np.ndarray:
+def tone(view: FitData, phase: float) -> np.ndarray:
     """Return a tone at the compared samples, its phase that at the first driven sample."""
     return SIZE * np.cos(phase_of(TONE, DT, view.measured.size, view.first) + phase)
 

@@ -11,7 +11,7 @@ from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.discovery.data.tones import annotated
 from piezo_hysteresis.discovery.selection.start import zeros_apart
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
 from piezo_sim.sweep import simulate
@@ -41,12 +41,12 @@ def shifted(records: list[Record]) -> list[Record]:
 @pytest.mark.slow
 def test_zeros_that_lie_apart_pass_for_no_effect(records: list[Record]) -> None:
     data = split(annotated(shifted(records)))
-    assert zeros_apart(Choices(), data).zero == 'record'
-    assert zeros_apart(Choices(zero='common'), data).zero == 'common'
+    assert zeros_apart(RecordAssumptions(), data).zero == 'record'
+    assert zeros_apart(RecordAssumptions(zero='common'), data).zero == 'common'
     found = discover(shifted(records), named('classical'), seed=1)
     assert [effect.name for effect in found.verdict.effects] == ['sensor_nonlinearity']
     assert found.verdict.held_out.after_in_floors < 1.1
 
 
 def test_one_record_has_the_zero_of_its_model(records: list[Record]) -> None:
-    assert zeros_apart(Choices(), split(annotated(records[:1]))).zero == 'auto'
+    assert zeros_apart(RecordAssumptions(), split(annotated(records[:1]))).zero == 'auto'

@@ -11,6 +11,7 @@ from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.fit import fit
+from piezo_hysteresis.identification.fit_data import fold, targets_of, whole
 from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.objective import Prior
 from piezo_hysteresis.identification.output_error import output_error, suited
@@ -22,7 +23,6 @@ from piezo_hysteresis.identification.starts import (
     resonant_lines,
     starts,
 )
-from piezo_hysteresis.identification.targets import fold, targets_of, whole
 from piezo_hysteresis.identification.uncertainty import Covariance, digits, warnings_of
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.numerics.qr import triangle

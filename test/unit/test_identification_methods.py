@@ -15,7 +15,7 @@ from piezo_hysteresis.identification import identify, online
 from piezo_hysteresis.identification.checks import check_records, require_usable
 from piezo_hysteresis.identification.error_measures import one_step
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.rls import RlsSettings
 from piezo_hysteresis.identification.simulate import Unsaved, free_runs
 from piezo_hysteresis.models import ModelFile, named
@@ -147,7 +147,7 @@ def test_the_past_of_a_record_is_part_of_it() -> None:
     u = np.concatenate([before, np.sin(2 * np.pi * t)])
     y = np.roll(model.respond(u, model.pack(values), DT), 1)  # read before the voltage acts
     cut = Record('cut', DT, u[3000:], y[3000:])
-    given, step = Unsaved(model, values, 0.0, 0.0), Choices('step')
+    given, step = Unsaved(model, values, 0.0, 0.0), RecordAssumptions('step')
     (virgin,) = free_runs(given, [cut], step).errors
     (known,) = free_runs(given, [preceded(cut, [1, -1])], step).errors
     (found,) = free_runs(given, [cut]).errors

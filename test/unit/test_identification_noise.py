@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import split
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.identification.noise import (
     density,
     floor_of,
@@ -20,7 +21,6 @@ from piezo_hysteresis.identification.noise import (
     noises_of,
     repeat_of,
 )
-from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.records import Record, RecordInfo
 
 RATE, NOISE = 1000.0, 2e-8

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from piezo_hysteresis.identification.fit_data import led_in, whole
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
-from piezo_hysteresis.identification.targets import led_in, whole
 from piezo_hysteresis.models import Model, add_effect, described, named
 from piezo_hysteresis.records import Record, RecordInfo
 

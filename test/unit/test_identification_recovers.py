@@ -13,9 +13,9 @@ from scipy.stats import chi2
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.identification.fit import FitResult
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.output_error import suited
-from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import NAMES, Model, named
 from piezo_hysteresis.records import Record, RecordInfo
 from studies.worlds.foreign_world import DAHL, NOISE, RATE

@@ -12,12 +12,12 @@ import pytest
 from piezo_hysteresis.blocks import BLOCKS
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import fit
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.identification.global_search import METHODS, search
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import suited
 from piezo_hysteresis.identification.solver import Problem, bounded_step, solve
-from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.simulation.plan import LinearStage

@@ -14,6 +14,7 @@ from piezo_hysteresis import models
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import named_block
 from piezo_hysteresis.identification import identify
+from piezo_hysteresis.identification.fit_data import FitData, whole
 from piezo_hysteresis.identification.identify import Identification
 from piezo_hysteresis.identification.initial_conditions import start_hypotheses
 from piezo_hysteresis.identification.initial_conditions.record_start import (
@@ -23,11 +24,13 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     first_guess,
     lead_in,
 )
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, estimate_nuisances
+from piezo_hysteresis.identification.initial_conditions.revision import (
+    RecordAssumptions,
+    estimate_nuisances,
+)
 from piezo_hysteresis.identification.noise import bad_samples
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.simulate import simulate as simulate_records
-from piezo_hysteresis.identification.targets import Target, whole
 from piezo_hysteresis.identification.validate import validate
 from piezo_hysteresis.models import ModelFile, name_of, named
 from piezo_hysteresis.records import Record, RecordInfo
@@ -84,7 +87,7 @@ def test_a_part_that_closes_by_chance_does_not_begin_settled() -> None:
     end = target.origin + 2000
     part = replace(target, voltage=target.voltage[:end], measured=target.measured[:2000])
     (seen,) = estimate_nuisances(
-        model, model.defaults(), 0.0, [part], [record], Choices(), alone=True
+        model, model.defaults(), 0.0, [part], [record], RecordAssumptions(), alone=True
     )
     assert seen.begins.kind != 'settled'
 
@@ -131,16 +134,16 @@ def test_initial_conditions_are_searched_only_where_their_effect_lasts(
     voltage = np.sin(2 * np.pi * 5.0 * DT * np.arange(8000))
     y = model.respond(voltage, model.pack(values), DT)
     record = Record('a', DT, voltage, 1.03 * y)  # an error that lasts over the record
-    evaluated: list[Target] = []
+    evaluated: list[FitData] = []
 
     class Counted(Prediction):
-        def __init__(self, model: Any, packed: Any, target: Target, *rest: Any) -> None:
+        def __init__(self, model: Any, packed: Any, target: FitData, *rest: Any) -> None:
             evaluated.append(target)
             super().__init__(model, packed, target, *rest)
 
     monkeypatch.setattr(start_hypotheses, 'Prediction', Counted)
     (seen,) = estimate_nuisances(
-        model, values, 0.0, [whole(record)], [record], Choices(), alone=True
+        model, values, 0.0, [whole(record)], [record], RecordAssumptions(), alone=True
     )
     assert seen.begins.kind == 'step'
     assert (len(evaluated) > 10) is searched
@@ -176,7 +179,7 @@ def test_a_part_of_a_record_keeps_a_start_that_only_the_whole_record_has(
     assert cycle_of(record)
     assert not cycle_of(record.section(0, 14_000))
     values = {**dict(zip(model.parameter_names, packed.tolist(), strict=True)), 'w0': 0.97e-7}
-    (seen,) = estimate_nuisances(model, values, 0.0, [part], [record], Choices())
+    (seen,) = estimate_nuisances(model, values, 0.0, [part], [record], RecordAssumptions())
     assert seen.begins == SETTLED
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.fit_data import FitData, led_in, targets_of
 from piezo_hysteresis.identification.initial_conditions.initial_state import (
     InitialStateRun,
     start_rows,
 )
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart, path_to
-from piezo_hysteresis.identification.targets import Target, led_in, targets_of
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.records import Record
 
@@ -26,7 +26,7 @@ def recorded(seconds: float = 4.0) -> Record:
     return Record('shrinking', DT, u, 1e-5 * u)
 
 
-def prepared(name: str, level: float) -> tuple[Model, FloatArray, Target]:
+def prepared(name: str, level: float) -> tuple[Model, FloatArray, FitData]:
     """Return a model with its default values, and a record that begins after a level."""
     model, record = named(name), recorded()
     (target,) = targets_of([record], folded=False, start='estimate')
@@ -34,7 +34,7 @@ def prepared(name: str, level: float) -> tuple[Model, FloatArray, Target]:
     return model, model.pack(values), led_in(target, record, RecordStart('estimate', (level,)))
 
 
-def drive_after(target: Target, level: float) -> FloatArray:
+def drive_after(target: FitData, level: float) -> FloatArray:
     """Return the drive of a target after another level."""
     start = replace(target.begins, levels=(level,))
     before = path_to(target.voltage[target.origin : target.origin + 2], start, target.dt)

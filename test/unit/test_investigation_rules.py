@@ -10,9 +10,9 @@ import pytest
 from frozen_rounds import FROZEN
 
 from piezo_hysteresis.experiments.planned_experiment import ExperimentLimits
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
 from piezo_hysteresis.identification.prediction import predictions
-from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.investigation.experiment_choice import (
     Belief,
     CandidateModel,

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 TOOLS = Path(__file__).parents[2] / 'tools'
 sys.path.insert(0, str(TOOLS))
@@ -68,8 +68,8 @@ def module(tmp_path: Path) -> Callable[..., Any]:
 
     def write(factor: float = 2.0) -> None:
         (tmp_path / 'piezo_inner.py').write_text(
-            'from piezo_hysteresis.kernels.compile import leaf\n'
-            f'@leaf\ndef times(x):\n    return {factor} * x\n'
+            'from piezo_hysteresis.kernels.compile import inline_jit\n'
+            f'@inline_jit\ndef times(x):\n    return {factor} * x\n'
         )
         (tmp_path / 'piezo_outer.py').write_text(
             'from piezo_inner import times\n'
@@ -133,7 +133,7 @@ def test_a_kernel_is_compiled_once(module: Callable[..., Any], tmp_path: Path) -
 
 
 def test_a_piece_called_from_python_runs_its_source() -> None:
-    @leaf
+    @inline_jit
     def twice(x: float) -> float:
         return 2.0 * x
 
@@ -277,10 +277,10 @@ def test_kernels_of_the_same_parts_in_another_order_are_two() -> None:
 
 
 TWINS = """
-    from piezo_hysteresis.kernels.compile import jit, leaf
+    from piezo_hysteresis.kernels.compile import jit, inline_jit
 
     def made(factor):
-        @leaf
+        @inline_jit
         def inner(x, n):
             return factor * x if n <= 0 else inner(x + 1.0, n - 1)
 

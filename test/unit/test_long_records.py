@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.blocks import named_block
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.sensitivities import (
     SensitivityRun,
     StateOffset,
     sensitivities,
 )
-from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.simulation.plan import free_states
 from piezo_hysteresis.numerics.qr import triangle

@@ -260,7 +260,7 @@ _LOOSE = {
 
 
 @dataclass(eq=False)
-class FitData:
+class ModalFitData:
     """Records as a fit needs them."""
 
     drives: list[AxesDrive]  # their voltages
@@ -270,7 +270,7 @@ class FitData:
     @classmethod
     def of(
         cls, records: Sequence[AxesRecord], layout: ModalLayout, weights: FloatArray
-    ) -> FitData:
+    ) -> ModalFitData:
         """Return the data of records; whole periods are averaged."""
         drives = [drive_of(each, layout) for each in records]
         measured = [each.record.displacement for each in drives]
@@ -294,7 +294,7 @@ class _Point:
 class ModalFit:
     """Fits the parameters of a modal model."""
 
-    def __init__(self, model: ModalModel, data: FitData, workers: int = 1) -> None:
+    def __init__(self, model: ModalModel, data: ModalFitData, workers: int = 1) -> None:
         self._model, self._data, self._workers = model, data, workers
         self._count = sum(each.size for each in data.measured)
 

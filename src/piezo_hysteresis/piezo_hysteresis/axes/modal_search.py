@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes.axes_record import AxesRecord, leveled
 from piezo_hysteresis.axes.frequency_response import response
-from piezo_hysteresis.axes.modal_fit import FitData, ModalFit
+from piezo_hysteresis.axes.modal_fit import ModalFit, ModalFitData
 from piezo_hysteresis.axes.modal_model import ModalModel
 from piezo_hysteresis.axes.modal_start import start_of
 from piezo_hysteresis.common.wording import Guided, counted
@@ -409,14 +409,14 @@ class _Search:
         fit = ModalFit(model, data, self._workers)
         return replace(model, deviations=fit.deviations(list(self._active)))
 
-    def _data(self, model: ModalModel, per_level: int | None) -> FitData:
+    def _data(self, model: ModalModel, per_level: int | None) -> ModalFitData:
         chosen = [
             (each, self._weight_of(each, level))
             for level, those in self._usable.items()
             for each in those[:per_level]
         ]
         weights = np.array([weight for _, weight in chosen])
-        return FitData.of([each for each, _ in chosen], model.layout, weights)
+        return ModalFitData.of([each for each, _ in chosen], model.layout, weights)
 
     def _weigh(self, model: ModalModel) -> None:
         """Weigh each level by what the model usually leaves of it."""

@@ -3,10 +3,10 @@
 from math import cos, pi, sin
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import leaf
+from piezo_hysteresis.jit import inline_jit
 
 
-@leaf
+@inline_jit
 def add_sine(
     x: FloatArray,
     y: FloatArray,
@@ -29,7 +29,7 @@ def add_sine(
     state[1] = cycles
 
 
-@leaf
+@inline_jit
 def add_recursion(
     x: FloatArray,
     y: FloatArray,

@@ -1,7 +1,7 @@
 """Banks of play operators with equally spaced thresholds."""
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 COUNT = 9  # thresholds at 0.1 .. 0.9 of the range
 
@@ -25,7 +25,7 @@ def plays(
         state[j] = memory
 
 
-@leaf
+@inline_jit
 def bank(x: float, state: FloatArray, weights: FloatArray, spacing: float, first: float) -> float:
     """Return the weighted sum of plays at thresholds (first + j) spacing; state in place."""
     # play by play: independent of the sum, so that the loop is vectorised

@@ -3,10 +3,10 @@
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check, run_of
 from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Slot
 from piezo_hysteresis.blocks.effect import Effect
-from piezo_hysteresis.jit import leaf
+from piezo_hysteresis.jit import inline_jit
 
 
-@leaf
+@inline_jit
 def euler_step(h: float, du: float, a: float, a0: float, beta: float, gamma: float) -> float:
     """Return h [m] after the voltage moved by `du` [V]."""
     rise = abs(du)

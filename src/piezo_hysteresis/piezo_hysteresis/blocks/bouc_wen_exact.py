@@ -5,10 +5,10 @@ from math import expm1, log1p
 from piezo_hysteresis.blocks._bouc_wen import PARAMETERS, check, run_of
 from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Slot
 from piezo_hysteresis.blocks.effect import Effect
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 
-@leaf
+@inline_jit
 def decay(h: float, a: float, kp: float, travel: float) -> float:
     """Return h after ``dh/dz = a - kp h`` over `travel`, stable for kp near 0 and of any sign."""
     z = kp * travel

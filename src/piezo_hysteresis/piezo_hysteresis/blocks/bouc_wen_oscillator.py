@@ -8,7 +8,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect, Residual
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.numerics.linalg import solve_square
 
 _PHASES = 20  # points between two samples at which the force is interpolated
@@ -38,7 +38,7 @@ def _interpolator() -> FloatArray:
 WEIGHTS = _interpolator()
 
 
-@leaf
+@inline_jit
 def interpolate(past: FloatArray, order: float, forces: FloatArray) -> None:
     """Fill `forces` (_PHASES + 1,) with the input between the last two samples of `past`."""
     if order == 0.0:
@@ -55,7 +55,7 @@ def interpolate(past: FloatArray, order: float, forces: FloatArray) -> None:
                 forces[i] += weight[i] * past[j]
 
 
-@leaf
+@inline_jit
 def rates(
     x: float, v: float, z: float, force: float, p: FloatArray, height: float
 ) -> tuple[float, float]:
@@ -68,7 +68,7 @@ def rates(
     return (force - p[1] * v - p[2] * x - z) * p[0], dz
 
 
-@leaf
+@inline_jit
 def advance(
     x: float,
     v: float,

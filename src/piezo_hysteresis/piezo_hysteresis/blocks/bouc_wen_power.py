@@ -8,7 +8,7 @@ from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen import euler_step
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 # Longest step in units of the memory 1/(n (beta + |gamma|)), and that of the fourth-order method.
 _STRIDE, _LONG_STRIDE = 0.05, 0.2
@@ -18,7 +18,7 @@ _SMOOTH = 1.2
 _BEYOND = 1.1  # multiple of its height up to which h is integrated in long steps
 
 
-@leaf
+@inline_jit
 def exponent_factor(h: float, height: float, exponent: float) -> float:
     """Return ``|h/height|^(exponent - 1)``, the ratio of the decay of h to that for exponent 1."""
     if exponent == 1.0 or height == 0.0:
@@ -27,14 +27,14 @@ def exponent_factor(h: float, height: float, exponent: float) -> float:
     return float(max(abs(h) / height, 1e-9) ** (exponent - 1.0))
 
 
-@leaf
+@inline_jit
 def full_height(a: float, a0: float, beta: float, gamma: float) -> float:
     """Return the saturation level of h [m], the same for every exponent."""
     rate = beta + gamma
     return (abs(a) + abs(a0)) / rate if rate > 0.0 else 0.0
 
 
-@leaf
+@inline_jit
 def slope(
     h: float, way: float, p: tuple[float, float, float, float], height: float, exponent: float
 ) -> float:
@@ -43,7 +43,7 @@ def slope(
     return p[0] * way + p[1] - decay
 
 
-@leaf
+@inline_jit
 def long_strides(
     h: float, du: float, p: tuple[float, float, float, float], height: float, exponent: float,
     strides: int,

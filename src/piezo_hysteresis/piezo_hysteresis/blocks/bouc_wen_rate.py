@@ -9,17 +9,17 @@ from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen import euler_step
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 
-@leaf
+@inline_jit
 def filtered_rate(rate: float, du: float, dt: float, memory: float) -> float:
     """Return the rate of the voltage that acts on the domains [V/s]: low-pass filtered |du/dt|."""
     now = abs(du) / dt
     return now if memory == 0.0 else rate - (now - rate) * expm1(-dt / memory)
 
 
-@leaf
+@inline_jit
 def rate_factor(rate: float, corner: float, exponent: float) -> float:
     """Return ``(1 + rate/corner)^exponent``: 1 when slow, a power law when fast."""
     return 1.0 if exponent == 0.0 else float((1.0 + rate / corner) ** exponent)

@@ -8,10 +8,10 @@ from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.bouc_wen_rate import filtered_rate
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 
-@leaf
+@inline_jit
 def respond_widened(
     x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, memory: float,
     power: float, points: int,

@@ -9,7 +9,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 ELEMENTS = 14  # Kelvin-Voigt elements of the logarithmic law
 PER_DECADE = 2
@@ -29,7 +29,7 @@ def over_onset(i: int) -> float:
 _APART = 3.0
 
 
-@leaf
+@inline_jit
 def element(
     x: FloatArray,
     y: FloatArray,

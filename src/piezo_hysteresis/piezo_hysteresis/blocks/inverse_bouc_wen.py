@@ -9,18 +9,18 @@ from collections.abc import Mapping
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 KNOTS = 10  # slopes for which Xiao 2014 identifies parameters
 
 
-@leaf
+@inline_jit
 def steepness(h: float, side: float, a: float, a0: float, beta: float, gamma: float) -> float:
     """Return dh/dx while x moves in the direction `side`."""
     return a + side * a0 - beta * side * h - gamma * abs(h)
 
 
-@leaf
+@inline_jit
 def solve_step(
     needed: float, h: float, gain: float, a: float, a0: float, beta: float, gamma: float
 ) -> float:
@@ -73,14 +73,14 @@ def kernel(
     state[1] = h
 
 
-@leaf
+@inline_jit
 def at_place(p: FloatArray, first: int, place: float) -> float:
     """Return a parameter of the selector, linear between its knots."""
     i = min(int(place), KNOTS - 2)
     return float(p[first + i] + (place - i) * (p[first + i + 1] - p[first + i]))
 
 
-@leaf
+@inline_jit
 def selected_step(d: float, h: float, p: FloatArray, dt: float) -> tuple[float, float]:
     """Return the increase of the voltage for a move `d` within `dt`, and h after it."""
     place = min(max(abs(d) / dt / p[0] * KNOTS - 1.0, 0.0), KNOTS - 1.0)
@@ -92,7 +92,7 @@ def selected_step(d: float, h: float, p: FloatArray, dt: float) -> tuple[float, 
     return rise, moved
 
 
-@leaf
+@inline_jit
 def solve_selected(needed: float, h: float, p: FloatArray, dt: float) -> float:
     """Return the smallest move d that increases the voltage by `needed`, by the row of its slope.
 

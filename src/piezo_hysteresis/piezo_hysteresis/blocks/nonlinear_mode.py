@@ -8,7 +8,7 @@ from piezo_hysteresis.blocks._second_order import hold
 from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 # Longest step [rad], and limits of the steps per tick: friction may reverse within a step.
 _STRIDE = 0.25
@@ -27,7 +27,7 @@ Law = tuple[float, float, float, float, float, float, float, float]
 """The parameters of the block, and the limit of the stiffness over the linear one."""
 
 
-@leaf
+@inline_jit
 def law_of(p: FloatArray, h: float) -> Law:
     """Return the coefficients of the law for steps of `h` [s].
 
@@ -38,7 +38,7 @@ def law_of(p: FloatArray, h: float) -> Law:
     return p[0], p[1], p[2], p[3], p[4], p[5], p[6], stiffest
 
 
-@leaf
+@inline_jit
 def transitions(law: Law, h: float) -> tuple[Transition, Transition]:
     """Return the transitions of the linear mode over half a step of `h` [s] and a whole step."""
     omega = 2.0 * pi * law[0]
@@ -60,7 +60,7 @@ def friction_state(
     return limit + (bristle - limit) * exp(-abs(move) / (presliding * abs(limit)))
 
 
-@leaf
+@inline_jit
 def spring(position: float, cubic: float, stiffest: float) -> float:
     """Return the cubic share of the restoring force, in metres of static displacement.
 
@@ -70,7 +70,7 @@ def spring(position: float, cubic: float, stiffest: float) -> float:
     return min(max(cubic * position * position, -1.0), stiffest) * position
 
 
-@leaf
+@inline_jit
 def pull(x: float, initial: Triple, time: float, law: Law) -> float:
     """Return the restoring force at `x`, `time` after the mode was at `initial`.
 
@@ -86,7 +86,7 @@ def pull(x: float, initial: Triple, time: float, law: Law) -> float:
     return force
 
 
-@leaf
+@inline_jit
 def advance(
     f: Triple, initial: Triple, law: Law, h: float, over: tuple[Transition, Transition]
 ) -> Triple:
@@ -113,7 +113,7 @@ def advance(
     return moved, speed, bristle
 
 
-@leaf
+@inline_jit
 def turn(before: float, after: float, law: Law, h: float) -> float:
     """Return the share of a step of `h` [s] at which the friction reverses; 0 if it does not.
 
@@ -127,7 +127,7 @@ def turn(before: float, after: float, law: Law, h: float) -> float:
     return 0.0 if share < _BRIEF or share > 1.0 - _BRIEF else share
 
 
-@leaf
+@inline_jit
 def within(f: Triple, begin: float, end: float) -> Triple:
     """Return the input at start, middle and end of a part of a step."""
     slope, bend = -3.0 * f[0] + 4.0 * f[1] - f[2], 2.0 * (f[0] - 2.0 * f[1] + f[2])
@@ -139,7 +139,7 @@ def within(f: Triple, begin: float, end: float) -> Triple:
     )
 
 
-@leaf
+@inline_jit
 def in_two(f: Triple, initial: Triple, law: Law, h: float, share: float) -> Triple:
     """Return the state of the mode after a step in two parts, the first of length `share`."""
     first, second = share * h, (1.0 - share) * h
@@ -147,7 +147,7 @@ def in_two(f: Triple, initial: Triple, law: Law, h: float, share: float) -> Trip
     return advance(within(f, share, 1.0), there, law, second, transitions(law, second))
 
 
-@leaf
+@inline_jit
 def turning(
     f: Triple, initial: Triple, law: Law, h: float, over: tuple[Transition, Transition]
 ) -> Triple:
@@ -161,7 +161,7 @@ def turning(
     return there if share == 0.0 else in_two(f, initial, law, h, share)
 
 
-@leaf
+@inline_jit
 def parts_of_a_tick(p: FloatArray, dt: float) -> int:
     """Return the steps per tick for the forces, from the largest stiffness."""
     stiff = 1.0 + p[3] * p[5] / p[4]
@@ -187,7 +187,7 @@ def kernel(
     state[0], state[1], state[2] = now
 
 
-@leaf
+@inline_jit
 def parts_of_a_step(p: FloatArray, dt: float, steps: int) -> int:
     """Return the even number of parts of one of `steps` per tick."""
     return 2 * max(1, (parts_of_a_tick(p, dt) + 2 * steps - 1) // (2 * steps))

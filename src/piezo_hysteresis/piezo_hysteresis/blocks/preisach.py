@@ -2,7 +2,7 @@
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 
 LEVELS = 8  # cells along either axis of the Preisach plane
 DEPTH = 64  # number of stored reversals
@@ -10,7 +10,7 @@ DEPTH = 64  # number of stored reversals
 _HEAD = 4
 
 
-@leaf
+@inline_jit
 def everett(weights: FloatArray, table: FloatArray) -> None:
     """Fill the Everett function at the corners of the cells, shape (LEVELS+1, LEVELS+1).
 
@@ -26,7 +26,7 @@ def everett(weights: FloatArray, table: FloatArray) -> None:
             table[i + 1, j] = weight + table[i + 1, j + 1] + table[i, j] - inner
 
 
-@leaf
+@inline_jit
 def change(table: FloatArray, high: float, low: float) -> float:
     """Return the change of the output between `low` and `high`, both in cells from below.
 
@@ -46,7 +46,7 @@ def change(table: FloatArray, high: float, low: float) -> float:
     return float(low_edge * (1.0 - a) + high_edge * a)
 
 
-@leaf
+@inline_jit
 def wipe_out(state: FloatArray, count: int, position: float, rising: bool) -> int:
     """Return how many reversals remain when the input has reached `position`.
 
@@ -60,7 +60,7 @@ def wipe_out(state: FloatArray, count: int, position: float, rising: bool) -> in
     return count
 
 
-@leaf
+@inline_jit
 def add_reversal(state: FloatArray, count: int, position: float, output: float) -> int:
     """Add a reversal; a full memory loses its smallest loop first."""
     if count == DEPTH:

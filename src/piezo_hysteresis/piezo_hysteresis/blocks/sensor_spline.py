@@ -3,18 +3,18 @@
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 # Knots as shares of the range: five pieces of equal length over the stroke.
 _INNER, _OUTER = 0.2, 0.6
 
 
-@leaf
+@inline_jit
 def _beyond(x: float, knot: float) -> float:
     return x - knot if x > knot else 0.0
 
 
-@leaf
+@inline_jit
 def _at(v: float, p: FloatArray) -> tuple[float, float]:
     """Return the reading for a displacement `v` and its slope."""
     inner, outer = _INNER * p[0], _OUTER * p[0]

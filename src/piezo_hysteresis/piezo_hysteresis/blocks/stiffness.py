@@ -5,10 +5,10 @@ from math import asin, asinh, sin, sinh, sqrt
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 
-@leaf
+@inline_jit
 def bent(v: float, cubic: float) -> float:
     """Return the x nearest to 0 with ``x + cubic x^3 = v``; constant past a soft spring's fold."""
     if cubic == 0.0:

@@ -11,7 +11,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.parameter_table import range_refusal
 from piezo_hysteresis.compensation.link import OK, CompiledLaw, Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 # Share of the window in which the allowed slew decreases to the sustained value.
 TAPER = 0.1
@@ -71,7 +71,7 @@ def slow_enough(share: float) -> bool:
     return bool(share * (1.0 + 1.0 / TAPER) <= 1.0)
 
 
-@leaf
+@inline_jit
 def largest_change(mean: float, power: float, per_volt: float) -> float:
     """Return the largest change that the next sample may make [V].
 
@@ -95,7 +95,7 @@ LIMITER_SIZE = 6
 LOW, HIGH, STEP, POWER, SHARE, PER_VOLT = range(6)
 
 
-@leaf
+@inline_jit
 def approach(goal: float, memory: FloatArray, settings: FloatArray) -> float:
     """Move towards `goal` [V] within the limits of slew and energy; return the voltage."""
     before, step, reason = memory[VOLTAGE], settings[STEP], _SLEW_LIMITED
@@ -168,15 +168,15 @@ def packed_limits(limits: Limits, dt: float, energy: EnergyLimits | None = None)
 def limiter_law(dt: float) -> CompiledLaw:  # [s]
     """Return the limiter as kernels, for C."""
 
-    @leaf
+    @inline_jit
     def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
         return limit(received, memory, numbers)
 
-    @leaf
+    @inline_jit
     def reset(memory: FloatArray, numbers: FloatArray) -> None:
         reset_limiter(0.0, memory, numbers)
 
-    @leaf
+    @inline_jit
     def take(
         values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
         first: bool,

@@ -19,11 +19,11 @@ from piezo_hysteresis.discovery.selection.policy import POLICY, number
 from piezo_hysteresis.discovery.selection.rules import is_no_worse
 from piezo_hysteresis.identification.checks import require_usable
 from piezo_hysteresis.identification.fit import FitResult, fit
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.fit_data import FitData, targets_of, with_start_of
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.output_error import output_error, refined, suited
 from piezo_hysteresis.identification.prediction import predictions
-from piezo_hysteresis.identification.targets import Target, targets_of, with_start_of
 from piezo_hysteresis.models import (
     EFFECT_NAMES,
     Candidate,
@@ -152,7 +152,7 @@ class Trial:
     held_out: float
     records: tuple[HeldOutScore, ...]
     sure: bool
-    views: tuple[Target, ...] = ()
+    views: tuple[FitData, ...] = ()
 
     def improves(self, before: Trial) -> bool:
         """Return whether the last effect is significant and improves the prediction."""
@@ -184,7 +184,7 @@ class Trial:
         return {**free, SAMPLING_OFFSET: self.fit.sampling_offset}
 
 
-def _alike(one: Sequence[Target], other: Sequence[Target]) -> bool:
+def _alike(one: Sequence[FitData], other: Sequence[FitData]) -> bool:
     return [t.begins for t in one] == [t.begins for t in other]
 
 
@@ -193,7 +193,7 @@ def _late(found: FitResult) -> dict[str, float]:
 
 
 def _attempted(
-    seen: Sequence[Target],
+    seen: Sequence[FitData],
     evaluations: int,
     model: Model,
     values: Mapping[str, float],
@@ -244,7 +244,9 @@ def _left(fit: FitResult) -> float:
 class ForwardSelection:
     """The records, cut in two parts, and fits of models to the first part."""
 
-    def __init__(self, records: Sequence[Record], choices: Choices, workers: int = 1) -> None:
+    def __init__(
+        self, records: Sequence[Record], choices: RecordAssumptions, workers: int = 1
+    ) -> None:
         self._records = records
         self._choices, self._workers = choices, workers
         self._cuts = [max(round(CHOICE.trained * len(record)), 2) for record in records]
@@ -367,7 +369,7 @@ class ForwardSelection:
         return self._scored(again, before.views, candidate.neutral)
 
     def _polished(
-        self, found: FitResult, seen: Sequence[Target], neutral: Mapping[str, float]
+        self, found: FitResult, seen: Sequence[FitData], neutral: Mapping[str, float]
     ) -> Trial:
         """Continue the fit of a trial until it converges."""
         values = {**found.values, **_late(found)}
@@ -400,7 +402,7 @@ class ForwardSelection:
         return self._scored(found, views, neutral)
 
     def _scored(
-        self, found: FitResult, views: Sequence[Target], neutral: Mapping[str, float] | None
+        self, found: FitResult, views: Sequence[FitData], neutral: Mapping[str, float] | None
     ) -> Trial:
         """Return a fit with its errors on views of the whole records."""
         parts: tuple[list[FloatArray], list[FloatArray]] = ([], [])
@@ -438,7 +440,7 @@ def _turns(voltage: FloatArray) -> FloatArray:
     return np.asarray(moving[1:-1][way[1:] != way[:-1]])
 
 
-def _held_out(view: Target, error: FloatArray, first: int) -> HeldOutScore:
+def _held_out(view: FitData, error: FloatArray, first: int) -> HeldOutScore:
     rms = float(np.sqrt(np.mean(error[first:] ** 2)))
     spread = float(np.std(view.measured[first:]))
     return HeldOutScore(view.name, rms, 100 * rms / spread if spread > 0 else float('nan'))
@@ -498,7 +500,7 @@ class Choice:
 def choose_model(
     records: Sequence[Record],
     progress: Progress = lambda fraction, words: None,
-    choices: Choices | None = None,
+    choices: RecordAssumptions | None = None,
     workers: int = 1,
 ) -> Choice:
     """Select a model for records of an unknown actuator.
@@ -522,7 +524,7 @@ def choose_model(
         Measured records.
     progress : callable
         Called with ``(fraction, words)``.
-    choices : Choices, optional
+    choices : RecordAssumptions, optional
         Known initial conditions and zero offsets.
     workers : int
         Threads over records and trials; the result does not depend on it.
@@ -533,7 +535,7 @@ def choose_model(
         If the records are unsuitable for identification.
     """
     require_usable(records)
-    selection = ForwardSelection(records, choices or Choices(), workers)
+    selection = ForwardSelection(records, choices or RecordAssumptions(), workers)
     steps: list[TriedModel] = []
     ends: list[Trial] = []
     for k, memory in enumerate(MEMORIES):

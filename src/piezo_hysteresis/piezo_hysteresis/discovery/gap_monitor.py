@@ -10,10 +10,10 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.identification.error_measures import views_of
+from piezo_hysteresis.identification.fit_data import whole
 from piezo_hysteresis.identification.free_run import samples_late, shifted
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP, first_guess
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.targets import whole
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.numerics.harmonics import harmonics
 from piezo_hysteresis.records import Record

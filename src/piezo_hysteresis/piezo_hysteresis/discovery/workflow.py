@@ -43,7 +43,7 @@ from piezo_hysteresis.discovery.selection.start import (
 )
 from piezo_hysteresis.discovery.verdict.build_verdict import build_verdict
 from piezo_hysteresis.discovery.verdict.verdict import HeldOutComparison, Verdict, compare_held_out
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import require_settings
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of, residual_of
@@ -313,7 +313,7 @@ def discover(
     baseline = chosen(baseline)
     began = time.monotonic()
     end = Deadline(time_limit)
-    choices = Choices(begins, zero)
+    choices = RecordAssumptions(begins, zero)
     records, remarks = as_measured(records)
     if isinstance(baseline, ModelFile):
         baseline = entry_for(baseline, records)
@@ -399,7 +399,7 @@ def limits_of(
     IdentificationError
         If the file states no discrepancy, or the records do not show their noise.
     """
-    how = SearchOptions(Choices('auto', 'auto'), 0, workers, {}, Deadline(inf))
+    how = SearchOptions(RecordAssumptions('auto', 'auto'), 0, workers, {}, Deadline(inf))
     data = split(annotated(as_measured(listed(records))[0]), how.choices.start)
     found = unsearched(data, model, how)
     limits = detection_limits(found.evaluator, found.final, found.start)

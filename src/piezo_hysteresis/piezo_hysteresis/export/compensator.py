@@ -15,7 +15,7 @@ from piezo_hysteresis.compensation.link import GIVEN_SIZE, IMPOSSIBLE, OK
 from piezo_hysteresis.export.header import UNINITIALISED, Component, Field, changing, checking
 from piezo_hysteresis.export.native import Entry
 from piezo_hysteresis.export.sections import Section, in_chain
-from piezo_hysteresis.jit import leaf, scratch
+from piezo_hysteresis.jit import inline_jit, scratch
 
 # Indices in the memory: mark of initialisation, number of ticks, last voltage, last reference;
 # then the sections.
@@ -38,13 +38,13 @@ LIMITS = 6
 ABSURD, _ABSURD_RATE = 1e3, 1e9
 
 
-@leaf
+@inline_jit
 def is_absurd(x: FloatArray) -> bool:
     """Return whether the reference of an input is no number, or beyond any actuator."""
     return not (abs(x[D]) < ABSURD and abs(x[V]) < _ABSURD_RATE and abs(x[A]) < _ABSURD_RATE)
 
 
-@leaf
+@inline_jit
 def take_input(
     x: FloatArray, tick: float, last: FloatArray, nyquist: float, given: FloatArray
 ) -> int:
@@ -71,7 +71,7 @@ def take_input(
     return code
 
 
-@leaf
+@inline_jit
 def limiter_bits(before: FloatArray, counts: FloatArray) -> int:
     """Return the bits of those counts of a limiter that have changed."""
     code = OK
@@ -98,11 +98,11 @@ def compensator_of(
     take_whole, reset_whole = whole.take, whole.reset
     safe = min(max(0.0, fields[0].value), fields[1].value)
 
-    @leaf
+    @inline_jit
     def take(values: FloatArray, s: FloatArray, first: bool) -> int:
         return int(take_whole(values[LIMITS:], values[:LIMITS], s[HEAD:], first))
 
-    @leaf
+    @inline_jit
     def reset(s: FloatArray) -> None:
         reset_whole(s[HEAD:])
         s[_TICK] = s[_ASKED] = s[_VOLTAGE] = 0.0
@@ -121,7 +121,7 @@ def _judging(fields: Sequence[Field], dt: float) -> Callable[[FloatArray], int]:
     """Return the kernel of the check of values: 0, or the reason of a rejection."""
     check = checking(fields)
 
-    @leaf
+    @inline_jit
     def judge(values: FloatArray) -> int:
         code = check(values)
         if code == OK and not values[LOW] < values[HIGH]:
@@ -138,7 +138,7 @@ def _stepping(
 ) -> Callable[[FloatArray, FloatArray, FloatArray], int]:
     counts = size - LIMITER_SIZE + 2
 
-    @leaf
+    @inline_jit
     def step(s: FloatArray, x: FloatArray, voltage: FloatArray) -> int:
         if s[_MARK] != mark:
             voltage[0] = safe
@@ -159,7 +159,7 @@ def compensator_doors(name: str, chain: Component) -> list[Entry]:
     """Return the functions of a chain under the name of the library."""
     run, size = chain.step, chain.size
 
-    @leaf
+    @inline_jit
     def step(s: Any, x: Any, voltage: Any) -> int:
         return run(carray(s, (size,)), carray(x, (INPUT_SIZE,)), carray(voltage, (1,)))
 
@@ -170,7 +170,7 @@ def plant_doors(name: str, plant: Component) -> list[Entry]:
     """Return the functions of a free run under the name of the library."""
     run, size = plant.step, plant.size
 
-    @leaf
+    @inline_jit
     def step(s: Any, voltage: float, displacement: Any) -> int:
         return run(carray(s, (size,)), voltage, carray(displacement, (1,)))
 
@@ -182,15 +182,15 @@ def common_doors(name: str, part: Component) -> list[Entry]:
     begin, change, reset_state, size = part.begin, part.change, part.reset, part.size
     count = len(part.fields)
 
-    @leaf
+    @inline_jit
     def init(s: Any, values: Any) -> int:
         return begin(carray(s, (size,)), carray(values, (count,)))
 
-    @leaf
+    @inline_jit
     def take(s: Any, values: Any) -> int:
         return change(carray(s, (size,)), carray(values, (count,)))
 
-    @leaf
+    @inline_jit
     def reset(s: Any) -> int:
         return reset_state(carray(s, (size,)))
 
@@ -206,7 +206,7 @@ def _defaults(fields: Sequence[Field]) -> Any:
     known = np.array([field.value for field in fields])
     count = known.size
 
-    @leaf
+    @inline_jit
     def defaults(values: Any) -> int:
         place = carray(values, (count,))
         for k in range(count):

@@ -48,7 +48,7 @@ from piezo_hysteresis.export.header import (
     of_table,
 )
 from piezo_hysteresis.export.native import Entry, known_target, object_code
-from piezo_hysteresis.jit import leaf, scratch
+from piezo_hysteresis.jit import inline_jit, scratch
 from piezo_hysteresis.parameters.links import COUPLED
 from piezo_hysteresis.parameters.links import VOLTAGE as VOLTAGE_TABLE
 from piezo_hysteresis.waveforms import Sine
@@ -141,7 +141,7 @@ def _attenuating(law: Any, first: Mapping[str, int], size: int) -> Any:
     """Return the kernel of the attenuation on the memory of the library."""
     if law is None:
 
-        @leaf
+        @inline_jit
         def nothing(given: FloatArray, s: FloatArray, answer: FloatArray) -> None:
             return
 
@@ -150,7 +150,7 @@ def _attenuating(law: Any, first: Mapping[str, int], size: int) -> Any:
     own, watch, lines = first['settings'], first['watch'], first['lines']
     known, guard = first['gains'], first['guard']
 
-    @leaf
+    @inline_jit
     def learn(given: FloatArray, s: FloatArray, answer: FloatArray) -> None:
         attenuate(
             given, s[own:watch], orders, gains, s[watch:lines], s[lines:known],
@@ -171,7 +171,7 @@ def _stepping(
     last, own, limiters = first['last'], first['decoupling'], first['limits']
     each = _SETTINGS + LIMITER_SIZE
 
-    @leaf
+    @inline_jit
     def step(s: FloatArray, x: FloatArray, voltages: FloatArray) -> int:
         if s[_MARK] != mark:
             for i in range(axes):
@@ -215,7 +215,7 @@ def _changing(
     lines, known, guard = first.get('lines', 0), first.get('gains', 0), first.get('guard', 0)
     clear = matrix.reset_matrix
 
-    @leaf
+    @inline_jit
     def judge(values: FloatArray) -> int:
         code = check(values)
         for i in range(axes):
@@ -223,7 +223,7 @@ def _changing(
                 code = IMPOSSIBLE
         return int(code)
 
-    @leaf
+    @inline_jit
     def take(values: FloatArray, s: FloatArray, begins: bool) -> int:
         for i in range(axes):
             at = limiters + i * each
@@ -234,7 +234,7 @@ def _changing(
             s[own + matrix.LARGEST] = values[count + 1]
         return OK
 
-    @leaf
+    @inline_jit
     def rest(s: FloatArray) -> None:
         for k in range(_TICK, limiters):
             s[k] = 0.0
@@ -256,7 +256,7 @@ def coupled_doors(name: str, part: Component, axes: int) -> list[Entry]:
     """Return the functions under the name of the library."""
     run, size, inputs = part.step, part.size, axes * INPUT_SIZE
 
-    @leaf
+    @inline_jit
     def step(s: Any, x: Any, voltages: Any) -> int:
         return run(carray(s, (size,)), carray(x, (inputs,)), carray(voltages, (axes,)))
 

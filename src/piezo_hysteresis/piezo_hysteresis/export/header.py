@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.parameter_table import ParameterTable
 from piezo_hysteresis.compensation.link import OK
-from piezo_hysteresis.jit import leaf
+from piezo_hysteresis.jit import inline_jit
 from piezo_hysteresis.models.chain import Model
 
 # Answers of `set` and `init` too: no state yet; a rejected field is REFUSED - its index.
@@ -77,7 +77,7 @@ def checking(fields: Sequence[Field]) -> Callable[[FloatArray], int]:
     high = np.array([f.value if f.fixed else f.high for f in fields] or [0.0])
     above = np.array([f.above and not f.fixed for f in fields] or [False])
 
-    @leaf
+    @inline_jit
     def check(values: FloatArray) -> int:
         for k in range(count):
             value = values[k]
@@ -115,7 +115,7 @@ def changing(
     if total == 0:
         places, numbers = np.zeros(1, dtype=np.int64), np.zeros(1)
 
-    @leaf
+    @inline_jit
     def begin(s: FloatArray, values: FloatArray) -> int:
         s[0] = 0.0
         code = judge(values)
@@ -132,7 +132,7 @@ def changing(
         s[0] = mark
         return OK
 
-    @leaf
+    @inline_jit
     def change(s: FloatArray, values: FloatArray) -> int:
         if s[0] != mark:
             return UNINITIALISED
@@ -141,7 +141,7 @@ def changing(
             return int(code)
         return int(take(values, s, False))
 
-    @leaf
+    @inline_jit
     def reset_marked(s: FloatArray) -> int:
         if s[0] != mark:
             return UNINITIALISED

@@ -25,7 +25,7 @@ from piezo_hysteresis.export.header import (
     checking,
     of_model,
 )
-from piezo_hysteresis.jit import leaf, scratch
+from piezo_hysteresis.jit import inline_jit, scratch
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.models.simulation.compiled import kernel_of
 from piezo_hysteresis.models.simulation.plan import LinearStage, Stage, TickStage
@@ -54,7 +54,7 @@ def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
     part = timing.part
     past, past_end = layout.past.start, layout.past.stop
 
-    @leaf
+    @inline_jit
     def follow(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -80,7 +80,7 @@ def path_run(run: PathRun, own: FloatArray, dt: float) -> Run:
 def _then(before: Run, behind: Run) -> Run:
     """Return two runs in series, each with its indices in the state."""
 
-    @leaf
+    @inline_jit
     def run(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -94,7 +94,7 @@ def _then(before: Run, behind: Run) -> Run:
 def _at(alone: Alone, memory: slice) -> Run:
     first, last = memory.start, memory.stop
 
-    @leaf
+    @inline_jit
     def run(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -107,7 +107,7 @@ def _with(alone: Alone, own: FloatArray) -> Alone:
     """Return a block with constant parameters."""
     values = np.ascontiguousarray(own)
 
-    @leaf
+    @inline_jit
     def run(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -127,7 +127,7 @@ def _followed(
     if step is not None:
         phi, gamma, rows, gains = step
 
-        @leaf
+        @inline_jit
         def linear(
             x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
         ) -> None:
@@ -146,7 +146,7 @@ def _followed(
 def _turning(run: Alone) -> Alone:
     """Return a memory that is also evaluated at the extrema of its path."""
 
-    @leaf
+    @inline_jit
     def follow(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -164,7 +164,7 @@ def _with_time(block: Block, dt: float, steps: int, ahead: float) -> Alone:
     assert block.count is not None
     count, run = block.count, of_block(block, dt / steps)
 
-    @leaf
+    @inline_jit
     def follow(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -227,7 +227,7 @@ def in_series(pieces: Sequence[Piece]) -> Piece:
 def on_columns(alone: Alone, first: int, last: int) -> Run:
     """Return a run on the parameters first..last of the chain."""
 
-    @leaf
+    @inline_jit
     def run(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -240,7 +240,7 @@ def of_block(block: Block, dt: float, points: int = 0) -> Alone:
     """Return a block on its own parameters, along a path of `points` values if supported."""
     kernel = kernel_of(block, dt, points)
 
-    @leaf
+    @inline_jit
     def run(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -253,7 +253,7 @@ def late(run: Run, ticks: int, ring: slice) -> Run:
     """Return the run with an input delayed by `ticks`; its ring buffer is in the state."""
     first, last = ring.start, ring.stop
 
-    @leaf
+    @inline_jit
     def delayed(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -269,7 +269,7 @@ def _held(stage: LinearStage, own: FloatArray, dt: float) -> Run:
     ring = stage.delays * ring_size(dt) + 1 if stage.delays else 0
     phi, gamma, row, gain = hold
 
-    @leaf
+    @inline_jit
     def run(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
@@ -301,13 +301,13 @@ def plant_of(model: Model, packed: FloatArray, dt: float, mark: float) -> Compon
     first = HEAD + values
     rest = whole.start if states else np.zeros(1)
 
-    @leaf
+    @inline_jit
     def take(given: FloatArray, s: FloatArray, begins: bool) -> int:
         for k in range(values):
             s[HEAD + k] = given[k]
         return OK
 
-    @leaf
+    @inline_jit
     def reset(s: FloatArray) -> None:
         s[_VOLTAGE] = 0.0
         for k in range(states):
@@ -325,7 +325,7 @@ def plant_of(model: Model, packed: FloatArray, dt: float, mark: float) -> Compon
 def _stepping(
     run: Any, first: int, states: int, mark: float
 ) -> Callable[[FloatArray, float, FloatArray], int]:
-    @leaf
+    @inline_jit
     def step(s: FloatArray, voltage: float, displacement: FloatArray) -> int:
         if s[_MARK] != mark:
             displacement[0] = 0.0

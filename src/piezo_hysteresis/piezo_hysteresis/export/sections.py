@@ -35,7 +35,7 @@ from piezo_hysteresis.compensation.link import (
     reset_cross,
 )
 from piezo_hysteresis.export.header import Field, c_identifier, of_table
-from piezo_hysteresis.jit import leaf
+from piezo_hysteresis.jit import inline_jit
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
 
 # Duration of the transition of a switched link [s].
@@ -93,15 +93,15 @@ def _section(law: CompiledLaw, numbers: FloatArray, size: int) -> Section:
     """Return a law with its packed numbers and a memory of a given size."""
     law_step, law_reset, law_take, n = law.step, law.reset, law.take, numbers.size
 
-    @leaf
+    @inline_jit
     def step(given: FloatArray, received: float, s: FloatArray) -> float:
         return float(law_step(given, received, s[n:], s[:n]))
 
-    @leaf
+    @inline_jit
     def reset(s: FloatArray) -> None:
         law_reset(s[n:], s[:n])
 
-    @leaf
+    @inline_jit
     def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
         return int(law_take(values, bounds, s[n:], s[:n], first))
 
@@ -120,16 +120,16 @@ def in_chain(before: Section, behind: Section) -> Section:
     last_step, last_reset, last_take = behind.step, behind.reset, behind.take
     n, count = before.start.size, len(before.fields)
 
-    @leaf
+    @inline_jit
     def step(given: FloatArray, received: float, s: FloatArray) -> float:
         return last_step(given, first_step(given, received, s[:n]), s[n:])
 
-    @leaf
+    @inline_jit
     def reset(s: FloatArray) -> None:
         first_reset(s[:n])
         last_reset(s[n:])
 
-    @leaf
+    @inline_jit
     def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
         # only the model can reject values, so it is first
         code = first_take(values[:count], bounds, s[:n], first)
@@ -151,7 +151,7 @@ def switched(section: Section, dt: float) -> Section:
     # whether it is on, then the transition
     head = 1 + CROSS_SIZE
 
-    @leaf
+    @inline_jit
     def step(given: FloatArray, received: float, s: FloatArray) -> float:
         answer = received
         if s[0] > 0.0:
@@ -162,12 +162,12 @@ def switched(section: Section, dt: float) -> Section:
         faded = cross_fade(share, s[1:head], dt, _SWITCHING)
         return answer if faded == share else received + faded
 
-    @leaf
+    @inline_jit
     def reset(s: FloatArray) -> None:
         reset_cross(s[1:head])
         inner_reset(s[head:])
 
-    @leaf
+    @inline_jit
     def take(values: FloatArray, bounds: FloatArray, s: FloatArray, first: bool) -> int:
         on = 1.0 if values[0] >= 0.5 else 0.0
         code = inner_take(values[1:], bounds, s[head:], first)

@@ -1,6 +1,7 @@
 """Parameters from records: RLS family, output error, swarms; and identifiability."""
 
 from piezo_hysteresis.identification.fit import FitResult, fit
+from piezo_hysteresis.identification.fit_data import FitData, targets_of
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.identification.methods import METHODS
 from piezo_hysteresis.identification.objective import Prior
@@ -10,12 +11,12 @@ from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
 from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
 from piezo_hysteresis.identification.simulate import simulate
-from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.identification.validate import Validation, validate
 
 __all__ = [
     'METHODS',
     'Estimate',
+    'FitData',
     'FitResult',
     'Identification',
     'OnlineMethod',
@@ -23,7 +24,6 @@ __all__ = [
     'OnlineUd',
     'Prior',
     'RlsSettings',
-    'Target',
     'UdSettings',
     'Validation',
     'fit',

@@ -11,9 +11,12 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import Guided
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, estimate_nuisances
+from piezo_hysteresis.identification.fit_data import FitData, targets_of
+from piezo_hysteresis.identification.initial_conditions.revision import (
+    RecordAssumptions,
+    estimate_nuisances,
+)
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
@@ -64,11 +67,11 @@ def views_of(
     values: Mapping[str, float],
     records: Sequence[Record],
     sampling_offset: float = 0.0,
-    choices: Choices | None = None,
+    choices: RecordAssumptions | None = None,
     *,
     checked: bool = True,
     workers: int = 1,
-) -> tuple[Target, ...]:
+) -> tuple[FitData, ...]:
     """Return whole records with initial conditions and zeros estimated by the model.
 
     Parameters
@@ -77,14 +80,14 @@ def views_of(
         The model, its parameters, and the clock of the recordings [s].
     records : sequence of Record
         Measured records.
-    choices : Choices, optional
+    choices : RecordAssumptions, optional
         Given initial conditions and zeros.
     checked : bool
         False accepts models that cannot be simulated.
     workers : int
         Threads over the records.
     """
-    chosen, late = choices or Choices(), sampling_offset
+    chosen, late = choices or RecordAssumptions(), sampling_offset
     targets = targets_of(
         records, folded=False, start=chosen.start, zero=chosen.zero, workers=workers
     )

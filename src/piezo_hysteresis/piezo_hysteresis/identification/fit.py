@@ -13,9 +13,9 @@ from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.fit_data import FitData, targets_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, Prior
 from piezo_hysteresis.identification.solver import Progress, Solution, solve
-from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.identification.uncertainty import (
     Covariance,
     covariance,
@@ -48,7 +48,7 @@ class FitResult:
         Half the weighted sum of squares [m^2].
     residuals : dict of str to ndarray
         Measured minus simulated displacement by record [m]; of the mean period where folded.
-    targets : tuple of Target
+    targets : tuple of FitData
         Data of the fit.
     converged : bool
         Whether a tolerance was met.
@@ -69,7 +69,7 @@ class FitResult:
     covariance: Covariance
     cost: float
     residuals: dict[str, FloatArray]
-    targets: tuple[Target, ...]
+    targets: tuple[FitData, ...]
     converged: bool
     message: str
     warnings: tuple[str, ...]
@@ -125,7 +125,7 @@ class FitResult:
         return dict(zip(self.free, (float(b) for b in bound), strict=True))
 
 
-def pooled_noise(targets: Sequence[Target]) -> float:
+def pooled_noise(targets: Sequence[FitData]) -> float:
     """Return the noise of one sample over all targets [m]; NaN if unknown."""
     known = {t.name: t for t in targets if np.isfinite(t.noise)}.values()
     if not known:
@@ -221,7 +221,7 @@ def fit(
     derivatives: bool = True,
     stopped: Callable[[], bool] = lambda: False,
     workers: int = 1,
-    targets: Sequence[Target] | None = None,
+    targets: Sequence[FitData] | None = None,
     progress: Progress | None = None,
 ) -> FitResult:
     """Fit a chain to records by free-run least squares from one start.
@@ -254,7 +254,7 @@ def fit(
         See `solver.solve`.
     workers : int
         Threads; the result is the same for any number.
-    targets : sequence of Target, optional
+    targets : sequence of FitData, optional
         Prepared by `targets_of`, so that the records are folded once for many models.
     progress : callable, optional
         Called with ``(fraction, words)``.
@@ -301,10 +301,10 @@ def fit(
 def _targets(
     model: Model,
     records: Sequence[Record],
-    targets: Sequence[Target] | None,
+    targets: Sequence[FitData] | None,
     folded: bool,
     stride: int,
-) -> list[Target]:
+) -> list[FitData]:
     if targets is None:
         slow = any(block.slot == Slot.SLOW for block in model.blocks)
         targets = targets_of(records, folded=folded and not slow, stride=stride)
@@ -351,7 +351,7 @@ def _box(
     return rows[:, 0], rows[:, 1]
 
 
-def target_weights(targets: Sequence[Target], weights: str | Mapping[str, float]) -> list[float]:
+def target_weights(targets: Sequence[FitData], weights: str | Mapping[str, float]) -> list[float]:
     """Return the factor of each target's residual.
 
     ``relative`` divides by the motion of the record, but a record that hardly moves counts at most
@@ -368,7 +368,7 @@ def target_weights(targets: Sequence[Target], weights: str | Mapping[str, float]
     raise IdentificationError(f'weights {weights!r} are unknown; choose equal or relative')
 
 
-def _noise(targets: Sequence[Target]) -> float:
+def _noise(targets: Sequence[FitData]) -> float:
     noise = pooled_noise(targets)
     if np.isnan(noise):
         raise IdentificationError(

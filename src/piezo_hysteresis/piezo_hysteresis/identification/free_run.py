@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.initial_conditions.initial_state import InitialStateRun
 from piezo_hysteresis.identification.sensitivities import SensitivityRun
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import TickStage
@@ -44,7 +44,7 @@ def shifted(rows: FloatArray, samples: float) -> FloatArray:
     return _interpolated(flat, whole - 1, weights).reshape(rows.shape)
 
 
-def read(rows: FloatArray, target: Target, samples: float) -> FloatArray:
+def read(rows: FloatArray, target: FitData, samples: float) -> FloatArray:
     """Return responses to the drive of a target read `samples` later, shape (..., n)."""
     return shifted(rows, samples)[..., : target.voltage.size]
 
@@ -88,7 +88,7 @@ def samples_late(model: Model, dt: float, sampling_offset: float = 0.0) -> float
 class StageCache:
     """Cache of the simulated stages of a model, reused by models with the same first stages."""
 
-    def __init__(self, model: Model, packed: FloatArray, targets: Sequence[Target]) -> None:
+    def __init__(self, model: Model, packed: FloatArray, targets: Sequence[FitData]) -> None:
         # packed (p,)
         self._stages, self._packed = model.stages, packed
         self._signals: dict[int, list[FloatArray]] = {}
@@ -105,7 +105,7 @@ class StageCache:
                 )
                 known.append(signal)
 
-    def of(self, model: Model, packed: FloatArray, target: Target) -> tuple[int, FloatArray]:
+    def of(self, model: Model, packed: FloatArray, target: FitData) -> tuple[int, FloatArray]:
         """Return the first stage of a model that is not cached, and its input."""
         known, first = self._signals.get(id(target), [target.drive]), 0
         for mine, other in zip(self._stages[: len(known) - 1], model.stages, strict=False):
@@ -122,7 +122,7 @@ class StageCache:
 def simulated(
     model: Model,
     packed: FloatArray,
-    target: Target,
+    target: FitData,
     sampling_offset: float = 0.0,
     cache: StageCache | None = None,
 ) -> FloatArray:
@@ -152,7 +152,7 @@ def differentiated(
     model: Model,
     packed: FloatArray,
     free: tuple[str, ...],
-    target: Target,
+    target: FitData,
     sampling_offset: float = 0.0,
     motion: InitialStateRun | None = None,
 ) -> Iterator[Derivatives]:

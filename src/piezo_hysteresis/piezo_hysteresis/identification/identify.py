@@ -18,7 +18,7 @@ from piezo_hysteresis.errors import IdentificationError, ModelError
 from piezo_hysteresis.identification.checks import require_each_usable, require_usable
 from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.fit import FitResult
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.inverse_fit import output_error_in_stages
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.method_settings import held_at, require_settings
@@ -361,7 +361,7 @@ def identify(
             model, records, base, seed=seed, workers=workers, progress=progress, **options
         )
         left_out = ()
-    choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
+    choices = RecordAssumptions(options.get('begins', 'auto'), options.get('zero', 'auto'))
     if base == 'output_error':
         more = {name: options[name] for name in _OF_FIT if name in options}
         fit = with_held_levels(fit, records, choices, workers=workers, progress=progress, **more)
@@ -376,7 +376,7 @@ def from_fit(
     records: Sequence[Record],
     warnings: Sequence[str] = (),
     started: float | None = None,
-    choices: Choices | None = None,
+    choices: RecordAssumptions | None = None,
     workers: int = 1,
 ) -> Identification:
     """Return a fit with its errors over whole records."""

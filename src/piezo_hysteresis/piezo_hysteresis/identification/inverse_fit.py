@@ -15,6 +15,7 @@ from piezo_hysteresis.blocks.bouc_wen_exact import kernel as bouc_wen
 from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS, SELECTOR, SINGLE
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import FitResult, pooled_noise, result_at, target_weights
+from piezo_hysteresis.identification.fit_data import targets_of
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.global_search import Swarm, search
 from piezo_hysteresis.identification.initial_conditions.record_start import NEAR_ZERO
@@ -22,7 +23,6 @@ from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import leaves_noise, output_error, suited
 from piezo_hysteresis.identification.periods import period_of
 from piezo_hysteresis.identification.starts import linear_parameters
-from piezo_hysteresis.identification.targets import targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.linalg import failing_as, solve_least_squares
 from piezo_hysteresis.records import Record

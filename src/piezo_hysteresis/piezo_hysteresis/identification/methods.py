@@ -15,6 +15,7 @@ from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.common.wording import choices, near
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import FARTHEST, FitResult, result_at, target_weights
+from piezo_hysteresis.identification.fit_data import FitData, targets_of
 from piezo_hysteresis.identification.global_search import METHODS as SEARCHES
 from piezo_hysteresis.identification.global_search import (
     SWARMS,
@@ -23,12 +24,14 @@ from piezo_hysteresis.identification.global_search import (
     Swarm,
     search,
 )
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, estimate_nuisances
+from piezo_hysteresis.identification.initial_conditions.revision import (
+    RecordAssumptions,
+    estimate_nuisances,
+)
 from piezo_hysteresis.identification.inverse_fit import by_swarm, fit_direct, law_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.online import ONLINE_METHODS
 from piezo_hysteresis.identification.output_error import output_error, suited
-from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.records import Record
 
@@ -108,7 +111,7 @@ class Box:
         return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, z, 0.0)), z)
 
 
-def box_of(model: Model, targets: Sequence[Target], free: Sequence[str]) -> Box:
+def box_of(model: Model, targets: Sequence[FitData], free: Sequence[str]) -> Box:
     """Return a box that suits the gain, the range and the rate of the data."""
     known = {q.name: q for q in model.parameters}
     special = _ranges(targets)
@@ -134,7 +137,7 @@ def box_of(model: Model, targets: Sequence[Target], free: Sequence[str]) -> Box:
     return Box(bounds[:, 0], bounds[:, 1], np.array(logarithmic))
 
 
-def _ranges(targets: Sequence[Target]) -> dict[str, tuple[float, float]]:
+def _ranges(targets: Sequence[FitData]) -> dict[str, tuple[float, float]]:
     slowest = min(targets, key=lambda t: (t.frequency or np.inf, t.name))
     u = slowest.pick(slowest.voltage)
     y = slowest.measured
@@ -193,7 +196,7 @@ def identify_by_search(
         return fit_direct(model, records, solver, weights=weights, folded=folded)
     chain = suited(model, records)
     slow = any(block.slot == Slot.SLOW for block in chain.blocks)
-    choices = Choices(begins, zero)
+    choices = RecordAssumptions(begins, zero)
     targets = targets_of(records, folded=folded and not slow, start=begins, zero=zero)
     late = (SAMPLING_OFFSET,) if sampling_offset else ()
     trail: list[SearchResult] = []
@@ -222,7 +225,7 @@ def identify_by_search(
         renewed = estimate_nuisances(
             chain, own, values[SAMPLING_OFFSET], targets, records, choices
         )
-        if all(map(Target.begins_like, renewed, targets)):
+        if all(map(FitData.begins_like, renewed, targets)):
             break
         targets = renewed
     return _result(chain, targets, values, late, weights, trail, workers)
@@ -242,8 +245,8 @@ def swarm_of(method: str, given: Mapping[str, float]) -> Swarm | None:
 
 
 def _steps(
-    model: Model, targets: Sequence[Target], method: str, steps: str
-) -> list[tuple[Model, tuple[str, ...], list[Target]]]:
+    model: Model, targets: Sequence[FitData], method: str, steps: str
+) -> list[tuple[Model, tuple[str, ...], list[FitData]]]:
     """Return chain, unknowns and records of each step; two steps are Zhou 2021 (6), (7)."""
     stiff = Model(
         model.name,
@@ -274,7 +277,7 @@ def _names_without_structure(model: Model) -> set[str]:
 
 def _result(
     model: Model,
-    targets: Sequence[Target],
+    targets: Sequence[FitData],
     values: Mapping[str, float],
     late: tuple[str, ...],
     weights: str | Mapping[str, float],

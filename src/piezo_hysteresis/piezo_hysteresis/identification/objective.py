@@ -10,10 +10,10 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.free_run import Derivatives, differentiated
 from piezo_hysteresis.identification.prediction import Prediction
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.qr import extend, triangle
@@ -51,7 +51,7 @@ class Objective:
     def __init__(
         self,
         model: Model,
-        targets: Sequence[Target],
+        targets: Sequence[FitData],
         free: Sequence[str],
         values: Mapping[str, float],
         *,
@@ -124,7 +124,7 @@ class Objective:
 
         late = self.sampling_offset(x)
 
-        def left(target: Target) -> float:
+        def left(target: FitData) -> float:
             return Prediction(self.model, packed, target, late, weighted=True).cost
 
         squares = of_each(left, self.targets, self._workers)
@@ -135,7 +135,7 @@ class Objective:
         total += sum(((x[j] - mean) * scale) ** 2 for j, mean, scale in self._priors)
         return 0.5 * total if isfinite(total) else float('inf')
 
-    def jacobian(self, target: Target, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def jacobian(self, target: FitData, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return simulated samples, shape (m,), and derivatives, shape (p, m), of a target."""
         late = self.sampling_offset(x)
         found = differentiated(self.model, self.packed(x), self._own, target, late)
@@ -143,7 +143,7 @@ class Objective:
         y, rows = zip(*parts, strict=True)
         return np.concatenate(y), np.concatenate(rows, axis=1)
 
-    def _placed(self, target: Target, found: Derivatives) -> tuple[slice, FloatArray, FloatArray]:
+    def _placed(self, target: FitData, found: Derivatives) -> tuple[slice, FloatArray, FloatArray]:
         """Return which compared samples a part holds, simulated, and derivatives, (p, m)."""
         inside, here = target.compared_in(found.first, found.first + found.slope.size)
         rows = np.empty((len(self.free), inside.stop - inside.start))
@@ -182,7 +182,7 @@ class Objective:
 
         late = self.sampling_offset(x)
 
-        def compress(pair: tuple[Target, float]) -> FloatArray:
+        def compress(pair: tuple[FitData, float]) -> FloatArray:
             target, weight = pair
             with np.errstate(over='ignore', invalid='ignore'):
                 found = Prediction(self.model, packed, target, late, weighted=True)

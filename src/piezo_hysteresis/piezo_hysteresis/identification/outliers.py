@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 # Robust standard deviations from which a sample is an outlier.
 _FAR = 8.0
@@ -311,7 +311,7 @@ def excursions(y: FloatArray) -> BoolArray:
     return found
 
 
-@leaf
+@inline_jit
 def _away(y: FloatArray, k: int, width: int) -> tuple[float, float, bool]:
     """Return smallest and largest deviation of `width` samples after `k`, and if of one sign."""
     slope = (y[k + width + 1] - y[k]) / (width + 1)

@@ -13,8 +13,9 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import FitResult, fit
+from piezo_hysteresis.identification.fit_data import FitData, targets_of
 from piezo_hysteresis.identification.initial_conditions.revision import (
-    Choices,
+    RecordAssumptions,
     estimate_nuisances,
     zeros_lie_apart,
 )
@@ -25,7 +26,6 @@ from piezo_hysteresis.identification.noise import stroke_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Prior
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.identification.starts import Simulated, Start, representative, starts
-from piezo_hysteresis.identification.targets import Target, targets_of
 from piezo_hysteresis.models import Model, for_range
 from piezo_hysteresis.numerics.qr import inner
 from piezo_hysteresis.records import Record
@@ -99,7 +99,7 @@ def output_error(
     guesses : sequence of mapping of str to float
         More start values, of every unknown, in addition to those from the data.
     begins, zero : str
-        Initial conditions and zeros of the records, see `revision.Choices`.
+        Initial conditions and zeros of the records, see `revision.RecordAssumptions`.
     count : int, optional
         Number of start values that are fitted coarsely; the best is refined. The default takes
         about a second (4 to 16 start values).
@@ -122,7 +122,7 @@ def output_error(
         raise IdentificationError('there is no record to fit; give at least one')
     chain = suited(model, records)
     slow = any(block.slot == Slot.SLOW for block in chain.blocks)
-    choices = Choices(begins, zero)
+    choices = RecordAssumptions(begins, zero)
     targets = targets_of(
         records,
         folded=folded and not slow,
@@ -149,7 +149,7 @@ def output_error(
         'sampling_offset': sampling_offset, 'workers': workers, 'stopped': stopped,
     }  # fmt: skip
 
-    def follow(seen: Sequence[Target], begins: Sequence[Start]) -> FitResult:
+    def follow(seen: Sequence[FitData], begins: Sequence[Start]) -> FitResult:
         def attempt(values: Mapping[str, float]) -> FitResult:
             return _attempt(chain, seen, values, max_evaluations=max_evaluations // 6, **common)
 
@@ -157,7 +157,7 @@ def output_error(
         guessed = [Start({**chain.defaults(), **late, **guess, **known}, 0.0) for guess in guesses]
         return _followed([*guessed, *begins], attempt, stopped)
 
-    def end(seen: Sequence[Target], best: FitResult) -> FitResult:
+    def end(seen: Sequence[FitData], best: FitResult) -> FitResult:
         return refined(
             chain,
             seen,
@@ -189,7 +189,7 @@ def output_error(
 
 
 def _offsets(
-    known: float | None, free: bool | float, targets: Sequence[Target]
+    known: float | None, free: bool | float, targets: Sequence[FitData]
 ) -> tuple[float, ...]:
     """Return the sampling offsets with which start values are scanned [s].
 
@@ -204,14 +204,14 @@ def _offsets(
 
 def _by_own_zeros(
     model: Model,
-    targets: Sequence[Target],
+    targets: Sequence[FitData],
     names: Sequence[str],
     known: Mapping[str, float],
     found: Sequence[Start],
-    choices: Choices,
+    choices: RecordAssumptions,
     offsets: Sequence[float],
     simulated: Simulated,
-) -> tuple[list[Target], list[Start]] | None:
+) -> tuple[list[FitData], list[Start]] | None:
     """Return targets with a zero per record and start values, if these fit much better.
 
     With one common zero, a model fits different zeros of records as a wider loop.
@@ -259,11 +259,11 @@ def _left(result: FitResult) -> float:
 
 def refined(
     model: Model,
-    targets: Sequence[Target],
+    targets: Sequence[FitData],
     records: Sequence[Record],
     start: Mapping[str, float],
     *,
-    choices: Choices,
+    choices: RecordAssumptions,
     free: Sequence[str] | None = None,
     priors: Mapping[str, Prior] | None = None,
     weights: str | Mapping[str, float] = 'equal',
@@ -277,7 +277,7 @@ def refined(
     names = tuple(model.free_names if free is None else free)
 
     def attempt(
-        seen: Sequence[Target],
+        seen: Sequence[FitData],
         values: Mapping[str, float],
         late: bool | float,
         enough: float = inf,
@@ -323,7 +323,7 @@ def refined(
 
 
 def with_held_levels(
-    found: FitResult, records: Sequence[Record], choices: Choices, **options: Any
+    found: FitResult, records: Sequence[Record], choices: RecordAssumptions, **options: Any
 ) -> FitResult:
     """Return a fit that gains nothing from levels before a record that no run reaches.
 
@@ -352,19 +352,19 @@ def with_held_levels(
 
 
 def _search(
-    found: FitResult, records: Sequence[Record], choices: Choices
+    found: FitResult, records: Sequence[Record], choices: RecordAssumptions
 ) -> InitialConditionSelector:
     return InitialConditionSelector(
         found.model, found.values, found.sampling_offset, records, choices.start
     )
 
 
-def _alike(one: Target, other: Target, error: FloatArray) -> bool:
+def _alike(one: FitData, other: FitData, error: FloatArray) -> bool:
     """Return whether two views of a record give the same fit, for such residuals [m]."""
     if not one.begins_like(other) or one.lost != other.lost:
         return False
 
-    def square(target: Target) -> float:
+    def square(target: FitData) -> float:
         weighted = error if target.influence is None else error * target.influence
         return inner(weighted, weighted) * target.precision**2
 
@@ -377,7 +377,7 @@ def _with_offset(result: FitResult) -> dict[str, float]:
 
 def _attempt(
     model: Model,
-    targets: Sequence[Target],
+    targets: Sequence[FitData],
     values: Mapping[str, float],
     *,
     max_evaluations: int,
@@ -395,7 +395,7 @@ def _attempt(
 
 
 def _resolvable(
-    values: Mapping[str, float], targets: Sequence[Target]
+    values: Mapping[str, float], targets: Sequence[FitData]
 ) -> dict[str, tuple[float, float]]:
     """Bounds that keep a lightly damped mode off its aliases above half the sampling rate."""
     half = 0.49 / min(t.dt for t in targets)

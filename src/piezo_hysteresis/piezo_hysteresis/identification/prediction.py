@@ -10,6 +10,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import InverseRole
 from piezo_hysteresis.common.cached_property import cached_property
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.free_run import (
     Derivatives,
     StageCache,
@@ -20,7 +21,6 @@ from piezo_hysteresis.identification.free_run import (
 )
 from piezo_hysteresis.identification.initial_conditions.initial_state import BestFit
 from piezo_hysteresis.identification.initial_conditions.nuisances import Nuisances, nuisances_of
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.chain import State
 from piezo_hysteresis.numerics.qr import inner
@@ -36,7 +36,7 @@ class Prediction:
         self,
         model: Model,
         packed: FloatArray,  # (p,)
-        target: Target,
+        target: FitData,
         sampling_offset: float = 0.0,  # [s]
         *,
         weighted: bool = False,
@@ -140,7 +140,7 @@ class Prediction:
 def predictions(
     model: Model,
     values: Mapping[str, float],
-    views: Sequence[Target],
+    views: Sequence[FitData],
     sampling_offset: float = 0.0,  # [s]
     *,
     checked: bool = True,
@@ -154,7 +154,7 @@ def predictions(
 def with_mean_zero(
     model: Model,
     values: Mapping[str, float],
-    views: Sequence[Target],
+    views: Sequence[FitData],
     sampling_offset: float = 0.0,  # [s]
 ) -> dict[str, float]:
     """Return the values of a model, with the mean zero of records that have a zero of their own.

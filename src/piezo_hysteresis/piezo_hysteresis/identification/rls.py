@@ -26,7 +26,7 @@ from piezo_hysteresis.identification.recursion import (
     OnlineMethod,
     check_settings,
 )
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 from piezo_hysteresis.models import Model, named
 
 _TRACE_MAX = 1e3  # mean of the diagonal of P above which forgetting is suspended; P0 = I has 1
@@ -36,7 +36,7 @@ BASIC = 3.0  # number of the variant without recursion and A0
 _VARIANT, _OFFSET, _HARMONIC, OMEGA, PHASE = range(1, 6)  # in the settings, after FORGETTING
 
 
-@leaf
+@inline_jit
 def _gain(
     x: FloatArray, theta: FloatArray, p: FloatArray, g: FloatArray, error: float, forgetting: float
 ) -> None:
@@ -63,7 +63,7 @@ def _gain(
         _inflate(p, forgetting)
 
 
-@leaf
+@inline_jit
 def _inflate(p: FloatArray, forgetting: float) -> None:
     """Inflate P up to a bound, because without excitation it would grow indefinitely."""
     n = p.shape[0]
@@ -77,7 +77,7 @@ def _inflate(p: FloatArray, forgetting: float) -> None:
                 p[i, j] *= grow
 
 
-@leaf
+@inline_jit
 def _lags(
     y: float, y1: float, y2: float, y3: float, z2: float, z3: float, variant: float
 ) -> tuple[float, float, float]:

@@ -29,7 +29,7 @@ from piezo_hysteresis.identification.recursion import (
     OnlineMethod,
     check_settings,
 )
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 from piezo_hysteresis.kernels.forward import jacobian
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK
@@ -49,7 +49,7 @@ _SETTLED = 4.0  # travel in ranges, one full cycle, before the shape is estimate
 _step = jacobian(exact_step)
 
 
-@leaf
+@inline_jit
 def bierman(
     theta: FloatArray,
     u: FloatArray,
@@ -85,7 +85,7 @@ def bierman(
     return a
 
 
-@leaf
+@inline_jit
 def _bouc_wen_columns(u: float, theta: FloatArray, m: FloatArray, v: FloatArray) -> None:
     """Fill v with u, -h and the derivatives by beta and gamma, for h of unit A."""
     du = u - m[LAST]
@@ -101,7 +101,7 @@ def _bouc_wen_columns(u: float, theta: FloatArray, m: FloatArray, v: FloatArray)
     v[3] = -theta[1] * m[H_GAMMA]
 
 
-@leaf
+@inline_jit
 def _play_columns(u: float, m: FloatArray, v: FloatArray) -> None:
     """Fill v with u and the plays at a tenth of the range, two tenths, ..."""
     v[0] = u
@@ -111,7 +111,7 @@ def _play_columns(u: float, m: FloatArray, v: FloatArray) -> None:
         v[j] = m[place]
 
 
-@leaf
+@inline_jit
 def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) -> None:
     """Filter each column by the fixed mode, sampled before the new hold acts."""
     if c[WITH_MODE] == 0.0:
@@ -125,7 +125,7 @@ def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) ->
         q[i, 0] = moved
 
 
-@leaf
+@inline_jit
 def _project_bouc_wen(theta: FloatArray, m: FloatArray) -> None:
     """Project onto a decaying h (beta > |gamma|) and a positive slope after reversals."""
     theta[0] = min(max(theta[0], -_BOX), _BOX)
@@ -139,7 +139,7 @@ def _project_bouc_wen(theta: FloatArray, m: FloatArray) -> None:
         m[PROJECTED] += 1.0
 
 
-@leaf
+@inline_jit
 def update(
     u: float,
     y: float,
@@ -184,7 +184,7 @@ def update(
     return error
 
 
-@leaf
+@inline_jit
 def _learn(
     error: float,
     theta: FloatArray,

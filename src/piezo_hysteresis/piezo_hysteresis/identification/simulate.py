@@ -12,12 +12,12 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.error_measures import RecordErrors, errors_in, views_of
 from piezo_hysteresis.identification.fit import fit
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.fit_data import FitData
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.model_discrepancy import RecordResidual, residual_of
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.prediction import predictions
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.records import Record, listed
@@ -55,7 +55,7 @@ def clock_about(
     return given.sampling_offset - reach, given.sampling_offset + reach
 
 
-def clock_of(given: ModelFile | Unsaved, views: Sequence[Target]) -> float:
+def clock_of(given: ModelFile | Unsaved, views: Sequence[FitData]) -> float:
     """Return the sampling offset at which a model fits the records best [s].
 
     It is within `clock_about`. The identified offset is returned if the model cannot be
@@ -82,7 +82,7 @@ class FreeRuns:
 
     Attributes
     ----------
-    views : tuple of Target
+    views : tuple of FitData
         The records with their initial conditions and zeros.
     sampling_offset : float
         Delay of the displacement samples relative to the convention of a `Record` [s].
@@ -94,7 +94,7 @@ class FreeRuns:
         Displacement by record name [m].
     """
 
-    views: tuple[Target, ...]
+    views: tuple[FitData, ...]
     sampling_offset: float
     errors: tuple[RecordErrors, ...]
     residuals: tuple[RecordResidual, ...]
@@ -104,7 +104,7 @@ class FreeRuns:
 def free_runs(
     given: ModelFile | Unsaved,
     records: Sequence[Record],
-    choices: Choices | None = None,
+    choices: RecordAssumptions | None = None,
     *,
     workers: int = 1,
 ) -> FreeRuns:
@@ -150,7 +150,7 @@ def entry_for(given: ModelFile, records: Sequence[Record]) -> ModelFile:
 
 
 def _scheduled_runs(
-    given: ModelFile, records: Sequence[Record], choices: Choices | None, workers: int
+    given: ModelFile, records: Sequence[Record], choices: RecordAssumptions | None, workers: int
 ) -> FreeRuns:
     """Return the free runs of the entry of each record."""
     groups: dict[int, tuple[ModelFile, list[Record]]] = {}
@@ -227,6 +227,6 @@ def simulate(
     """
     given = with_values(model)
     usable, _ = as_measured(listed(records), all_kept=True)
-    runs = free_runs(given, usable, Choices(begins, zero)).simulated
+    runs = free_runs(given, usable, RecordAssumptions(begins, zero)).simulated
     found = [runs[record.name] for record in usable]
     return found[0] if isinstance(records, Record) else found

@@ -12,10 +12,10 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Tuned
+from piezo_hysteresis.identification.fit_data import WAY_IN, FitData
 from piezo_hysteresis.identification.free_run import read, samples_late
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, projected
 from piezo_hysteresis.identification.sensitivities import FirstStage, sensitivities
-from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.linalg import solve_least_squares
 from piezo_hysteresis.numerics.qr import triangle
@@ -79,7 +79,7 @@ class Simulated:
 
 def solve_linear(
     model: Model,
-    targets: Sequence[Target],
+    targets: Sequence[FitData],
     values: Mapping[str, float],
     names: Sequence[str],
     simulated: Simulated,
@@ -104,7 +104,7 @@ def solve_linear(
 
 
 def _solved(
-    targets: Sequence[Target], factors: Sequence[FloatArray], model: Model, names: Sequence[str]
+    targets: Sequence[FitData], factors: Sequence[FloatArray], model: Model, names: Sequence[str]
 ) -> tuple[float, dict[str, float]]:
     """Return the norm of the residual and the solution, which is empty if it is not unique."""
     p = len(names)
@@ -130,7 +130,7 @@ def _solved(
 
 
 def _factors(
-    model: Model, packed: FloatArray, names: Sequence[str], target: Target, first: FirstStage,
+    model: Model, packed: FloatArray, names: Sequence[str], target: FitData, first: FirstStage,
     offsets: Sequence[float],
 ) -> list[FloatArray]:  # fmt: skip
     """Return R of the QR factorisation of [1, derivatives, residual] by sampling offset."""
@@ -166,7 +166,7 @@ class Start:
 
 def starts(
     model: Model,
-    targets: Sequence[Target],
+    targets: Sequence[FitData],
     free: Sequence[str],
     given: Mapping[str, float] | None = None,
     *,
@@ -211,7 +211,7 @@ def starts(
     return _distinct(pool, scanned, count)
 
 
-def representative(targets: Sequence[Target], count: int = _SCAN_RECORDS) -> list[Target]:
+def representative(targets: Sequence[FitData], count: int = _SCAN_RECORDS) -> list[FitData]:
     """Return at most `count` targets over all speeds of the drive, with long ones shortened."""
     records = [t for t in targets if not t.name.endswith(WAY_IN)] or targets
     order = sorted(records, key=lambda t: (_speed(t), t.name))
@@ -224,7 +224,7 @@ def representative(targets: Sequence[Target], count: int = _SCAN_RECORDS) -> lis
     return [_cut(t) for t in [*order, *(t for t in ways_in if t.name not in chosen)]]
 
 
-def _speed(target: Target) -> float:
+def _speed(target: FitData) -> float:
     """Return the mean frequency of the compared part of a drive [Hz], whatever its form."""
     u = target.voltage[target.first :]
     size = float(np.std(u))
@@ -232,7 +232,7 @@ def _speed(target: Target) -> float:
     return float(f'{np.std(np.diff(u)) / (2.0 * np.pi * target.dt * size):.2g}') if size else 0.0
 
 
-def _cut(target: Target) -> Target:
+def _cut(target: FitData) -> FitData:
     """Decimate a long record, and shorten it to the limit of a scan."""
     if target.repeats > 1:
         return target
@@ -308,7 +308,7 @@ def _grid(**axes: Sequence[float] | FloatArray) -> list[dict[str, float]]:
     ]
 
 
-def _frequencies(targets: Sequence[Target]) -> FloatArray:
+def _frequencies(targets: Sequence[FitData]) -> FloatArray:
     """Return candidates of a resonance, from the slowest drive to half the sampling rate."""
     slowest = min((t.frequency for t in targets if t.frequency > 0), default=0.0)
     longest = max(t.measured.size * t.stride * t.dt for t in targets)
@@ -317,7 +317,7 @@ def _frequencies(targets: Sequence[Target]) -> FloatArray:
     return np.geomspace(low, high, 2 + round(6 * np.log2(high / low)))
 
 
-def resonant_lines(targets: Sequence[Target]) -> FloatArray:
+def resonant_lines(targets: Sequence[FitData]) -> FloatArray:
     """Return frequencies at which records move much for their input, shape (k,) [Hz].
 
     A lightly damped resonance is narrower than the steps of a scan.

@@ -17,9 +17,9 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InverseRole, Slot
 from piezo_hysteresis.identification.fit import FitResult, fit
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective
 from piezo_hysteresis.identification.output_error import output_error
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.uncertainty import digits, help_for, inflation
 from piezo_hysteresis.models import Model, name_of
 from piezo_hysteresis.numerics.linalg import column_norms, solve_least_squares
@@ -191,7 +191,7 @@ def _drawn(objective: Objective, generator: np.random.Generator) -> Objective:
     return other
 
 
-def _with_error(target: Target, generator: np.random.Generator, converter: float) -> Target:
+def _with_error(target: FitData, generator: np.random.Generator, converter: float) -> FitData:
     error = target.input_uncertainty
     if error is None:
         return target

@@ -17,7 +17,7 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.identification.checks import require_each_usable
 from piezo_hysteresis.identification.error_measures import RecordErrors
 from piezo_hysteresis.identification.identify import record_summary
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.measurement import as_measured
 from piezo_hysteresis.identification.model_discrepancy import RecordResidual, discrepancy_of
 from piezo_hysteresis.identification.noise import floor_of
@@ -264,7 +264,7 @@ def validate(
     given = with_values(model)
     records, warnings = as_measured(records)
     warnings += require_each_usable(records)
-    runs = free_runs(given, records, Choices(begins, zero))
+    runs = free_runs(given, records, RecordAssumptions(begins, zero))
     left = runs.residuals
     known = compared(left, given.discrepancy) if given.discrepancy is not None else []
     seen = (*given.provenance.records, *fingerprints(records))

@@ -23,7 +23,7 @@ from piezo_hysteresis.identification import identify as identify_in
 from piezo_hysteresis.identification.checks import require_each_usable
 from piezo_hysteresis.identification.identify import evaluated_on
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.method_settings import driven_at, require_settings, warmed
 from piezo_hysteresis.identification.methods import base_of
 from piezo_hysteresis.identification.per_frequency import identify_per_frequency
@@ -297,7 +297,7 @@ def _selected(
         raise IdentificationError(f'{method} needs a model; name one, such as classical')
     if len({record.rate for record in records}) > 1:
         raise IdentificationError('the records have different rates; give those of one rate')
-    choices = Choices(options.get('begins', 'auto'), options.get('zero', 'auto'))
+    choices = RecordAssumptions(options.get('begins', 'auto'), options.get('zero', 'auto'))
     choice = choose_model(
         records, lambda share, words: progress(0.7 * share, words), choices, workers
     )

@@ -16,9 +16,9 @@ from piezo_hysteresis.discovery.selection.policy import HELD
 from piezo_hysteresis.discovery.selection.residual_model import Expectation, expectation
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.free_run import simulated
 from piezo_hysteresis.identification.simulate import clock_about
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy, ModelFile
 from piezo_hysteresis.numerics.qr import inner
 
@@ -28,7 +28,7 @@ class Outlook:
     """An experiment with the prediction of the model in use."""
 
     experiment: PlannedExperiment
-    view: Target  # the experiment as a view of the fit functions
+    view: FitData  # the experiment as a view of the fit functions
     answer: FloatArray  # displacement predicted by the model in use [m], shape (n,)
     stroke: float  # range of the predicted displacement, including the conditioning [m]
     expected: Expectation  # expected residual power from noise and known discrepancy
@@ -91,7 +91,7 @@ class Outlook:
         return np.inf
 
 
-def answer_of(spec: ModelSpec, view: Target) -> FloatArray:
+def answer_of(spec: ModelSpec, view: FitData) -> FloatArray:
     """Return the response of a model in a view [m]; infinite after divergence."""
     return np.asarray(-errors_of(spec, (view,))[0])
 
@@ -116,7 +116,7 @@ def in_use(given: ModelFile) -> ModelSpec:
     return ModelSpec(given.model, dict(given.values), sampling_offset=given.sampling_offset)
 
 
-def sensitivities_of(spec: ModelSpec, deviations: dict[str, float], view: Target) -> FloatArray:
+def sensitivities_of(spec: ModelSpec, deviations: dict[str, float], view: FitData) -> FloatArray:
     """Return the response to one standard deviation of each value, shape (p, n) [m]."""
     answer = answer_of(spec, view)
     rows = []
@@ -127,7 +127,7 @@ def sensitivities_of(spec: ModelSpec, deviations: dict[str, float], view: Target
     return np.array(rows).reshape(len(rows), answer.size)
 
 
-def _moved(spec: ModelSpec, name: str, step: float, view: Target) -> FloatArray | None:
+def _moved(spec: ModelSpec, name: str, step: float, view: FitData) -> FloatArray | None:
     for way in (step, -step):
         values = {**spec.values, name: spec.values[name] + way}
         try:

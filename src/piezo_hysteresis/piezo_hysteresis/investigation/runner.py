@@ -21,7 +21,7 @@ from piezo_hysteresis.experiments.planned_experiment import (
     PlannedExperiment,
 )
 from piezo_hysteresis.identification.error_measures import views_of
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.prediction import predictions
 from piezo_hysteresis.investigation import AFTERWARDS, BAGS, BASELINE, FOUND, JOURNAL, SUMMARY
 from piezo_hysteresis.investigation.experiment_choice import Belief, ExperimentChoice
@@ -415,7 +415,7 @@ def gap_in_floors(model: ModelFile, record: Record, floor: float) -> float:
     """Return the rms residual of a model on a record, in multiples of a noise floor [1]."""
     late = model.sampling_offset
     (view,) = views_of(
-        model.model, model.values, [record], late, Choices(start='step', zero='record')
+        model.model, model.values, [record], late, RecordAssumptions(start='step', zero='record')
     )
     (found,) = predictions(model.model, model.values, (view,), late)
     return float(np.sqrt(np.mean(found.valid_error**2))) / max(floor, 1e-300)

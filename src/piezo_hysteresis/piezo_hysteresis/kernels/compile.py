@@ -104,7 +104,7 @@ def jit_sums(function: Kernel) -> Kernel:
     return compiled
 
 
-def leaf(function: Kernel) -> Kernel:
+def inline_jit(function: Kernel) -> Kernel:
     """Compile a function that only other kernels call: no Python entry point, not cached."""
     compiled: Kernel = function if _is_missing() else _piece(function)
     return compiled

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from piezo_hysteresis.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 from piezo_hysteresis.numerics.linalg import solve_factored, solve_square, straight_line
 from piezo_hysteresis.numerics.qr import BLOCK, extend, inner, orthonormalise
 
@@ -294,7 +294,7 @@ def _cholesky(gram: FloatArray, least: float) -> tuple[FloatArray, BoolArray]:
     return lower, kept
 
 
-@leaf
+@inline_jit
 def _turn(phase: FloatArray, first: int, by: FloatArray, turn: FloatArray) -> None:
     """Set the first turn of a block of samples, and the zeroth, as rows of cosine and sine."""
     for k in range(by.shape[1]):
@@ -302,7 +302,7 @@ def _turn(phase: FloatArray, first: int, by: FloatArray, turn: FloatArray) -> No
         turn[0, k], turn[1, k] = 1.0, 0.0
 
 
-@leaf
+@inline_jit
 def _next(turn: FloatArray, by: FloatArray) -> None:
     """Multiply the turns of a block by the first one."""
     for k in range(by.shape[1]):

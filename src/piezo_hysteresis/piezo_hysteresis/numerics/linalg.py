@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 from piezo_hysteresis.numerics.qr import triangle
 
 # Equations per unknown from which the factor R replaces the matrix before its singular values.
@@ -138,7 +138,7 @@ _TERMS = 18  # terms of the series, for a norm up to 1: the remainder is below r
 _SWEEPS = 60  # passes of balancing; each halves or doubles
 
 
-@leaf
+@inline_jit
 def balance(matrix: FloatArray) -> FloatArray:
     """Scale rows and columns of `matrix`, in place, to equal norms; return the scales.
 
@@ -169,7 +169,7 @@ def balance(matrix: FloatArray) -> FloatArray:
     return scale
 
 
-@leaf
+@inline_jit
 def norm(matrix: FloatArray) -> float:
     """Return the largest sum of magnitudes of a row."""
     largest = 0.0
@@ -181,7 +181,7 @@ def norm(matrix: FloatArray) -> float:
     return largest
 
 
-@leaf
+@inline_jit
 def product(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
     """Fill `c` with the product of the square matrices `a` and `b`."""
     n = a.shape[0]
@@ -194,7 +194,7 @@ def product(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
                     c[i, j] += factor * b[k, j]
 
 
-@leaf
+@inline_jit
 def of_balanced(matrix: FloatArray) -> FloatArray:
     """Return the exponential by scaling and squaring of its series."""
     n = matrix.shape[0]

@@ -12,7 +12,7 @@ from math import sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit, jit_sums, leaf
+from piezo_hysteresis.jit import inline_jit, jit, jit_sums
 
 
 @jit_sums
@@ -87,7 +87,7 @@ def extend(r: FloatArray, rows: FloatArray) -> None:
             _reflect(r, rows, j, begin, min(begin + _PIECE, m))
 
 
-@leaf
+@inline_jit
 def _reflect(r: FloatArray, rows: FloatArray, j: int, begin: int, end: int) -> None:
     """Reflect row `j` of a block into `r`, shape (p, p), and update the later rows."""
     p, v = rows.shape[0], rows[j, begin:end]

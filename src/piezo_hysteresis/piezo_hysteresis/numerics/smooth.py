@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 # A shorter rise [s] is a step: the square of its length must not vanish.
 _SHORTEST = 1e-9
@@ -28,7 +28,7 @@ def _quintic(s: Any) -> tuple[Any, Any, Any]:
 quintic = jit(_quintic)
 
 
-@leaf
+@inline_jit
 def smooth_step(s: float) -> tuple[float, float, float]:
     """Return the smooth step at `s` in 0..1 and its first two derivatives."""
     if s <= 0.0:

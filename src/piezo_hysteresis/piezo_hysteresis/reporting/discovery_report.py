@@ -16,7 +16,7 @@ from piezo_hysteresis.discovery import Discovery, Verdict
 from piezo_hysteresis.discovery.data.dataset import Check
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
 from piezo_hysteresis.discovery.verdict.verdict import NamedEffect, over_frequency
-from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.reporting.display_units import MICRO
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.folding import Value, folded, values_of, weights_figures
@@ -198,7 +198,7 @@ def _changed(found: Discovery, pair: list[Curve]) -> list[Curve]:
     return pair if found.verdict.effects else pair[:1]
 
 
-def _part(view: Target, period: int) -> slice:
+def _part(view: FitData, period: int) -> slice:
     length = PERIODS * period if period else round(2.0 / view.dt)
     return slice(max(view.first, view.voltage.size - length), view.voltage.size)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from piezo_hysteresis.kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import inline_jit
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 FAR = 1e12  # no limit: large, but finite in every product
@@ -66,7 +66,7 @@ EFFECTS = (
 )
 
 
-@leaf
+@inline_jit
 def toward(voltage: float, target: float, time: float, tau: float, slew: float) -> float:
     """Return the output [V] after `time` [s] with a constant target.
 
@@ -84,7 +84,7 @@ def toward(voltage: float, target: float, time: float, tau: float, slew: float) 
     return target - sign * distance
 
 
-@leaf
+@inline_jit
 def corner(voltage: float, target: float, tau: float, slew: float) -> float:
     """Return the time [s] until the slew limit ends, 0 if it is not active."""
     if slew >= FAR:

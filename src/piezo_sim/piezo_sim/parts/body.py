@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_hysteresis.kernels.compile import jit, leaf
+from piezo_hysteresis.kernels.compile import inline_jit, jit
 from piezo_sim.parts import chain
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
@@ -95,7 +95,7 @@ EFFECTS = (
 )  # fmt: skip
 
 
-@leaf
+@inline_jit
 def _oscillate(b: Any, k: int, force: float, omega: float, zeta: float, dt: float) -> None:
     """Advance mode k over `dt` [s] under a constant force, in metres of its static motion."""
     root = omega * math.sqrt(1.0 - zeta * zeta)
@@ -106,13 +106,13 @@ def _oscillate(b: Any, k: int, force: float, omega: float, zeta: float, dt: floa
     b.v[k] = -omega * omega * sine * x + (cosine - zeta * omega * sine) * v
 
 
-@leaf
+@inline_jit
 def _own(d: Any, s: Any) -> float:
     """Return the displacement [m] of an axis without its neighbours."""
     return float(chain.displacement(d, s) - s.coupled)
 
 
-@leaf
+@inline_jit
 def couple(c: Any, b: Any, derived: Any, state: Any) -> None:
     """Set what each axis reads of the others and of the modes."""
     axes = state.size
@@ -126,7 +126,7 @@ def couple(c: Any, b: Any, derived: Any, state: Any) -> None:
         state[j].coupled = total
 
 
-@leaf
+@inline_jit
 def advance(c: Any, b: Any, state: Any, dt: float) -> None:
     """Advance the modes over one interval of `dt` [s]."""
     axes = state.size

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_hysteresis.kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import inline_jit
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 PARAMETERS = (
@@ -42,7 +42,7 @@ STRIDE = 0.1  # largest step, in units of the voltage scale
 _TINY = 1e-300
 
 
-@leaf
+@inline_jit
 def _slope(eta: float, sign: float, p: Any, saturation: float) -> float:
     size = abs(eta)
     if p.exponent != 1.0:
@@ -51,7 +51,7 @@ def _slope(eta: float, sign: float, p: Any, saturation: float) -> float:
     return float(p.alpha + sign * p.asymmetry - (same * p.beta + p.gamma) * size)
 
 
-@leaf
+@inline_jit
 def _stride(eta: float, step: float, sign: float, p: Any, saturation: float) -> float:
     """Return eta after `step` [V] in the direction `sign`."""
     d = sign * step
@@ -62,7 +62,7 @@ def _stride(eta: float, step: float, sign: float, p: Any, saturation: float) -> 
     return eta + d * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
 
 
-@leaf
+@inline_jit
 def _to_zero(eta: float, step: float, sign: float, p: Any, saturation: float) -> float:
     """Return the part of `step` [V] after which eta is 0, by regula falsi (Illinois)."""
     low, high = 0.0, step
@@ -80,7 +80,7 @@ def _to_zero(eta: float, step: float, sign: float, p: Any, saturation: float) ->
     return high
 
 
-@leaf
+@inline_jit
 def move(eta: float, start: float, end: float, p: Any, stride: float) -> float:
     """Return eta [V] after a monotone change of the voltage from `start` to `end` [V].
 

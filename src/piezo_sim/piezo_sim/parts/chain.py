@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.kernels.compile import jit, leaf
+from piezo_hysteresis.kernels.compile import inline_jit, jit
 from piezo_sim.parts import amplifier, drive, sensor, slow, structure
 
 LEVELS = 14
@@ -22,7 +22,7 @@ NO_FAULT, SENSOR_DROPOUT, STUCK_SENSOR, AMPLIFIER_TRIP = 0, 1, 2, 3
 TRIP_TIME = 0.02  # time constant of the discharge after a trip [s]
 
 
-@leaf
+@inline_jit
 def _fault(s: Any) -> int:
     if s.fault == NO_FAULT:
         return NO_FAULT
@@ -43,7 +43,7 @@ def displacement(d: Any, s: Any) -> float:
     return float(total)
 
 
-@leaf
+@inline_jit
 def _velocity(d: Any, s: Any) -> float:
     total = 0.0
     for i in range(structure.MODES):
@@ -51,7 +51,7 @@ def _velocity(d: Any, s: Any) -> float:
     return total
 
 
-@leaf
+@inline_jit
 def _measure(p: Any, d: Any, s: Any, fault: int, dt: float) -> float:
     seen = s.filtered if p.sensor.bandwidth > 0.0 else displacement(d, s)
     before = s.reading
@@ -62,7 +62,7 @@ def _measure(p: Any, d: Any, s: Any, fault: int, dt: float) -> float:
     return math.nan if fault == SENSOR_DROPOUT else float(reading)
 
 
-@leaf
+@inline_jit
 def _accept(p: Any, s: Any, command: float) -> None:
     q = p.amplifier
     if not (q.range_low <= command <= q.range_high):  # also rejects NaN
@@ -75,7 +75,7 @@ def _accept(p: Any, s: Any, command: float) -> None:
     s.command = command
 
 
-@leaf
+@inline_jit
 def _filter(d: Any, s: Any, level: int, start: tuple[float, float, float]) -> None:
     """Advance the low-pass of the sensor.
 
@@ -89,7 +89,7 @@ def _filter(d: Any, s: Any, level: int, start: tuple[float, float, float]) -> No
     s.filtered = f[0] * s.filtered + f[1] * start[0] + f[2] * middle + f[3] * end
 
 
-@leaf
+@inline_jit
 def _level(p: Any, d: Any, s: Any, position: int, end: int, moving: bool) -> int:
     """Return the coarsest level that is compatible with grid, signals and coming events."""
     level = int(d.level_moving if moving else d.level_still)
@@ -110,7 +110,7 @@ def _level(p: Any, d: Any, s: Any, position: int, end: int, moving: bool) -> int
     return level
 
 
-@leaf
+@inline_jit
 def _before_corner(
     p: Any, d: Any, s: Any, level: int, target: float, tau: float, slew: float
 ) -> int:
@@ -129,7 +129,7 @@ def _before_corner(
     return level
 
 
-@leaf
+@inline_jit
 def _advance(p: Any, d: Any, s: Any, first: int, last: int, target: float, dt: float) -> None:
     """Advance the plant from grid time `first` to `last` with a constant target [V]."""
     tau, slew = p.amplifier.lag_time_constant, p.amplifier.slew_rate
@@ -164,7 +164,7 @@ def _advance(p: Any, d: Any, s: Any, first: int, last: int, target: float, dt: f
         position += GRID >> level
 
 
-@leaf
+@inline_jit
 def _interval(p: Any, d: Any, s: Any, history: Any, fault: int, dt: float) -> None:
     """Advance the plant over one sampling interval."""
     if drive.start_interval(p, s, dt):

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_hysteresis.kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import inline_jit
 from piezo_sim.parts import bouc_wen, play, preisach
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
@@ -105,7 +105,7 @@ EFFECTS = (
 )
 
 
-@leaf
+@inline_jit
 def start_interval(p: Any, s: Any, dt: float) -> bool:
     """Update the values that are constant over an interval of `dt` [s]: filtered rate and gain.
 
@@ -135,7 +135,7 @@ def start_interval(p: Any, s: Any, dt: float) -> bool:
     return bool(s.widening + s.loss + s.residue + s.heat != before)
 
 
-@leaf
+@inline_jit
 def kink(p: Any, d: Any, s: Any, end: float) -> float:
     """Return the first voltage before `end` [V] at which the slope of the strain jumps."""
     if d.use_play:
@@ -152,7 +152,7 @@ def kink(p: Any, d: Any, s: Any, end: float) -> float:
     return end
 
 
-@leaf
+@inline_jit
 def follow(p: Any, d: Any, s: Any, voltage: float) -> float:
     """Move the ceramic monotonically to `voltage` [V] and return the free displacement [m]."""
     strain = voltage

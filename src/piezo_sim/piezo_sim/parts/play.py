@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from piezo_hysteresis.kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import inline_jit
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 OPERATORS = 12
@@ -39,7 +39,7 @@ PARAMETERS = (
 EFFECTS = (PlantEffect('play', 'Hysteresis with nonlocal memory (Prandtl-Ishlinskii).'),)
 
 
-@leaf
+@inline_jit
 def kink(memory: Any, start: float, end: float, d: Any) -> float:
     """Return the first voltage from `start` to `end` [V] at which an operator starts to move."""
     sign = 1.0 if end > start else -1.0
@@ -51,7 +51,7 @@ def kink(memory: Any, start: float, end: float, d: Any) -> float:
     return start + sign * nearest
 
 
-@leaf
+@inline_jit
 def move(memory: Any, voltage: float, d: Any, asymmetry: float) -> float:
     """Move every operator to `voltage` [V] and return the weighted sum [V]."""
     total = 0.0

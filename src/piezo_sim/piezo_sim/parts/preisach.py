@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_hysteresis.kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import inline_jit
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 DEPTH = 128
@@ -38,14 +38,14 @@ PARAMETERS = (
 EFFECTS = (PlantEffect('preisach', 'Hysteresis with nonlocal memory (Preisach).'),)
 
 
-@leaf
+@inline_jit
 def _everett(high: float, low: float, p: Any) -> float:
     x, m = 0.5 * (high - low), 0.5 * (high + low)
     g = p.weight * (x + p.scale * math.expm1(-x / p.scale))
     return float(2.0 * g * (1.0 + p.asymmetry * m - p.curvature * m * m))
 
 
-@leaf
+@inline_jit
 def _branch(s: Any, voltage: float, p: Any) -> float:
     """Return the output [V] on the present branch; the virgin curve has no reversal yet."""
     if s.depth == 0:
@@ -57,7 +57,7 @@ def _branch(s: Any, voltage: float, p: Any) -> float:
     return float(s.level[s.depth - 1]) - _everett(last, voltage, p)
 
 
-@leaf
+@inline_jit
 def kink(s: Any, start: float, end: float) -> float:
     """Return the first voltage between `start` and `end` [V] where the slope jumps, or `end`."""
     if s.depth >= 2:
@@ -69,7 +69,7 @@ def kink(s: Any, start: float, end: float) -> float:
     return float(point) if min(start, end) < point < max(start, end) else end
 
 
-@leaf
+@inline_jit
 def move(s: Any, voltage: float, p: Any) -> float:
     """Move the memory to `voltage` [V] along a monotone piece and return the output [V]."""
     if voltage == s.position:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import inline_jit
 from piezo_sim.parts.amplifier import FAR
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
@@ -22,21 +22,21 @@ _TWO = np.uint64(2)
 _ONE = np.uint64(1)
 
 
-@leaf
+@inline_jit
 def _scramble(word: np.uint64) -> np.uint64:
     word = (word ^ (word >> _S30)) * _MIX_1
     word = (word ^ (word >> _S27)) * _MIX_2
     return word ^ (word >> _S31)
 
 
-@leaf
+@inline_jit
 def uniform(seed: np.uint64, stream: int, count: np.uint64) -> float:
     """Return a number in (0, 1)."""
     base = _scramble(seed + np.uint64(stream) * _STREAM)
     return (float(_scramble(base + count * _GOLDEN) >> _S11) + 0.5) * _SCALE
 
 
-@leaf
+@inline_jit
 def normal(seed: np.uint64, stream: int, count: np.uint64) -> float:
     """Return a normally distributed number of unit variance (Box and Muller)."""
     base = _scramble(seed + np.uint64(stream) * _STREAM)
@@ -141,7 +141,7 @@ _WHITE, _JITTER, _DROP, _BURST, _FLICKER = 1, 2, 3, 4, 16
 _TWO_PI = 2.0 * math.pi
 
 
-@leaf
+@inline_jit
 def _tones(p: Any, time: float) -> float:
     total = 0.0
     if p.mains.amplitude > 0.0:
@@ -154,7 +154,7 @@ def _tones(p: Any, time: float) -> float:
     return total
 
 
-@leaf
+@inline_jit
 def _noise(p: Any, s: Any, dt: float) -> float:
     total, count = 0.0, np.uint64(s.tick)
     if p.sensor.noise_rms > 0.0:
@@ -176,7 +176,7 @@ def _noise(p: Any, s: Any, dt: float) -> float:
     return total
 
 
-@leaf
+@inline_jit
 def read(p: Any, s: Any, displacement: float, dt: float) -> float:
     """Return the reading [m] of this tick for the (band-limited) `displacement` [m]."""
     time = s.tick * dt

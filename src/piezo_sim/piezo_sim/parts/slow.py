@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_hysteresis.kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import inline_jit
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 KELVIN_VOIGT = 3
@@ -47,7 +47,7 @@ EFFECTS = (
 )
 
 
-@leaf
+@inline_jit
 def advance(p: Any, d: Any, s: Any, drive: float, dt: float) -> None:
     """Advance creep and drift over `dt` [s] in which the mean of the drive was `drive` [m]."""
     total = 0.0

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from piezo_hysteresis.kernels.compile import leaf
+from piezo_hysteresis.kernels.compile import inline_jit
 from piezo_sim.plant_parameters import PlantEffect, PlantParameter
 
 MODES = 4
@@ -134,7 +134,7 @@ EFFECTS = (
 )
 
 
-@leaf
+@inline_jit
 def rate_of_change(p: Any, d: Any, s: Any) -> float:
     """Return the largest rate [1/s] of the nonlinear forces in the present state."""
     x, speed, omega = s.x[0], abs(s.v[0]), d.omega[0]
@@ -152,7 +152,7 @@ def rate_of_change(p: Any, d: Any, s: Any) -> float:
     return float(omega * math.sqrt(stiff) + rate)
 
 
-@leaf
+@inline_jit
 def _force(
     p: Any, omega2: float, x: float, v: float, bristle: float, yielding: float, time: float
 ) -> float:
@@ -173,7 +173,7 @@ def _force(
     return float(total - omega2 * p.restoring.share * (yielding - x))
 
 
-@leaf
+@inline_jit
 def reversal(p: Any, d: Any, s: Any, time: float) -> float:
     """Return the estimated time [s] until the first mode reverses; 0 if it does not.
 
@@ -185,7 +185,7 @@ def reversal(p: Any, d: Any, s: Any, time: float) -> float:
     return -v / a if v * a < 0.0 else 0.0
 
 
-@leaf
+@inline_jit
 def _bristle_rate(p: Any, v: float, bristle: float) -> float:
     f = p.friction
     if f.coulomb == 0.0:
@@ -194,7 +194,7 @@ def _bristle_rate(p: Any, v: float, bristle: float) -> float:
     return float((v - abs(v) * bristle / level) / f.presliding)
 
 
-@leaf
+@inline_jit
 def _yield_rate(p: Any, v: float, yielding: float) -> float:
     r = p.restoring
     if r.share == 0.0:
@@ -202,7 +202,7 @@ def _yield_rate(p: Any, v: float, yielding: float) -> float:
     return float(v - r.beta * abs(v) * yielding - r.gamma * v * abs(yielding))
 
 
-@leaf
+@inline_jit
 def _first_mode(
     p: Any, d: Any, s: Any, level: int, w0: float, wh: float, w1: float, time: float
 ) -> None:
@@ -234,7 +234,7 @@ def _first_mode(
     s.yielding = z + h / 6.0 * (z1 + 2.0 * (z2 + z3) + z4)
 
 
-@leaf
+@inline_jit
 def step(p: Any, d: Any, s: Any, level: int, w0: float, wh: float, w1: float, time: float) -> None:
     """Advance every mode by one step; the drive w [m] at its start, middle and end."""
     first = 0

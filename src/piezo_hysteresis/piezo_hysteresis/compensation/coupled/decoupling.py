@@ -17,7 +17,7 @@ from piezo_hysteresis.axes.modal_model import RATE_UNIT, ModalModel
 from piezo_hysteresis.blocks._plays import play
 from piezo_hysteresis.compensation.link import ReferencePoint
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.numerics.linalg import failing_as
 
 # Powers of s of the inverse: displacement, velocity and acceleration.
@@ -100,7 +100,7 @@ def _series(values: ComplexArray, radius: float) -> FloatArray:
     return np.ascontiguousarray(found / radius ** np.arange(ORDERS)[:, None, None])
 
 
-@leaf
+@inline_jit
 def forced_by(
     u: float, i: int, widths: FloatArray, powers: FloatArray, weights: FloatArray,
     state: FloatArray,
@@ -119,7 +119,7 @@ def forced_by(
     return total
 
 
-@leaf
+@inline_jit
 def power_of(u: float, power: float) -> float:
     """Return a whole power, by products: the same bits on every machine."""
     total = 1.0
@@ -128,7 +128,7 @@ def power_of(u: float, power: float) -> float:
     return total
 
 
-@leaf
+@inline_jit
 def voltage_for(
     forced: float, start: float, i: int, widths: FloatArray, powers: FloatArray,
     weights: FloatArray, state: FloatArray,

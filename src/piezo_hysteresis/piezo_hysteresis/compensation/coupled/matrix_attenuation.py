@@ -37,7 +37,7 @@ from piezo_hysteresis.compensation.link import (
     write_given,
 )
 from piezo_hysteresis.errors import ModelError
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.numerics.linalg import failing_as
 
 # Samples of the period in which the gains are found.
@@ -88,7 +88,7 @@ def static_gains(model: ModalModel) -> FloatArray:
         return np.asarray(np.linalg.inv(gains_of(model)[0][0, :, :, 0]).diagonal())
 
 
-@leaf
+@inline_jit
 def gain_between(
     frequency: float, gains: FloatArray, spacing: float, answer: FloatArray
 ) -> None:  # answer (inputs outputs 2,) flat
@@ -106,7 +106,7 @@ def gain_between(
                 answer[(i * gains.shape[2] + o) * 2 + c] = value
 
 
-@leaf
+@inline_jit
 def clear_lines(lines: FloatArray, guard: FloatArray) -> None:
     """Put every correction to 0 and measure the error without one again."""
     for k in range(lines.size):
@@ -127,7 +127,7 @@ def reset_matrix(
     guard[_SHARE], guard[_BACKED_OFF], guard[_BOUNDED] = 1.0, 0.0, 0.0
 
 
-@leaf
+@inline_jit
 def judge_window(
     errors: float, sizes: float, slowest: float, lines: FloatArray, guard: FloatArray, dt: float
 ) -> None:

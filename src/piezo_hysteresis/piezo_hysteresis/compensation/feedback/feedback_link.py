@@ -31,7 +31,7 @@ from piezo_hysteresis.compensation.link import (
     watch_counters,
 )
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 # A plant with the opposite sign is distinguished from one that is driven into its limits: slow
 # changes of voltage and displacement are correlated. The sign alone is no proof, because feedback
@@ -45,7 +45,7 @@ _STARTED, _SLOW_V, _SLOW_Y, _FIRST_V, _FIRST_Y, _PRODUCT = range(6)
 POLARITY_SIZE = 6
 
 
-@leaf
+@inline_jit
 def update_polarity(voltage: float, displacement: float, memory: FloatArray, dt: float) -> None:
     """Take the voltage [V] and the displacement [m] of one tick."""
     share, decay = min(1.0, dt / _SMOOTHING), min(1.0, dt / _DECAY)
@@ -59,7 +59,7 @@ def update_polarity(voltage: float, displacement: float, memory: FloatArray, dt:
     memory[_PRODUCT] += decay * (product - memory[_PRODUCT])
 
 
-@leaf
+@inline_jit
 def inverted(memory: FloatArray) -> bool:
     """Return whether displacement and voltage, relative to the start, are anticorrelated."""
     return bool(memory[_PRODUCT] < 0.0)
@@ -94,7 +94,7 @@ class FeedbackLaw(NamedTuple):
     cut: Callable[[float, FloatArray, FloatArray, float], None]  # [V]
 
 
-@leaf
+@inline_jit
 def judge_error(excess: float, received_in_range: bool, memory: FloatArray, window: float) -> None:
     """Switch the law off if it is harmful."""
     memory[_TICKS] += 1.0
@@ -208,7 +208,7 @@ class FeedbackLink(CompiledLink):
     def compiled(self) -> CompiledLaw:
         """Return its kernels; only the limits change at run time."""
 
-        @leaf
+        @inline_jit
         def take(
             values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
             first: bool,

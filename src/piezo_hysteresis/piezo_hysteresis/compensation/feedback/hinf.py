@@ -17,7 +17,7 @@ from piezo_hysteresis.compensation.feedback.feedback_link import (
 )
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.numerics.linalg import failing_as
 
 
@@ -343,7 +343,7 @@ def controlled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> fl
     return float(share)
 
 
-@leaf
+@inline_jit
 def hold(memory: FloatArray, p: FloatArray) -> float:
     """Return the share without a measurement: that of the state [V]."""
     n = int(p[_STATES])
@@ -353,7 +353,7 @@ def hold(memory: FloatArray, p: FloatArray) -> float:
     return total
 
 
-@leaf
+@inline_jit
 def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
     """Anti-windup: let the state follow the limited voltage [V]."""
     n = int(p[_STATES])

@@ -28,7 +28,7 @@ from piezo_hysteresis.compensation.feedback.feedback_link import (
 )
 from piezo_hysteresis.compensation.link import CompiledLaw, Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 
 __all__ = ['FuzzyPid', 'FuzzyRules', 'Pid', 'PidGains']
 
@@ -41,7 +41,7 @@ PROPORTIONAL, INTEGRAL, _DERIVATIVE, _FILTER, _TRACKING = range(5)
 GAINS = 5
 
 
-@leaf
+@inline_jit
 def pid(
     error: float,
     proportional: float,
@@ -59,19 +59,19 @@ def pid(
     return float(proportional * error + memory[_INTEGRAL] + p[_DERIVATIVE] * memory[SLOPE])
 
 
-@leaf
+@inline_jit
 def plain(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
     """Return the share of the voltage [V]."""
     return pid(error, p[PROPORTIONAL], p[INTEGRAL], memory, p, dt)
 
 
-@leaf
+@inline_jit
 def hold(memory: FloatArray, p: FloatArray) -> float:
     """Return the share without a measurement: the integral [V]."""
     return float(memory[_INTEGRAL])
 
 
-@leaf
+@inline_jit
 def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
     """Anti-windup: let the integral follow the limited voltage [V]."""
     memory[_INTEGRAL] += excess * min(1.0, dt / p[_TRACKING])
@@ -126,7 +126,7 @@ class Pid(FeedbackLink):
         names, take_limits = self._settable(), super().compiled().take
         count = len(names)
 
-        @leaf
+        @inline_jit
         def take(
             values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
             first: bool,
@@ -273,7 +273,7 @@ def infer(rules: FloatArray, error: float, rate: float) -> float:
     return level(np.ravel(rules).astype(np.float64), float(error), float(rate))
 
 
-@leaf
+@inline_jit
 def scheduled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
     """Return the share of the voltage [V] by gains that follow error and rate."""
     # The filtered slope of the tick before: the raw one is mostly noise.

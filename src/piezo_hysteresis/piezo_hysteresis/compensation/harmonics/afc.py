@@ -38,7 +38,7 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     solve_normal,
 )
 from piezo_hysteresis.compensation.linear_gain import gain_at
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 
 # Weight of the prior estimate relative to clear observations, and their forgetting factor.
 _PRIOR = 0.1
@@ -72,7 +72,7 @@ CONFIRMED, CHANGED, FURTHEST = 14, 15, 16
 LINE_SIZE = 17
 
 
-@leaf
+@inline_jit
 def begin_line(line: FloatArray, order: float) -> None:
     """Begin an order without a correction."""
     for k in range(LINE_SIZE):
@@ -87,7 +87,7 @@ def gain_estimate(line: FloatArray) -> complex:
     return modelled * complex(line[RATIO], line[RATIO + 1])
 
 
-@leaf
+@inline_jit
 def observe(line: FloatArray, change: complex, clearness: float) -> None:
     """Learn from the change of the error [m] that followed the last step."""
     moved = complex(line[MOVED], line[MOVED + 1])
@@ -110,14 +110,14 @@ def observe(line: FloatArray, change: complex, clearness: float) -> None:
         line[RATIO], line[RATIO + 1] = ratio.real, ratio.imag
 
 
-@leaf
+@inline_jit
 def clearness_of(size: float, deviation: float) -> float:
     """Return 0..1: how clearly an amplitude stands out of the noise."""
     noise = _SIGNIFICANCE * deviation
     return size * size / (size * size + noise * noise) if size > 0.0 else 0.0
 
 
-@leaf
+@inline_jit
 def withdraw(line: FloatArray) -> None:
     """Revert the last step; the gain is kept but must be confirmed again."""
     for k in range(2):
@@ -126,7 +126,7 @@ def withdraw(line: FloatArray) -> None:
     line[SEEN] = line[RISES] = line[CONFIRMED] = line[CHANGED] = 0.0
 
 
-@leaf
+@inline_jit
 def move(
     line: FloatArray, error: complex, deviation: float, foreign: float, others: float,
     share: float, p: FloatArray,
@@ -222,14 +222,14 @@ _MEAN = 17
 _LINES = _MEAN + LINE_SIZE
 
 
-@leaf
+@inline_jit
 def room(p: FloatArray) -> int:
     """Return for how many orders there is room."""
     own = p.size - ORDERS if p[AUTOMATIC] == 0.0 else _CHOSEN
     return own + (MOST if p[RESONANCE] > 0.0 else 0)
 
 
-@leaf
+@inline_jit
 def fitted_at(p: FloatArray) -> int:
     """Return the position of the fitted orders in the memory."""
     return _LINES + LINE_SIZE * room(p)
@@ -270,7 +270,7 @@ def clear(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     begin_line(memory[_MEAN:_LINES], 0.0)
 
 
-@leaf
+@inline_jit
 def update(
     error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
     dt: float,
@@ -302,7 +302,7 @@ def update(
         close_window(memory, p, g, dt)
 
 
-@leaf
+@inline_jit
 def harmful(error: float, phase: float, memory: FloatArray) -> bool:
     """Add one error; return whether a period ended with a much larger error than before."""
     turn = math.floor(phase / (2.0 * math.pi))
@@ -319,7 +319,7 @@ def harmful(error: float, phase: float, memory: FloatArray) -> bool:
     return worse
 
 
-@leaf
+@inline_jit
 def take_back(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Take the last step of every line back, and measure again before the next one."""
     memory[REVERTED] += 1.0
@@ -330,7 +330,7 @@ def take_back(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> No
     drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
-@leaf
+@inline_jit
 def retreat(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Put every correction to 0; the gains are kept, but are to be confirmed again."""
     memory[_SHARE] = max(_LESS * memory[_SHARE], _LEAST_SHARE)
@@ -342,7 +342,7 @@ def retreat(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None
         drop_window(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
-@leaf
+@inline_jit
 def voltage(
     frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> float:
@@ -357,7 +357,7 @@ def voltage(
     return float(total)
 
 
-@leaf
+@inline_jit
 def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Restart the window and discard the effect of the last step."""
     if memory[_FREQUENCY] > 0.0:
@@ -371,7 +371,7 @@ def regain(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
         reschedule(memory[_FREQUENCY], False, memory, p, g, dt)
 
 
-@leaf
+@inline_jit
 def drop_window(
     frequency: float, kept: bool, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> None:
@@ -397,7 +397,7 @@ def drop_window(
         memory[k] = 0.0
 
 
-@leaf
+@inline_jit
 def choose_orders(
     frequency: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> None:
@@ -428,7 +428,7 @@ def choose_orders(
     memory[_FITTED] = fill_separable(every[:count], frequency, dt, span, memory[first:])
 
 
-@leaf
+@inline_jit
 def take_lines(memory: FloatArray, kept: FloatArray, wanted: FloatArray, most: int) -> None:
     """Carry the lines of the orders `kept` that are `wanted` on, and begin those that are new."""
     before, old = scratch(LINE_SIZE * most), int(memory[_COUNT])
@@ -451,7 +451,7 @@ def take_lines(memory: FloatArray, kept: FloatArray, wanted: FloatArray, most: i
     memory[_COUNT] = count
 
 
-@leaf
+@inline_jit
 def reschedule(
     frequency: float, kept: bool, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> None:
@@ -467,7 +467,7 @@ def reschedule(
     memory[_MEAN + MODELLED + 1] = 0.0
 
 
-@leaf
+@inline_jit
 def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Solve the fit of the window that has ended, then learn from it and begin the next."""
     fit = fit_of(int(memory[_FITTED]), p)
@@ -524,7 +524,7 @@ def close_window(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) ->
     drop_window(memory[_FREQUENCY], True, memory, p, g, dt)
 
 
-@leaf
+@inline_jit
 def evaluate_window(power: float, memory: FloatArray) -> None:
     """Take the mean square error [m^2] of a window: without harm the next steps may be larger."""
     if 0.0 < power <= _HARMLESS * memory[_POWER]:

@@ -41,7 +41,7 @@ from piezo_hysteresis.compensation.link import (
     watch_counters,
 )
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf
+from piezo_hysteresis.jit import inline_jit, jit
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.models.schedule import OperatingPoint
 
@@ -95,13 +95,13 @@ def reset_guard(memory: FloatArray, fading: bool) -> None:
     memory[STATE] = RUNNING if fading else STARTING
 
 
-@leaf
+@inline_jit
 def learns(memory: FloatArray, fading: bool) -> bool:
     """Return whether the law may learn from the error: in full force, or while `fading` in too."""
     return bool(memory[STATE] == RUNNING and (fading or memory[WEIGHT] == 1.0))
 
 
-@leaf
+@inline_jit
 def fade(memory: FloatArray, fading: bool, dt: float) -> float:
     """Take one tick; return the weight of the correction, 0..1.
 
@@ -117,13 +117,13 @@ def fade(memory: FloatArray, fading: bool, dt: float) -> float:
     return float(memory[WEIGHT])
 
 
-@leaf
+@inline_jit
 def empty_window(memory: FloatArray) -> None:
     """Begin a window."""
     memory[SQUARES] = memory[SUM] = memory[TICKS] = 0.0
 
 
-@leaf
+@inline_jit
 def supervise(
     error: float, frequency: float, phase: float, size: float, disturbed: bool, with_mean: bool,
     settle: float, memory: FloatArray, dt: float,
@@ -164,7 +164,7 @@ def supervise(
     return answer
 
 
-@leaf
+@inline_jit
 def doubled(time: float, times: float) -> float:
     """Return a time [s] doubled `times` times, at most the longest."""
     for _ in range(int(times)):
@@ -172,7 +172,7 @@ def doubled(time: float, times: float) -> float:
     return time
 
 
-@leaf
+@inline_jit
 def judge(power: float, frequency: float, size: float, memory: FloatArray) -> int:
     """Evaluate the mean square error [m^2] of a window."""
     before = memory[BASE]
@@ -201,7 +201,7 @@ def judge(power: float, frequency: float, size: float, memory: FloatArray) -> in
     return NOTHING
 
 
-@leaf
+@inline_jit
 def is_larger(power: float, frequency: float, size: float, memory: FloatArray) -> bool:
     """Return whether the error [m^2] exceeds that without correction enough to test it."""
     if abs(frequency - memory[BASE_FREQUENCY]) > _CHANGE * memory[BASE_FREQUENCY]:
@@ -278,7 +278,7 @@ LAWS: dict[str, HarmonicLaw] = {
 }
 
 
-@leaf
+@inline_jit
 def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
     """Process the reference of one tick; return whether a period with another amplitude ended.
 
@@ -430,7 +430,7 @@ class HarmonicAttenuation(CompiledLink):
         at, regain = SETTINGS + self.packed.size, self._law.regain
         places = np.array([SETTINGS + k for k in LIVE.values()] + [at + k for k in _MODE.values()])
 
-        @leaf
+        @inline_jit
         def take(
             values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
             first: bool,

@@ -27,7 +27,7 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     Harmonic,
 )
 from piezo_hysteresis.compensation.linear_gain import gain_at
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 
 # Above this trace per parameter the covariance is scaled down: forgetting without excitation
 # would let it grow indefinitely.
@@ -38,7 +38,7 @@ _LARGEST_COVARIANCE = 1e6
 _FREQUENCY, BOUNDED, _PAST, _GAINS_OF, _GAINS = 0, 1, 2, 5, 6
 
 
-@leaf
+@inline_jit
 def rls_update(
     theta: FloatArray,
     covariance: FloatArray,
@@ -73,13 +73,13 @@ def rls_update(
             covariance[i] *= scale
 
 
-@leaf
+@inline_jit
 def unknowns(p: FloatArray) -> int:
     """Return how many unknowns there are."""
     return (2 if p[RECURSIVE] > 0.0 else 0) + 2 * (p.size - ORDERS)
 
 
-@leaf
+@inline_jit
 def unknowns_at(p: FloatArray) -> int:
     """Return the position of the unknowns in the memory."""
     return _GAINS + 2 * (p.size - ORDERS)
@@ -102,7 +102,7 @@ def clear(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
         memory[place + m + i * m + i] = 1.0
 
 
-@leaf
+@inline_jit
 def update(
     error: float, frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray,
     dt: float,
@@ -130,7 +130,7 @@ def update(
     memory[_PAST] = value
 
 
-@leaf
+@inline_jit
 def voltage(
     frequency: float, phase: float, memory: FloatArray, p: FloatArray, g: FloatArray, dt: float
 ) -> float:
@@ -189,7 +189,7 @@ def correction(i: int, frequency: float, memory: FloatArray, p: FloatArray, dt: 
     return theta
 
 
-@leaf
+@inline_jit
 def disturb(memory: FloatArray, p: FloatArray, g: FloatArray, dt: float) -> None:
     """Continue: the forgetting factor discards a transient."""
 

@@ -13,7 +13,7 @@ from piezo_hysteresis.common.parameter_table import documented, judge, setting
 from piezo_hysteresis.compensation.linear_gain import gain_at
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 
 
 class Harmonic(NamedTuple):
@@ -50,7 +50,7 @@ _SHARE_OF_RATE, _FOLLOWED = 0.25, 0.025
 _WORK = 16000
 
 
-@leaf
+@inline_jit
 def folded(frequency: float, dt: float) -> float:
     """Return the signed frequency in -1/(2 dt) .. 1/(2 dt) that sampling makes of `frequency`."""
     rate = 1.0 / dt
@@ -132,7 +132,7 @@ def fill_separable(
     return count
 
 
-@leaf
+@inline_jit
 def fill_basis(phase: float, orders: FloatArray, basis: FloatArray) -> None:
     """Write 1, cos(n phase), -sin(n phase) per order into `basis`, shape (1 + 2 orders,)."""
     basis[0] = 1.0
@@ -142,7 +142,7 @@ def fill_basis(phase: float, orders: FloatArray, basis: FloatArray) -> None:
         basis[2 + 2 * i] = -math.sin(angle)
 
 
-@leaf
+@inline_jit
 def accumulate(
     error: float, phase: float, orders: FloatArray, basis: FloatArray, normal: FloatArray
 ) -> None:

@@ -14,7 +14,7 @@ from piezo_hysteresis.blocks.base import Block
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, take
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.models.simulation.compiled import kernel_of
 from piezo_hysteresis.models.simulation.state_space import run_path, step_of
 
@@ -89,7 +89,7 @@ def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, 
     """Return trial and commit of a block with a held input."""
     last, memory_end = _BLOCK + values, _STATE + size
 
-    @leaf
+    @inline_jit
     def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         given, answer, state = scratch(1), scratch(1), scratch(size)
         given[0] = x
@@ -98,7 +98,7 @@ def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, 
         kernel(given, answer, state, p[_BLOCK:last], dt, 0.0)
         return float(answer[0])
 
-    @leaf
+    @inline_jit
     def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         given, answer = scratch(1), scratch(1)
         given[0] = x
@@ -113,7 +113,7 @@ def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, 
 def _joined(n: int) -> tuple[Answer, Answer]:
     """Return trial and commit of a linear block of n states with linearly interpolated input."""
 
-    @leaf
+    @inline_jit
     def along(x: float, last: float, state: FloatArray, p: FloatArray) -> float:
         phi, gamma, rows, gains = (
             scratch((n, n)), scratch((n, 3)), scratch((3, n)), scratch((3, 3)),
@@ -139,14 +139,14 @@ def _joined(n: int) -> tuple[Answer, Answer]:
         run_path(line, answer, state, phi, gamma, rows, gains)
         return float(answer[2])
 
-    @leaf
+    @inline_jit
     def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         state = scratch(n)
         for i in range(n):
             state[i] = memory[_STATE + i]
         return along(x, memory[LAST], state, p)
 
-    @leaf
+    @inline_jit
     def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         answer = along(x, memory[LAST], memory[_STATE : _STATE + n], p)
         memory[LAST] = x
@@ -157,7 +157,7 @@ def _joined(n: int) -> tuple[Answer, Answer]:
 
 @functools.cache
 def _shaping(trial: Answer) -> Callable[..., tuple[float, float]]:
-    @leaf
+    @inline_jit
     def shape(x: float, memory: FloatArray, p: FloatArray, dt: float) -> tuple[float, float]:
         step = p[SCALE]
         above, below = trial(x + step, memory, p, dt), trial(x - step, memory, p, dt)
@@ -171,7 +171,7 @@ def _shaping(trial: Answer) -> Callable[..., tuple[float, float]]:
 def _solving(trial: Answer) -> Answer:
     between = _bracketing(trial)
 
-    @leaf
+    @inline_jit
     def solve(target: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         start = memory[LAST]
         missing = target - trial(start, memory, p, dt)
@@ -200,7 +200,7 @@ def _solving(trial: Answer) -> Answer:
 def _bracketing(trial: Answer) -> Callable[..., float]:
     """Return the root search between two inputs by Ridders' method."""
 
-    @leaf
+    @inline_jit
     def between(
         near: float, far: float, target: float, memory: FloatArray, p: FloatArray, dt: float
     ) -> float:
@@ -242,7 +242,7 @@ STATE_SIZE = 8
 _TOLERANCE = 0.25
 
 
-@leaf
+@inline_jit
 def carry_ahead(
     reference: FloatArray, ahead: FloatArray, state: FloatArray, lead: float, dt: float
 ) -> None:
@@ -280,7 +280,7 @@ def carry_ahead(
         ahead[2, k] = a + t * (jerk + t * (snap / 2.0 + t * crackle / 6.0))
 
 
-@leaf
+@inline_jit
 def lift_droop(target: FloatArray, state: FloatArray) -> None:
     """Compensate the droop of the hold, ``(w dt)^2 / 24``, if the target has been smooth."""
     for k in range(target.size):
@@ -291,7 +291,7 @@ def lift_droop(target: FloatArray, state: FloatArray) -> None:
         state[_SMOOTH] += 1.0
 
 
-@leaf
+@inline_jit
 def invert_structure(
     reference: FloatArray,
     target: FloatArray,
@@ -325,7 +325,7 @@ _NAMES = ('mass', 'damping', 'stiffness', 'z_alpha', 'z_beta', 'z_gamma', 'z_exp
 _CLAMPED, _STROKE, _X, _Z, _OWN = range(5)
 
 
-@leaf
+@inline_jit
 def _add_restoring_force(
     x: FloatArray, force: FloatArray, memory: FloatArray, p: FloatArray, low: float, high: float
 ) -> None:

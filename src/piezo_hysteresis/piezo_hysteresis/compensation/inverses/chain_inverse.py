@@ -27,7 +27,7 @@ from piezo_hysteresis.compensation.inverses.inverse_link import OFFSET, InverseL
 from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.numerics.linalg import solve_square
 
@@ -119,7 +119,7 @@ def _whole(*steps: _Through | None, clamped: Any, back: Any) -> Run:
     return run
 
 
-@leaf
+@inline_jit
 def _nothing_back(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
     return 0.0
 
@@ -128,7 +128,7 @@ def _acting_back(restoring: Any, count: int) -> Any:
     """Return the restoring force on the mode, to be added to the target at `x` [m]."""
     last = _BACK + count
 
-    @leaf
+    @inline_jit
     def back(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         force, memory[_FORCE] = restoring(p[_BACK:last], x, memory[_MOVED], memory[_FORCE], dt)
         memory[_MOVED] = x
@@ -140,20 +140,20 @@ def _acting_back(restoring: Any, count: int) -> Any:
 def _passing() -> _Through:
     """Return the kernel of an empty chain."""
 
-    @leaf
+    @inline_jit
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         return at
 
     return through
 
 
-@leaf
+@inline_jit
 def _no_count(memory: FloatArray) -> float:
     return 0.0
 
 
 def _counting(before: Any, place: int) -> Callable[[FloatArray], float]:
-    @leaf
+    @inline_jit
     def total(memory: FloatArray) -> float:
         return float(before(memory) + memory[place + CLAMPED])
 
@@ -165,7 +165,7 @@ def _before(one: _Through | None, other: _Through | None) -> _Through | None:
     if one is None or other is None:
         return other if one is None else one
 
-    @leaf
+    @inline_jit
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         return other(one(at, memory, p, dt), memory, p, dt)
 
@@ -176,7 +176,7 @@ def _solve(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     """Return the step from the output of a block to its input."""
     solve = inverse.solve
 
-    @leaf
+    @inline_jit
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         return Motion(solve(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
 
@@ -187,7 +187,7 @@ def _keep(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     """Return the step from the input of a block to its output, with an update of its memory."""
     commit = inverse.commit
 
-    @leaf
+    @inline_jit
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         return Motion(commit(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
 
@@ -198,7 +198,7 @@ def _undo(inverse: BlockInverse, place: int, numbers: int) -> _Through:
     """Return the step from the output of a block to its input with both derivatives."""
     solve, commit, shape = inverse.solve, inverse.commit, inverse.shape
 
-    @leaf
+    @inline_jit
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
         own, numbers_of_it = memory[place:], p[numbers:]
         d = solve(at.displacement, own, numbers_of_it, dt)

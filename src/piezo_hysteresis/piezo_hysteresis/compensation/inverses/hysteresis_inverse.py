@@ -13,14 +13,14 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._plays import bank
 from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
-from piezo_hysteresis.jit import leaf
+from piezo_hysteresis.jit import inline_jit
 
 CLAMPED, STROKE, U, H = range(4)
 
 _ITERATIONS = 60
 
 
-@leaf
+@inline_jit
 def within_stroke(new: float, low: float, high: float, memory: FloatArray) -> float:
     """Return the voltage limited to low..high [V], and count limited samples."""
     if new > high or new < low:
@@ -29,21 +29,21 @@ def within_stroke(new: float, low: float, high: float, memory: FloatArray) -> fl
     return new
 
 
-@leaf
+@inline_jit
 def slope(h: float, side: float, p: FloatArray) -> float:
     """Return dw/du [m/V] of the Bouc-Wen model at h for a voltage that moves to `side`."""
     value: float = p[0] - p[1] - side * p[2] + p[4] * abs(h) + side * p[3] * h
     return value
 
 
-@leaf
+@inline_jit
 def euler_step(h: float, du: float, p: FloatArray) -> float:
     """Return h after the papers' forward Euler step."""
     value: float = h + p[1] * du + p[2] * abs(du) - p[4] * abs(h) * du - p[3] * abs(du) * h
     return value
 
 
-@leaf
+@inline_jit
 def invert_euler(
     w: FloatArray,
     u: FloatArray,
@@ -71,7 +71,7 @@ def invert_euler(
     memory[U], memory[H] = last, h
 
 
-@leaf
+@inline_jit
 def invert_delayed(
     w: FloatArray,
     u: FloatArray,
@@ -92,7 +92,7 @@ def invert_delayed(
     memory[U], memory[H] = last, h
 
 
-@leaf
+@inline_jit
 def solve_exact(missing: float, h: float, p: FloatArray, minimum: float) -> float:
     """Return the voltage step that moves the exact model by `missing` [m].
 
@@ -124,7 +124,7 @@ def solve_exact(missing: float, h: float, p: FloatArray, minimum: float) -> floa
     return side * travel
 
 
-@leaf
+@inline_jit
 def invert_exact(
     w: FloatArray,
     u: FloatArray,
@@ -150,7 +150,7 @@ def invert_exact(
     memory[U], memory[H] = last, h
 
 
-@leaf
+@inline_jit
 def invert_gain(
     w: FloatArray,
     u: FloatArray,
@@ -168,7 +168,7 @@ def invert_gain(
         memory[U] = new
 
 
-@leaf
+@inline_jit
 def next_segment(
     u: float, side: float, plays: FloatArray, weights: FloatArray, spacing: float
 ) -> tuple[float, float]:
@@ -184,7 +184,7 @@ def next_segment(
     return weight, nearest
 
 
-@leaf
+@inline_jit
 def solve_plays(
     missing: float,
     u: float,
@@ -215,7 +215,7 @@ def solve_plays(
     return u, clamped
 
 
-@leaf
+@inline_jit
 def invert_plays(
     w: FloatArray,
     u: FloatArray,

@@ -26,7 +26,7 @@ from piezo_hysteresis.compensation.link import (
     reset_fade,
 )
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.numerics.smooth import smooth_step
 
 #: Kernel of an inverse: ``run(reference, voltage, memory, p, dt, low, high)``, rows of the
@@ -84,7 +84,7 @@ def condition(
         conditioned[0, k], conditioned[1, k], conditioned[2, k] = d, v, a
 
 
-@leaf
+@inline_jit
 def conditioned_point(
     point: FloatArray, shaped: FloatArray, memory: FloatArray, numbers: FloatArray
 ) -> None:
@@ -94,7 +94,7 @@ def conditioned_point(
     condition(row, shaped, memory[:FADING], numbers[OFFSET], numbers[EASING], numbers[DT])
 
 
-@leaf
+@inline_jit
 def faded_answer(answer: float, memory: FloatArray, numbers: FloatArray) -> float:
     """Return the voltage of an inverse, smooth after a change of its parameters."""
     changing = memory[FADING:OWN]
@@ -200,13 +200,13 @@ class InverseLink(CompiledLink):
         if rest.size == 0:
             rest = np.zeros(1)
 
-        @leaf
+        @inline_jit
         def reset(memory: FloatArray, numbers: FloatArray) -> None:
             for k in range(memory.size):
                 memory[k] = 0.0 if at_rest or k < OWN else rest[k - OWN]
             reset_fade(memory[FADING:OWN])
 
-        @leaf
+        @inline_jit
         def take(
             values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
             first: bool,
@@ -239,7 +239,7 @@ class InverseLink(CompiledLink):
     def packing(self, place: Mapping[str, int]) -> Packing:
         """Return how it packs parameters, by their place; by default none can change."""
 
-        @leaf
+        @inline_jit
         def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
             return OK
 

@@ -23,7 +23,7 @@ from piezo_hysteresis.compensation.inverses.block_inverse import (
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Packing, Run, take
 from piezo_hysteresis.compensation.link import IMPOSSIBLE, OK, Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 
 Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
 _Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
@@ -174,7 +174,7 @@ def _packing(law: str, place: Mapping[str, int], dt: float) -> Packing:
         kind, structure = _RIGID, (0, 0, 0)
     count, solved, slope = len(at), law != 'delayed', 1 if plays else 0
 
-    @leaf
+    @inline_jit
     def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
         new, k1, k2 = scratch(count), 0.0, 0.0
         for k in range(count):
@@ -372,7 +372,7 @@ def _extended_packing(place: Mapping[str, int]) -> Packing:
     at = tuple(place.get(name, -1) for name in NAMES)
     count = len(NAMES)
 
-    @leaf
+    @inline_jit
     def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
         new = scratch(count)
         for k in range(count):

@@ -1,6 +1,6 @@
 """Check of the records, and their training and held-out views; held-out data only veto.
 
-A view is an identification `Target`: the input signal and the measured samples that are compared
+A view is an identification `FitData`: the input signal and the measured samples that are compared
 with the model.
 """
 
@@ -16,11 +16,11 @@ from piezo_hysteresis.blocks.effect import FEWEST_FREQUENCIES, HIGH_FREQUENCY, C
 from piezo_hysteresis.discovery.data.second_channel import SensorCurve
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.checks import phase_ahead, require_usable, time_ahead
+from piezo_hysteresis.identification.fit_data import FitData, whole, with_noise, with_start_of
 from piezo_hysteresis.identification.initial_conditions.record_start import first_guess
 from piezo_hysteresis.identification.model_discrepancy import waveform_of
 from piezo_hysteresis.identification.noise import Noise, floor_of, noises_of, stroke_of
 from piezo_hysteresis.identification.periods import main_frequency, period_of
-from piezo_hysteresis.identification.targets import Target, whole, with_noise, with_start_of
 from piezo_hysteresis.models import ModelFile
 from piezo_hysteresis.models.repeated_records import form_name
 from piezo_hysteresis.records import Record
@@ -47,7 +47,7 @@ class Dataset:
     ----------
     records : tuple of Record
         Original records.
-    training, held_out : tuple of Target
+    training, held_out : tuple of FitData
         Views for fits, and views for the validation only.
     periods : dict of str to int
         Samples per period of the drive by record, 0 where it is not periodic.
@@ -58,8 +58,8 @@ class Dataset:
     """
 
     records: tuple[Record, ...]
-    training: tuple[Target, ...]
-    held_out: tuple[Target, ...]
+    training: tuple[FitData, ...]
+    held_out: tuple[FitData, ...]
     periods: dict[str, int]
     noise: Noise
     second: SensorCurve | None = None
@@ -78,7 +78,7 @@ class Dataset:
         """Return the samples per period of the record named `name`."""
         return self.periods[name]
 
-    def with_each(self, change: Callable[[Target], Target]) -> Dataset:
+    def with_each(self, change: Callable[[FitData], FitData]) -> Dataset:
         """Return the data with a function applied to every view."""
         return replace(
             self,
@@ -105,9 +105,9 @@ def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
     periods = {r.name: _period(r) for r in records}
     spared = _spared(records)
     train_whole = ('sine', 'chirp') if spared else ('sine',)
-    training: list[Target] = []
-    held_out: list[Target] = []
-    extremes: list[Target] = []
+    training: list[FitData] = []
+    held_out: list[FitData] = []
+    extremes: list[FitData] = []
     for record, noise in zip(records, noises, strict=True):
         view = with_noise(whole(record, begins=first_guess(record, start)), noise)
         if record.name in spared:
@@ -130,7 +130,7 @@ def split(records: Sequence[Record], start: str = 'auto') -> Dataset:
     return Dataset(tuple(records), fitted, tuple(held_out), periods, floor)
 
 
-def _unlike(whole: Sequence[Target], held_out: Sequence[Target]) -> set[str]:
+def _unlike(whole: Sequence[FitData], held_out: Sequence[FitData]) -> set[str]:
     """Return the names of records that are unlike all held-out ones, so that their end joins them.
 
     Every effect must be able to show itself on held-out samples: creep with the slowest drive, a
@@ -140,10 +140,10 @@ def _unlike(whole: Sequence[Target], held_out: Sequence[Target]) -> set[str]:
         return {view.name for view in whole}
     driven = [view for view in whole if view.frequency > 0.0]
 
-    def reach(view: Target) -> float:
+    def reach(view: FitData) -> float:
         return float(np.ptp(view.voltage[view.origin :]))
 
-    def seconds(view: Target) -> float:
+    def seconds(view: FitData) -> float:
         return (view.voltage.size - view.origin) * view.dt
 
     slowest = min(driven, key=lambda v: (v.frequency, -reach(v)), default=None)
@@ -187,13 +187,13 @@ def _spared(records: Sequence[Record]) -> set[str]:
     return spared
 
 
-def cut(view: Target, share: float) -> tuple[Target, Target]:
+def cut(view: FitData, share: float) -> tuple[FitData, FitData]:
     """Return the first `share` of the compared samples and the rest, with the same lead-in."""
     count = max(1, min(round(share * view.measured.size), view.measured.size - 1))
     return part_of(view, 0, count), part_of(view, count, view.measured.size)
 
 
-def part_of(view: Target, first: int, last: int) -> Target:
+def part_of(view: FitData, first: int, last: int) -> FitData:
     """Return the view with only the compared samples ``first`` to ``last - 1``."""
     return replace(
         view,
@@ -205,14 +205,14 @@ def part_of(view: Target, first: int, last: int) -> Target:
     )
 
 
-def beginning_like(data: Dataset, views: Sequence[Target]) -> Dataset:
+def beginning_like(data: Dataset, views: Sequence[FitData]) -> Dataset:
     """Return the data with initial conditions, zero offsets and weights of `views`, by name.
 
     The held-out part of a record has the same initial condition as its training part.
     """
     known = {v.name: v for v in reversed(views)}
 
-    def like(view: Target) -> Target:
+    def like(view: FitData) -> FitData:
         other = known.get(view.name)
         return (
             view
@@ -223,7 +223,9 @@ def beginning_like(data: Dataset, views: Sequence[Target]) -> Dataset:
     return data.with_each(like)
 
 
-def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> tuple[Target, ...]:
+def thinned(
+    views: Sequence[FitData], samples: int, periods: dict[str, int]
+) -> tuple[FitData, ...]:
     """Shorten views from their end until about `samples` are simulated in total.
 
     Every view keeps half a second or `FEWEST_SAMPLES`, with three periods, or one slower period
@@ -249,13 +251,13 @@ def thinned(views: Sequence[Target], samples: int, periods: dict[str, int]) -> t
     )
 
 
-def _shortest(view: Target, period: int) -> int:
+def _shortest(view: FitData, period: int) -> int:
     """Return the samples that a view keeps: three periods, or one that is long."""
     least = min(round(0.5 / view.dt), FEWEST_SAMPLES)
     return max(min(3 * period, max(round(1.25 * period), least)), least)
 
 
-def _fastest(view: Target) -> int:
+def _fastest(view: FitData) -> int:
     """Return the number of samples until the input first reaches its largest rate of change."""
     speed = np.abs(np.diff(view.voltage, prepend=view.voltage[0]))
     return int(np.argmax(speed >= ALMOST * speed.max())) + 1
@@ -392,7 +394,7 @@ def _against(least: float, most: float, low: float, high: float, unit: str) -> s
 
 
 def beyond_the_fit(
-    fitted: Sequence[Target], held_out: Sequence[Target], unit: str = 'V'
+    fitted: Sequence[FitData], held_out: Sequence[FitData], unit: str = 'V'
 ) -> list[str]:
     """Return sentences on held-out parts at voltages (forces, in `unit` N) that no fit has seen.
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery.data.dataset import Dataset
-from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.numerics.harmonics import (
     BINS,
     DOMINANT,
@@ -35,7 +35,7 @@ TRUSTED = 0.5
 _FEWEST = 256
 _STEPS = np.linspace(-1.0, 1.0, 41)
 
-_Seen = tuple[Target, FloatArray, FloatArray, FloatArray]
+_Seen = tuple[FitData, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -46,18 +46,18 @@ class Tone:
     amplitude: float  # median over the records in which the tone is distinct from the drive [m]
 
 
-def spectrum(view: Target, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+def spectrum(view: FitData, error: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and power of `error` without the harmonics of the drive."""
     frequency, lines = non_harmonic_lines(error, view.dt, view.frequency, trend=True)
     return frequency, lines**2
 
 
-def phasor(view: Target, error: FloatArray, frequency: float) -> complex:
+def phasor(view: FitData, error: FloatArray, frequency: float) -> complex:
     """Return the complex amplitude of a tone [m], with the phase at the first driven sample."""
     return tone_amplitude(error, frequency, view.dt, view.first)
 
 
-def find_tone(views: Sequence[Target], errors: Sequence[FloatArray]) -> Tone | None:
+def find_tone(views: Sequence[FitData], errors: Sequence[FloatArray]) -> Tone | None:
     """Return the tone that explains the most power over all views, None if there is none.
 
     In records of few periods every line is near a harmonic of the drive. A tone is then found if
@@ -134,7 +134,7 @@ def _clear(seen: Sequence[_Seen], tone: float) -> list[_Seen]:
 def with_aligned_phases(
     data: Dataset,
     errors: Sequence[FloatArray],  # [m]
-    others: Sequence[Target],
+    others: Sequence[FitData],
     others_errors: Sequence[FloatArray],
 ) -> Dataset:
     """Return `data` with start times for which the strongest tone has the same phase everywhere.

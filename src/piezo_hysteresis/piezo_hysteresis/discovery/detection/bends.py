@@ -30,7 +30,7 @@ from piezo_hysteresis.discovery.selection.fixed_baseline_evaluator import (
 )
 from piezo_hysteresis.discovery.selection.rounds import fits_of
 from piezo_hysteresis.errors import PiezoError
-from piezo_hysteresis.identification.targets import Target
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.models import PARAMETER_SHIFT
 
 #: Names of the curves without a memory that resemble one of the sensor, with it and a gain.
@@ -210,11 +210,11 @@ def _least(distances: FloatArray) -> FloatArray:
     return np.asarray(np.min(separable if len(separable) else distances, axis=0))
 
 
-def _amplitude(view: Target) -> float:
+def _amplitude(view: FitData) -> float:
     return 0.5 * float(np.ptp(view.voltage[view.origin :]))
 
 
-def _scaled(view: Target, share: float) -> Target:
+def _scaled(view: FitData, share: float) -> FitData:
     """Return the drive of a view about its middle with a share of its amplitude, from rest."""
     driven = view.voltage[view.origin :]
     middle = 0.5 * float(driven.min() + driven.max())

@@ -32,8 +32,8 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.discovery.selection.elimination import Step
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.free_run import StageCache
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate
 from piezo_hysteresis.models.effects import is_never_reached
 from piezo_hysteresis.numerics.qr import inner, orthonormal, projected_out
@@ -220,7 +220,7 @@ class DetectionCalculator:
         *,
         residual: CandidateFit | None = None,
         samples: int | None = None,
-        planned: Sequence[Target] = (),
+        planned: Sequence[FitData] = (),
     ) -> None:
         data = evaluator.data
         samples = samples or evaluator.policy.screening_samples

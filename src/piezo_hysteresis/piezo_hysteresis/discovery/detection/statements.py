@@ -28,8 +28,8 @@ from piezo_hysteresis.experiments.planned_experiment import (
     PlannedExperiment,
     catalogue,
 )
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models.effects import is_never_reached
 
 # Prefixes of SI units, and the power of ten of each.
@@ -199,7 +199,7 @@ def sentence(found: Sequence[Statement]) -> str:
 _EDGE = 4
 
 
-def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
+def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> FitData:
     """Return an experiment as a view for the fit functions, with zero measured displacement."""
     prelude = round(experiment.prelude * rate)
     voltage, frequency = experiment.voltage(rate), experiment.frequency
@@ -208,11 +208,11 @@ def view_of(experiment: PlannedExperiment, rate: float, noise: float) -> Target:
 
 def at_rest_before(
     name: str, driven: FloatArray, dt: float, frequency: float, noise: float, prelude: int = 0
-) -> Target:
+) -> FitData:
     """Return a drive as a view that begins at rest, with zero measured displacement."""
     voltage = np.concatenate([np.full(_EDGE, driven[0]), driven])
     first = _EDGE + prelude
-    return Target(
+    return FitData(
         name=name,
         voltage=voltage,
         measured=np.zeros(voltage.size - first),
@@ -318,7 +318,7 @@ def _size_of(found: Signature) -> float:
     return max(distances, default=0.0)
 
 
-def _possible(views: Sequence[Target]) -> list[PlannedExperiment]:
+def _possible(views: Sequence[FitData]) -> list[PlannedExperiment]:
     """Return the experiments within voltage range and slew rate of the records."""
     rate = 1.0 / views[0].dt
     low = min(0.0, *(float(v.voltage.min()) for v in views))
@@ -345,7 +345,7 @@ def _possible(views: Sequence[Target]) -> list[PlannedExperiment]:
 
 def _predicted(
     evaluator: Evaluator, final: CandidateFit, experiment: PlannedExperiment
-) -> Target | None:
+) -> FitData | None:
     """Return an experiment with its predicted displacement and noise, None beyond the stroke."""
     views = evaluator.data.training
     noise = float(np.median([v.noise for v in views]))

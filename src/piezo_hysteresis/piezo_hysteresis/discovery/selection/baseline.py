@@ -18,13 +18,16 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.evaluator import Deadline
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.initial_conditions.revision import Choices, estimate_nuisances
+from piezo_hysteresis.identification.fit_data import FitData
+from piezo_hysteresis.identification.initial_conditions.revision import (
+    RecordAssumptions,
+    estimate_nuisances,
+)
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import (
     InitialConditionSelector,
 )
 from piezo_hysteresis.identification.output_error import output_error, suited
 from piezo_hysteresis.identification.starts import representative, starts
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, ModelFile
 from piezo_hysteresis.records import Record
 
@@ -57,7 +60,7 @@ class Baselines:
 def fitted_baselines(
     data: Dataset,
     given: Model | ModelFile,
-    choices: Choices,
+    choices: RecordAssumptions,
     workers: int = 1,
     deadline: Deadline | None = None,
 ) -> tuple[Baselines, Dataset]:
@@ -88,7 +91,7 @@ def fitted_baselines(
 
 
 def _first_fit(
-    spec: ModelSpec, data: Dataset, choices: Choices, workers: int, end: Deadline
+    spec: ModelSpec, data: Dataset, choices: RecordAssumptions, workers: int, end: Deadline
 ) -> tuple[CandidateFit, Dataset] | None:
     """Return a fit to part of the samples, with initial conditions estimated by `spec`."""
     seen = with_revised_starts(spec, data, choices, workers)
@@ -97,7 +100,12 @@ def _first_fit(
 
 
 def _converged(
-    fit: CandidateFit, seen: Dataset, data: Dataset, choices: Choices, workers: int, end: Deadline
+    fit: CandidateFit,
+    seen: Dataset,
+    data: Dataset,
+    choices: RecordAssumptions,
+    workers: int,
+    end: Deadline,
 ) -> tuple[CandidateFit, Dataset]:
     """Return the converged fit to all samples and the data with its initial conditions."""
     fit = _fitted(fit, seen.training, workers, end) or evaluated_on(fit, seen.training)
@@ -125,11 +133,11 @@ def first_values(joint: ModelSpec, data: Dataset, samples: int) -> dict[str, flo
 
 def same_initial_conditions(one: Dataset, other: Dataset) -> bool:
     """Return whether initial conditions and zero offsets of two datasets are equal."""
-    return all(map(Target.begins_like, one.training, other.training))
+    return all(map(FitData.begins_like, one.training, other.training))
 
 
 def _slow(
-    joint: CandidateFit, views: Sequence[Target], workers: int, end: Deadline
+    joint: CandidateFit, views: Sequence[FitData], workers: int, end: Deadline
 ) -> CandidateFit | None:
     slowest = _slowest(views)
     if len(slowest) == len(views) or end.skips('the baseline on the slowest records'):
@@ -139,7 +147,12 @@ def _slow(
 
 
 def with_revised_starts(
-    spec: ModelSpec, data: Dataset, choices: Choices, workers: int, *, alone: bool = False
+    spec: ModelSpec,
+    data: Dataset,
+    choices: RecordAssumptions,
+    workers: int,
+    *,
+    alone: bool = False,
 ) -> Dataset:
     """Return the data with initial conditions, zero offsets and weights by a model."""
     names = {v.name for v in data.training}
@@ -158,7 +171,7 @@ def with_revised_starts(
 
 
 def _from_data(
-    data: Dataset, model: Model, choices: Choices, workers: int, end: Deadline
+    data: Dataset, model: Model, choices: RecordAssumptions, workers: int, end: Deadline
 ) -> list[ModelSpec]:
     """Return starting values from output-error fits to all training records and to the slowest."""
     known = {r.name: r for r in data.records}
@@ -186,13 +199,13 @@ def _slow_records(records: Sequence[Record]) -> list[Record]:
     return sorted(driven, key=lambda r: r.info.frequency)[:SLOWEST] or list(records)
 
 
-def _slowest(views: Sequence[Target]) -> tuple[Target, ...]:
+def _slowest(views: Sequence[FitData]) -> tuple[FitData, ...]:
     driven = [v for v in views if v.frequency > 0]
     return tuple(sorted(driven, key=lambda v: v.frequency)[:SLOWEST]) or tuple(views)
 
 
 def _fitted(
-    spec: ModelSpec, views: Sequence[Target], workers: int, end: Deadline
+    spec: ModelSpec, views: Sequence[FitData], workers: int, end: Deadline
 ) -> CandidateFit | None:
     return fitted_to(
         spec,
@@ -205,7 +218,7 @@ def _fitted(
 
 
 def with_renewed_starts(
-    fit: CandidateFit, data: Dataset, choices: Choices, workers: int
+    fit: CandidateFit, data: Dataset, choices: RecordAssumptions, workers: int
 ) -> Dataset:
     """Return the data with initial conditions and zero offsets estimated by a model.
 
@@ -215,7 +228,7 @@ def with_renewed_starts(
 
 
 def with_other_starts(
-    fit: CandidateFit, data: Dataset, choices: Choices
+    fit: CandidateFit, data: Dataset, choices: RecordAssumptions
 ) -> list[tuple[Dataset, float]]:
     """Return the data with starts at rest at 0 V or in motion, where the others could be such.
 

@@ -12,10 +12,10 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.fit import FitResult, fit
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.free_run import StageCache
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import PARAMETER_SHIFT, Candidate, Model, described
 
 _Numbers = tuple[float, ...]
@@ -158,7 +158,7 @@ def nudged(spec: ModelSpec, name: str) -> dict[str, float]:
 
 
 def errors_of(
-    spec: ModelSpec, views: Sequence[Target], cache: StageCache | None = None
+    spec: ModelSpec, views: Sequence[FitData], cache: StageCache | None = None
 ) -> tuple[FloatArray, ...]:
     """Return the residual (measured minus simulated) of every view [m]; infinite after divergence.
 
@@ -172,7 +172,7 @@ def errors_of(
     return tuple(np.where(np.isfinite(e), e, np.inf) for e in errors)
 
 
-def evaluated_on(spec: ModelSpec, views: Sequence[Target]) -> CandidateFit:
+def evaluated_on(spec: ModelSpec, views: Sequence[FitData]) -> CandidateFit:
     """Return the model evaluated on views with its present values, without a fit."""
     parameters = spec.parameters if isinstance(spec, CandidateFit) else 0
     return CandidateFit(
@@ -188,7 +188,7 @@ def evaluated_on(spec: ModelSpec, views: Sequence[Target]) -> CandidateFit:
 
 def fitted_to(
     spec: ModelSpec,
-    views: Sequence[Target],
+    views: Sequence[FitData],
     *,
     evaluations: int,
     tolerance: float,
@@ -224,7 +224,7 @@ def fitted_to(
     return _of_result(result, spec.added)
 
 
-def bounds_of(model: Model, views: Sequence[Target]) -> dict[str, tuple[float, float]]:
+def bounds_of(model: Model, views: Sequence[FitData]) -> dict[str, tuple[float, float]]:
     """Return the bounds of the parameters in a fit to the views."""
     return {
         **{q.name: (q.low, q.high) for q in model.parameters},
@@ -276,7 +276,7 @@ def _of_result(result: FitResult, added: tuple[Added, ...]) -> CandidateFit | No
     )
 
 
-def _weights(views: Sequence[Target]) -> tuple[_Numbers, _Numbers, _Numbers, int]:
+def _weights(views: Sequence[FitData]) -> tuple[_Numbers, _Numbers, _Numbers, int]:
     return (
         tuple(view.noise for view in views),
         tuple(view.precision for view in views),

@@ -27,8 +27,8 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.rules import Improvement
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import EFFECT_NAMES, Candidate, candidates
 
 # Share of the time that a search leaves to the elimination. Chosen.
@@ -85,7 +85,7 @@ class UnexplainedResidual:
     """Residual of the final model."""
 
     significant: bool  # whether the residual exceeds noise
-    views: tuple[Target, ...]  # views on which it is evaluated
+    views: tuple[FitData, ...]  # views on which it is evaluated
     fit: CandidateFit  # the model evaluated on these views
     note: str = ''  # additional statement for the user; may be empty
 
@@ -117,7 +117,7 @@ class Evaluator(ABC):
         """
         packed, late = before.model.pack(before.values), before.sampling_offset
 
-        def sharing(view: Target) -> Target:
+        def sharing(view: FitData) -> FitData:
             if view.begins.kind != 'estimate':
                 return view
             known = Prediction(before.model, packed, view, late).nuisances
@@ -291,7 +291,7 @@ class Evaluator(ABC):
     def fit(
         self,
         spec: ModelSpec,
-        views: Sequence[Target] | None = None,
+        views: Sequence[FitData] | None = None,
         evaluations: int = 0,
         enough: float = inf,
     ) -> CandidateFit | None:
@@ -302,7 +302,7 @@ class Evaluator(ABC):
     def _fitted(
         self,
         spec: ModelSpec,
-        views: Sequence[Target],
+        views: Sequence[FitData],
         evaluations: int,
         clock: tuple[float, float] | None,
         enough: float = inf,

@@ -47,13 +47,13 @@ from piezo_hysteresis.discovery.selection.residual_model import Expectation, cos
 from piezo_hysteresis.discovery.selection.rules import Improvement
 from piezo_hysteresis.discovery.selection.screen import ScoreAscent, with_delayed_discrepancy
 from piezo_hysteresis.errors import IdentificationError, PiezoError
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.fit_data import FitData
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_text
 from piezo_hysteresis.identification.noise import measured_without_outliers, reach_of
 from piezo_hysteresis.identification.periods import main_frequency
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
 from piezo_hysteresis.identification.simulate import clock_about
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Candidate, Discrepancy, Model, ModelFile, shifted
 from piezo_hysteresis.models.simulation.plan import free_states
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
@@ -65,7 +65,7 @@ _NONE = 1e-12
 def widened(
     expected: Sequence[Expectation],
     base: ModelSpec,
-    views: Sequence[Target],
+    views: Sequence[FitData],
     names: Sequence[str],  # (p, p)
     covariance: FloatArray,  # (p, p)
 ) -> tuple[Expectation, ...]:
@@ -149,7 +149,7 @@ def _directions(covariance: FloatArray) -> list[FloatArray]:
 
 
 def _moved(
-    base: ModelSpec, step: dict[str, float], views: Sequence[Target]
+    base: ModelSpec, step: dict[str, float], views: Sequence[FitData]
 ) -> tuple[FloatArray, ...] | None:
     """Return the residuals of a model one step away.
 
@@ -178,7 +178,7 @@ class FixedBaselineEvaluator(Evaluator):
         given: ModelFile,
         policy: SelectionPolicy = HELD,
         deadline: Deadline | None = None,
-        choices: Choices | None = None,
+        choices: RecordAssumptions | None = None,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
         self.choices = choices
@@ -189,7 +189,7 @@ class FixedBaselineEvaluator(Evaluator):
         self._uncertain = given.covariance()
         self._drives = tuple(drives_of(data).values())
 
-        def expected(views: Sequence[Target]) -> tuple[Expectation, ...]:
+        def expected(views: Sequence[FitData]) -> tuple[Expectation, ...]:
             found = expectations(data, views, self.known, policy)
             return widened(found, base, views, *self._uncertain)
 
@@ -263,7 +263,7 @@ class FixedBaselineEvaluator(Evaluator):
     def fit(
         self,
         spec: ModelSpec,
-        views: Sequence[Target] | None = None,
+        views: Sequence[FitData] | None = None,
         evaluations: int = 0,
         enough: float = inf,
     ) -> CandidateFit | None:
@@ -520,7 +520,7 @@ def _with_added(spec: ModelSpec, expected: Sequence[Expectation]) -> Sequence[Ex
 
 
 def expectations(
-    data: Dataset, views: Sequence[Target], known: Discrepancy, policy: SelectionPolicy
+    data: Dataset, views: Sequence[FitData], known: Discrepancy, policy: SelectionPolicy
 ) -> tuple[Expectation, ...]:
     """Return the expected residual power of each view for a model with the discrepancy `known`.
 
@@ -529,7 +529,7 @@ def expectations(
     strokes = {r.name: reach_of(measured_without_outliers(r)) for r in data.records}
     drives = drives_of(data)
 
-    def expected(view: Target) -> Expectation:
+    def expected(view: FitData) -> Expectation:
         seen = replace(view, frequency=drives.get(view.name, view.frequency))
         stroke = strokes.get(view.name, float(np.ptp(view.measured)))
         return expectation(seen, known, stroke, policy)
@@ -549,7 +549,7 @@ def known_discrepancy(given: ModelFile) -> Discrepancy:
     return given.discrepancy
 
 
-def with_nuisances_of_records(data: Dataset, choices: Choices) -> Dataset:
+def with_nuisances_of_records(data: Dataset, choices: RecordAssumptions) -> Dataset:
     """Return the data with equal weights and a zero of every record, unless one is common."""
     own = choices.zero != 'common'
     return data.with_each(lambda view: replace(view, own_zero=own, precision=1.0, influence=None))
@@ -570,7 +570,7 @@ def _with_repeated(
 ) -> Dataset:
     """Return the data plus `times` the known discrepancy signal of each view."""
 
-    def moved(views: Sequence[Target], expected: Sequence[Expectation]) -> tuple[Target, ...]:
+    def moved(views: Sequence[FitData], expected: Sequence[Expectation]) -> tuple[FitData, ...]:
         pairs = zip(views, expected, strict=True)
         return tuple(replace(v, measured=v.measured + times * x.repeated) for v, x in pairs)
 

@@ -31,7 +31,7 @@ from piezo_hysteresis.discovery.selection.evaluator import (
 )
 from piezo_hysteresis.discovery.selection.policy import POLICY, SelectionPolicy
 from piezo_hysteresis.discovery.selection.rules import Improvement, improvement, win_shares
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.models import Candidate
 
 
@@ -88,7 +88,7 @@ def _better_determined(training: CandidateFit, both: CandidateFit) -> list[str]:
     return worst[:_MOST_NAMES]
 
 
-_AUTO = Choices()
+_AUTO = RecordAssumptions()
 # 5 % quantile of the standard normal distribution, in standard deviations below the mean.
 _ONE_IN_TWENTY = 1.645
 
@@ -103,7 +103,7 @@ class FreeEvaluator(Evaluator):
         workers: int,
         policy: SelectionPolicy = POLICY,
         deadline: Deadline | None = None,
-        choices: Choices = _AUTO,
+        choices: RecordAssumptions = _AUTO,
     ) -> None:
         super().__init__(data, seed, workers, policy, deadline)
         self.choices = choices

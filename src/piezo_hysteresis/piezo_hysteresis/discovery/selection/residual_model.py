@@ -17,6 +17,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import ComplexArray, FloatArray, IntArray
 from piezo_hysteresis.discovery.selection.policy import HELD, SelectionPolicy
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.model_discrepancy import (
     LEAST_POWER,
     amplitudes,
@@ -26,7 +27,6 @@ from piezo_hysteresis.identification.model_discrepancy import (
     waveform_of,
 )
 from piezo_hysteresis.identification.noise import density as spectrum_of_noise
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Discrepancy
 from piezo_hysteresis.models.repeating import stretches_of
 from piezo_hysteresis.numerics.harmonics import HIGHEST_ORDER, ModulatedLines
@@ -146,7 +146,7 @@ def _orders_of(lines: ModulatedLines | None) -> IntArray:
 
 
 def expectation(
-    view: Target, known: Discrepancy, stroke: float, policy: SelectionPolicy = HELD
+    view: FitData, known: Discrepancy, stroke: float, policy: SelectionPolicy = HELD
 ) -> Expectation:  # stroke [m]
     """Return the expected residual power of a view for a model with the discrepancy `known`."""
     from scipy.signal.windows import tukey

@@ -27,9 +27,9 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
 )
 from piezo_hysteresis.discovery.selection.residual_model import Expectation
 from piezo_hysteresis.errors import PiezoError
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.free_run import StageCache, differentiated, simulated
 from piezo_hysteresis.identification.sensitivities import delays_by_ticks
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Candidate, Model
 from piezo_hysteresis.models.effects import is_never_reached
@@ -70,7 +70,7 @@ class Screen:
     def __init__(
         self,
         fit: CandidateFit,
-        views: Sequence[Target],
+        views: Sequence[FitData],
         free: Sequence[str] | None = None,
         workers: int = 1,
         stopped: Callable[[], bool] = lambda: False,
@@ -242,7 +242,7 @@ _Response = Callable[[FloatArray], ComplexArray]
 def with_delayed_discrepancy(
     spec: ModelSpec,
     errors: Sequence[FloatArray],  # [m]
-    views: Sequence[Target],
+    views: Sequence[FitData],
     expected: Sequence[Expectation],
     late: float,  # [s]
 ) -> tuple[FloatArray, ...]:
@@ -327,7 +327,7 @@ class ScoreAscent:
 
     def __init__(
         self,
-        views: Sequence[Target],
+        views: Sequence[FitData],
         expected: Sequence[Expectation],
         score: Callable[[CandidateFit], float],
         residuals: Callable[[CandidateFit], Sequence[FloatArray]],  # [m]

@@ -40,7 +40,7 @@ from piezo_hysteresis.discovery.selection.search import (
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.identify import identify
 from piezo_hysteresis.identification.initial_conditions.record_start import STEP
-from piezo_hysteresis.identification.initial_conditions.revision import Choices
+from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
 from piezo_hysteresis.identification.simulate import clock_about, free_runs
 from piezo_hysteresis.models import Discrepancy, Model, ModelFile
@@ -54,7 +54,7 @@ from piezo_hysteresis.records.fingerprint import fingerprints, recognised
 class SearchOptions:
     """Options of a search."""
 
-    choices: Choices  # known initial conditions and zero offsets of the records
+    choices: RecordAssumptions  # known initial conditions and zero offsets of the records
     seed: int  # seed of all random choices
     workers: int  # number of threads
     changed: dict[str, float]  # thresholds of the policy that differ from the preset
@@ -108,7 +108,7 @@ def _evaluated(found: SelectionResult, progress: Progress) -> Outcome:
     return outcome_of(found)
 
 
-def zeros_apart(choices: Choices, data: Dataset) -> Choices:
+def zeros_apart(choices: RecordAssumptions, data: Dataset) -> RecordAssumptions:
     """Return the choices with the zero offset of every record as a nuisance parameter.
 
     With an incomplete baseline, different zero offsets are mistaken for a hysteresis loop or a
@@ -219,7 +219,7 @@ _STROKES = 2.0
 def as_on(
     reference: Sequence[Record],
     baseline: Model | ModelFile,
-    choices: Choices | None = None,
+    choices: RecordAssumptions | None = None,
     workers: int = 1,
 ) -> ModelFile:
     """Return the baseline as a model file with its discrepancy on reference records.
@@ -227,14 +227,14 @@ def as_on(
     A named model is identified on these records. A file keeps its values, and its discrepancy is
     the residual on these records.
     """
-    file, missed = _missed(annotated(reference), baseline, choices or Choices(), workers)
+    file, missed = _missed(annotated(reference), baseline, choices or RecordAssumptions(), workers)
     return replace(file, discrepancy=missed)
 
 
 def with_repeats(
     repeats: Sequence[Record],
     baseline: Model | ModelFile,
-    choices: Choices | None = None,
+    choices: RecordAssumptions | None = None,
     workers: int = 1,
 ) -> ModelFile:
     """Return the baseline as a model file that knows how much unchanged records differ.
@@ -251,7 +251,7 @@ def with_repeats(
     if isinstance(baseline, ModelFile) and not records:
         file, missed = baseline, known
     else:
-        file, missed = _missed(records, baseline, choices or Choices(), workers)
+        file, missed = _missed(records, baseline, choices or RecordAssumptions(), workers)
     if known is not None and missed is not None and missed is not known:
         rows, traces = (*known.conditions, *missed.conditions), (*known.traces, *missed.traces)
         missed = replace(missed, conditions=rows, traces=traces)
@@ -288,7 +288,10 @@ def _require_one_actuator(missed: Discrepancy) -> None:
 
 
 def _missed(
-    records: Sequence[Record], baseline: Model | ModelFile, choices: Choices, workers: int
+    records: Sequence[Record],
+    baseline: Model | ModelFile,
+    choices: RecordAssumptions,
+    workers: int,
 ) -> tuple[ModelFile, Discrepancy]:
     """Return a baseline as a model file, and its discrepancy on records."""
     if isinstance(baseline, ModelFile):
@@ -314,7 +317,7 @@ def _missed(
 
 
 def support_for(
-    records: Sequence[Record], file: ModelFile, choices: Choices | None = None
+    records: Sequence[Record], file: ModelFile, choices: RecordAssumptions | None = None
 ) -> Support | None:
     """Return what the untouched records of a file say on new records; None without repeats."""
     known = file.discrepancy

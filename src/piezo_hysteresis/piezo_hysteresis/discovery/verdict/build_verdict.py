@@ -33,8 +33,8 @@ from piezo_hysteresis.discovery.verdict.verdict import (
     Verdict,
     over_frequency,
 )
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.periods import TwoWayLag, two_way_lag
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model, described, name_of
 from piezo_hysteresis.models.repeated_records import Support
 from piezo_hysteresis.numerics.harmonics import harmonics, non_harmonic_lines
@@ -55,7 +55,7 @@ class Place:
     rms: float  # rms residual of this harmonic [m]
 
 
-def places(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray]) -> list[Place]:
+def places(data: Dataset, views: Sequence[FitData], errors: Sequence[FloatArray]) -> list[Place]:
     """Return the rms residual by record and harmonic, largest first."""
     found = []
     for view, error in zip(views, errors, strict=True):
@@ -63,7 +63,7 @@ def places(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray])
     return sorted(found, key=lambda place: -place.rms)
 
 
-def _of_view(view: Target, error: FloatArray, period: int) -> list[Place]:
+def _of_view(view: FitData, error: FloatArray, period: int) -> list[Place]:
     frequency = view.frequency or (1.0 / (period * view.dt) if period else 0.0)
     if frequency <= 0.0 or error.size * view.dt * frequency < 1.0:
         level = float(error.mean())
@@ -94,7 +94,7 @@ _SCATTER = 0.2
 
 def describe(
     data: Dataset,  # [m]
-    views: Sequence[Target],  # [m]
+    views: Sequence[FitData],  # [m]
     errors: Sequence[FloatArray],  # [m]
     floor: float,  # [m]
     held_out: tuple[float, float],  # [m]
@@ -120,7 +120,7 @@ def describe(
 
 
 def _harmonics(
-    data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray], floor: float
+    data: Dataset, views: Sequence[FitData], errors: Sequence[FloatArray], floor: float
 ) -> list[str]:
     power: dict[int, float] = {}
     for place in places(data, views, errors):
@@ -146,7 +146,7 @@ def _harmonics(
     return sentences
 
 
-def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray]) -> list[str]:
+def _lines(data: Dataset, views: Sequence[FitData], errors: Sequence[FloatArray]) -> list[str]:
     found: list[float] = []
     for view, error in zip(views, errors, strict=True):
         if error.size < 1000:
@@ -166,7 +166,7 @@ def _lines(data: Dataset, views: Sequence[Target], errors: Sequence[FloatArray])
     return ['The records contain tones that are not harmonics, at different frequencies.']
 
 
-def law_sentences(views: Sequence[Target], sizes: FloatArray, floor: float) -> list[str]:
+def law_sentences(views: Sequence[FitData], sizes: FloatArray, floor: float) -> list[str]:
     """Return sentences on how sizes by view [m] grow with the drive, above a floor [m]."""
     rows = [
         (v.frequency, float(np.max(np.abs(v.voltage))), float(s))
@@ -205,7 +205,7 @@ def growth(name: str, power: float) -> str:
     return f'It decreases with the {name}, about with power {power:.1f}.'
 
 
-def _bursts(views: Sequence[Target], errors: Sequence[FloatArray], floor: float) -> list[str]:
+def _bursts(views: Sequence[FitData], errors: Sequence[FloatArray], floor: float) -> list[str]:
     joined = np.concatenate([e**2 for e in errors])
     top = np.sort(joined)[-max(1, joined.size // 100) :]
     share = float(top.sum() / joined.sum())
@@ -215,7 +215,7 @@ def _bursts(views: Sequence[Target], errors: Sequence[FloatArray], floor: float)
     return []
 
 
-def _trend(views: Sequence[Target], errors: Sequence[FloatArray], floor: float) -> list[str]:
+def _trend(views: Sequence[FitData], errors: Sequence[FloatArray], floor: float) -> list[str]:
     changes = []
     for view, error in zip(views, errors, strict=True):
         count = error.size // 4
@@ -398,7 +398,7 @@ def _two_way(baseline: Model, records: Sequence[Record]) -> tuple[TwoWayLag, ...
     return tuple(lag for lag in map(two_way_lag, records) if lag is not None)
 
 
-def _circumstances(view: Target) -> dict[str, Any]:
+def _circumstances(view: FitData) -> dict[str, Any]:
     """Return the nuisance parameters and the noise of one record."""
     return {
         'start': str(view.begins),

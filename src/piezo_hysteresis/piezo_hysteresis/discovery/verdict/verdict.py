@@ -15,8 +15,8 @@ from piezo_hysteresis.discovery.detection.bends import Ladder
 from piezo_hysteresis.discovery.detection.limits import DetectionLimit, LookAlike
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit
 from piezo_hysteresis.discovery.selection.policy import POLICY
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.periods import TwoWayLag
-from piezo_hysteresis.identification.targets import Target
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def over_frequency(
     return sorted(rows, key=lambda r: (r.frequency, r.amplitude, r.record, r.held_out))
 
 
-def _row(view: Target, before: FloatArray, after: FloatArray) -> ProofRow:
+def _row(view: FitData, before: FloatArray, after: FloatArray) -> ProofRow:
     return ProofRow(
         view.name,
         view.frequency,

@@ -18,9 +18,9 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.initial_conditions.record_start import path_to
 from piezo_hysteresis.identification.sensitivities import StateOffset
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.chain import State
 from piezo_hysteresis.models.simulation.plan import (
@@ -50,7 +50,7 @@ class FreeResponse:
     """States of the linear tail of a chain and their free response."""
 
     def __init__(
-        self, model: Model, packed: FloatArray, led: Sequence[FloatArray], target: Target
+        self, model: Model, packed: FloatArray, led: Sequence[FloatArray], target: FitData
     ) -> None:  # packed (p,)
         self._stages, self._packed = model.stages, packed
         self._led, self._target = led, target
@@ -261,7 +261,7 @@ class InitialStateRun:
     The response to an offset decays; it is simulated only until it has.
     """
 
-    def __init__(self, model: Model, packed: FloatArray, target: Target) -> None:  # packed (p,)
+    def __init__(self, model: Model, packed: FloatArray, target: FitData) -> None:  # packed (p,)
         self.model, self.target = model, target
         self._packed = packed
         self._grids = [

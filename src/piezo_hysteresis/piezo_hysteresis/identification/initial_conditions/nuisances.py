@@ -14,6 +14,7 @@ from math import ceil, isfinite
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.fit_data import FitData
 from piezo_hysteresis.identification.free_run import samples_late, shifted
 from piezo_hysteresis.identification.initial_conditions.initial_state import (
     BestFit,
@@ -22,7 +23,6 @@ from piezo_hysteresis.identification.initial_conditions.initial_state import (
     start_rows,
 )
 from piezo_hysteresis.identification.sensitivities import StateOffset
-from piezo_hysteresis.identification.targets import Target
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.qr import inner
 
@@ -51,7 +51,7 @@ class Nuisances:
 def nuisances_of(
     model: Model,
     packed: FloatArray,
-    target: Target,
+    target: FitData,
     sampling_offset: float = 0.0,
     factors: FloatArray | None = None,  # (m,)
 ) -> Nuisances:
@@ -83,7 +83,7 @@ def nuisances_of(
     return _settled(nuisances, most, left, factors)
 
 
-def _first_samples(target: Target, late: float) -> list[FloatArray]:
+def _first_samples(target: FitData, late: float) -> list[FloatArray]:
     """Return a row for each sample that depends on the input held before the record."""
     rows = []
     for sample in range(target.origin, target.origin + max(ceil(-late), 0)):

@@ -15,11 +15,11 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.stated import STARTS, ZEROS
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.fit_data import WAY_IN, FitData
 from piezo_hysteresis.identification.initial_conditions.start_hypotheses import (
     InitialConditionSelector,
     square_of,
 )
-from piezo_hysteresis.identification.targets import WAY_IN, Target
 from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.qr import inner
@@ -37,7 +37,7 @@ _UNLIKE = 8.0
 
 
 @dataclass(frozen=True)
-class Choices:
+class RecordAssumptions:
     """Initial condition and zero of the records as stated by the user."""
 
     start: str = 'auto'  # one of `stated.STARTS`
@@ -61,13 +61,13 @@ def estimate_nuisances(
     model: Model,
     values: Mapping[str, float],
     sampling_offset: float,  # [s]
-    targets: Sequence[Target],
+    targets: Sequence[FitData],
     records: Sequence[Record],
-    choices: Choices,
+    choices: RecordAssumptions,
     *,
     alone: bool = False,
     workers: int = 1,
-) -> list[Target]:
+) -> list[FitData]:
     """Return the targets with starts, zeros and weights as the model estimates them."""
     search = InitialConditionSelector(
         model, values, sampling_offset, records, choices.start, lasting=alone
@@ -87,7 +87,7 @@ def estimate_nuisances(
     ]
 
 
-def with_explained(search: InitialConditionSelector, target: Target) -> Target:
+def with_explained(search: InitialConditionSelector, target: FitData) -> FitData:
     """Return the target with those excluded samples taken back that the model explains.
 
     The residual of an explained sample is as small as that of most others.
@@ -105,8 +105,11 @@ def with_explained(search: InitialConditionSelector, target: Target) -> Target:
 
 
 def _choose_zeros(
-    targets: Sequence[Target], choices: Choices, search: InitialConditionSelector, fewest: int = 1
-) -> list[Target]:
+    targets: Sequence[FitData],
+    choices: RecordAssumptions,
+    search: InitialConditionSelector,
+    fewest: int = 1,
+) -> list[FitData]:
     """Return the targets, with a zero per record where they need one.
 
     With `fewest` above one the records are fitted together, and their common zero is estimated
@@ -125,7 +128,7 @@ def _choose_zeros(
     return own if zeros_lie_apart(*squares) else common
 
 
-def precisions(targets: Sequence[Target], errors: Sequence[FloatArray]) -> list[float]:
+def precisions(targets: Sequence[FitData], errors: Sequence[FloatArray]) -> list[float]:
     """Return the weight of every target from its noise and the discrepancy of the model.
 
     A residual is the sum of measurement noise and model discrepancy. The discrepancy is assumed
@@ -146,7 +149,7 @@ def precisions(targets: Sequence[Target], errors: Sequence[FloatArray]) -> list[
     return [float(v) for v in spread.min() / spread]
 
 
-def influence(target: Target, error: FloatArray) -> FloatArray | None:
+def influence(target: FitData, error: FloatArray) -> FloatArray | None:
     """Return the factor of each residual, shape (m,), by Huber's rule; None where all are 1."""
     if target.repeats > 1 or not np.all(np.isfinite(error)):
         return None

@@ -14,6 +14,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.cached_property import cached_property
+from piezo_hysteresis.identification.fit_data import WAY_IN, FitData, led_in
 from piezo_hysteresis.identification.free_run import read, samples_late
 from piezo_hysteresis.identification.initial_conditions.initial_state import (
     InitialStateRun,
@@ -29,7 +30,6 @@ from piezo_hysteresis.identification.initial_conditions.record_start import (
     rivals,
 )
 from piezo_hysteresis.identification.prediction import Prediction
-from piezo_hysteresis.identification.targets import WAY_IN, Target, led_in
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.models.simulation.plan import free_states
 from piezo_hysteresis.numerics.qr import inner
@@ -82,7 +82,7 @@ _STILL = 1e-4
 class _Beginning:
     """First samples of a record, in which its starts differ, and the cost of the others [m^2]."""
 
-    target: Target
+    target: FitData
     later: float = 0.0
 
 
@@ -105,21 +105,21 @@ class InitialConditionSelector:
         self._values, self._wanted = values, wanted
         self._lasting, self._by_run = lasting, by_run
 
-    def left(self, target: Target) -> FloatArray:
+    def left(self, target: FitData) -> FloatArray:
         """Return the residual of a target, shape (m,) [m]."""
         return self._predicted(target).residual
 
-    def _predicted(self, target: Target) -> Prediction:
+    def _predicted(self, target: FitData) -> Prediction:
         return Prediction(self._model, self._packed, target, self._late)
 
-    def square(self, target: Target) -> float:
+    def square(self, target: FitData) -> float:
         """Return the sum of squares of the residual [m^2], infinite where it is not finite."""
         return self._square(self._predicted(target))
 
     def _square(self, found: Prediction) -> float:
         return square_of(found.valid_error if self._by_run else found.residual)
 
-    def best_start(self, target: Target, zero: str) -> Target:
+    def best_start(self, target: FitData, zero: str) -> FitData:
         """Return the target with the start of the smallest residual, or with its initial guess."""
         record = self._record_of(target)
         if record is None:
@@ -229,15 +229,15 @@ class InitialConditionSelector:
         return _first_samples(found, size)
 
     @staticmethod
-    def _driven(target: Target) -> int:
+    def _driven(target: FitData) -> int:
         """Return the number of driven samples of the record, without its lead-in."""
         return target.voltage.size - target.origin
 
-    def _repeats(self, target: Target) -> bool:
+    def _repeats(self, target: FitData) -> bool:
         """Return whether the whole record is a cycle; a part of it may close by chance."""
         return cycle_of(self._records[target.name.removesuffix(WAY_IN)]) > 0
 
-    def settled(self, target: Target) -> Target:
+    def settled(self, target: FitData) -> FitData:
         """Return the target with the levels before it at a stationary point of the cost.
 
         The derivatives by the levels are projected out of the cost, which hardly depends on them;
@@ -258,7 +258,7 @@ class InitialConditionSelector:
             found = closer
         return target
 
-    def as_run(self, target: Target, given: Target, zero: str) -> Target:
+    def as_run(self, target: FitData, given: FitData, zero: str) -> FitData:
         """Return the target with a start that fits better, if its linearised cost misleads."""
         if target.begins.kind != 'estimate':
             return target
@@ -271,7 +271,7 @@ class InitialConditionSelector:
         other = search.settled(replace(other, own_zero=target.own_zero))
         return other if search.square(other) < least else target
 
-    def held(self, targets: Sequence[Target], zero: str) -> list[Target]:
+    def held(self, targets: Sequence[FitData], zero: str) -> list[FitData]:
         """Return the targets with levels held where their linearised cost misleads.
 
         The parameters see the run from levels that are held, so that they fit nothing that no
@@ -279,7 +279,7 @@ class InitialConditionSelector:
         """
         return [self._held(target, zero) for target in targets]
 
-    def _held(self, target: Target, zero: str) -> Target:
+    def _held(self, target: FitData, zero: str) -> FitData:
         if target.begins.held:
             free = replace(target, begins=replace(target.begins, held=False))
             other = self._as_runs().settled(free)
@@ -289,7 +289,7 @@ class InitialConditionSelector:
                 return target
         return replace(other, begins=replace(other.begins, held=bool(other.begins.levels)))
 
-    def square_of_runs(self, targets: Sequence[Target]) -> float:
+    def square_of_runs(self, targets: Sequence[FitData]) -> float:
         """Return the sum of squares of the errors of runs, weighted as in a fit [m^2]."""
         search = self._as_runs()
         return sum(target.precision**2 * search.square(target) for target in targets)
@@ -308,7 +308,7 @@ class InitialConditionSelector:
             return None
         return self._predicted(led_in(found.target, record, RecordStart(begins.kind, levels)))
 
-    def with_steps(self, targets: Sequence[Target]) -> tuple[list[Target], float] | None:
+    def with_steps(self, targets: Sequence[FitData]) -> tuple[list[FitData], float] | None:
         """Return targets that may begin with a step although their initial state is estimated.
 
         Parameters fitted together with initial states may hide that none are needed; a fit without
@@ -326,7 +326,7 @@ class InitialConditionSelector:
                 worth += self._numbers(target.begins) * log(target.measured.size) / samples
         return (changed, worth) if worth > 0.0 else None
 
-    def in_motion(self, targets: Sequence[Target]) -> tuple[list[Target], float] | None:
+    def in_motion(self, targets: Sequence[FitData]) -> tuple[list[FitData], float] | None:
         """Return targets that may begin in motion although they begin with a step at 0 V.
 
         Parameters fitted together with a wrong start adapt to it, so that another start promises
@@ -342,7 +342,7 @@ class InitialConditionSelector:
             other = led_in(target, record, RecordStart('estimate'))
             if own - self.square(other) > _HINTED * max(own - floor, 0.0):
                 changed[k] = other
-        if all(map(Target.begins_like, changed, targets)):
+        if all(map(FitData.begins_like, changed, targets)):
             return None
         return changed, 1.0 - _NEARLY_ALL * (before - noise) / before
 
@@ -361,7 +361,7 @@ class InitialConditionSelector:
         states = sum(len(free_states(s, dt, memory=memory)) for s in self._model.stages)
         return 1 + states + start.parameters
 
-    def _record_of(self, target: Target) -> Record | None:
+    def _record_of(self, target: FitData) -> Record | None:
         record = self._records.get(target.name.removesuffix(WAY_IN))
         if record is None or target.repeats > 1:
             return None

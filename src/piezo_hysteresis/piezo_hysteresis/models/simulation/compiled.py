@@ -8,7 +8,7 @@ from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Kernel
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 
 
 def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:  # dt [s]
@@ -24,7 +24,7 @@ def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:  # dt [s]
 def _follower(along: Any, points: int) -> Kernel:
     """Return the kernel of a block for a given number of path points per tick."""
 
-    @leaf
+    @inline_jit
     def follow(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
     ) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import System
-from piezo_hysteresis.jit import jit, leaf, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.numerics.linalg import exponential, pace, solve_square
 
 # From start, middle and end of a step to value, slope and curvature at its start, per step.
@@ -138,7 +138,7 @@ def _exponential(matrix: FloatArray) -> FloatArray:
         return exponential(matrix)
 
 
-@leaf
+@inline_jit
 def nonzero(phi: FloatArray, places: FloatArray, shares: FloatArray, counts: FloatArray) -> None:
     """Fill indices and values of the nonzero entries of each row i of `phi`, counts[i] of them.
 

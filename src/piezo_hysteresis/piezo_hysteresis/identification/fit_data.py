@@ -43,7 +43,7 @@ WAY_IN = ' (start)'
 
 
 @dataclass(frozen=True)
-class Target:
+class FitData:
     """Data of one record for a fit.
 
     Attributes
@@ -137,7 +137,7 @@ class Target:
             return self.influence if self.valid is None else self.valid
         return self.valid * self.influence
 
-    def begins_like(self, other: Target) -> bool:
+    def begins_like(self, other: FitData) -> bool:
         """Return whether two targets have the same initial condition and kind of zero."""
         return self.begins == other.begins and self.own_zero == other.own_zero
 
@@ -167,7 +167,7 @@ class Target:
         return simulated[self.compared]
 
 
-def fold(record: Record, settling: float = SETTLING) -> list[Target]:
+def fold(record: Record, settling: float = SETTLING) -> list[FitData]:
     """Average the steady periods of a record; return nothing if there are too few.
 
     The transient before the steady state is a second target, ``NAME (start)``, where the record
@@ -197,7 +197,7 @@ def fold(record: Record, settling: float = SETTLING) -> list[Target]:
     kept = periods[start:]
     begin = first + start * period
     voltage, offset = _drive(record, period, begin, settling)
-    mean = Target(
+    mean = FitData(
         name=record.name,
         voltage=voltage,
         measured=kept.mean(axis=0),
@@ -258,21 +258,21 @@ def _drive(record: Record, period: int, first: int, settling: float) -> tuple[Fl
     return np.ascontiguousarray(voltage), start
 
 
-def with_noise(target: Target, noise: Noise) -> Target:
+def with_noise(target: FitData, noise: Noise) -> FitData:
     """Return a target with a noise estimated from several records."""
     colour = noise.memory**target.stride
     return replace(target, noise=noise.rms, noise_colour=colour, rounding=noise.rounding)
 
 
-def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> Target:
+def whole(record: Record, stride: int = 1, begins: RecordStart = STEP) -> FitData:
     """Return the whole record, compared after its warm-up at every `stride`-th sample."""
     return with_noise(_of_all_samples(record, stride, begins), noise_of(record))
 
 
-def _of_all_samples(record: Record, stride: int, begins: RecordStart) -> Target:
+def _of_all_samples(record: Record, stride: int, begins: RecordStart) -> FitData:
     """Return the target of a whole record, with unknown noise."""
     bad, first = bad_samples(record), record.warm_up_samples
-    target = Target(
+    target = FitData(
         name=record.name,
         voltage=record.voltage,
         measured=np.ascontiguousarray(record.displacement[first::stride]),
@@ -290,12 +290,12 @@ def _of_all_samples(record: Record, stride: int, begins: RecordStart) -> Target:
     return led_in(target, record, begins)
 
 
-def led_in(target: Target, record: Record, begins: RecordStart) -> Target:
+def led_in(target: FitData, record: Record, begins: RecordStart) -> FitData:
     """Return a target of a whole record with another initial condition."""
     return _after(lead_in(record, begins), target, begins)
 
 
-def with_start_of(target: Target, other: Target) -> Target:
+def with_start_of(target: FitData, other: FitData) -> FitData:
     """Return a target with the initial condition and kind of zero of another part of its record.
 
     The lead-in is that of `other`: a part may be settled in a cycle that the whole record lacks.
@@ -304,7 +304,7 @@ def with_start_of(target: Target, other: Target) -> Target:
     return replace(led, own_zero=other.own_zero)
 
 
-def _after(before: FloatArray, target: Target, begins: RecordStart) -> Target:
+def _after(before: FloatArray, target: FitData, begins: RecordStart) -> FitData:
     """Return a target whose lead-in is the voltage `before`."""
     return replace(
         target,
@@ -324,7 +324,7 @@ def targets_of(
     start: str = 'auto',
     zero: str = 'auto',
     workers: int = 1,
-) -> list[Target]:
+) -> list[FitData]:
     """Return the data of a fit: folded where requested and possible, else whole.
 
     Parameters
@@ -344,7 +344,7 @@ def targets_of(
         Threads over the records.
     """
 
-    def seen(record: Record) -> list[Target]:
+    def seen(record: Record) -> list[FitData]:
         noise_of(record)  # `noises_of` then uses it
         parts = fold(record) if folded else []
         return parts or [_of_all_samples(record, stride, first_guess(record, start))]
