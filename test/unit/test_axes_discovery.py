@@ -243,7 +243,13 @@ def test_validation_of_several_axes_has_a_page(
     assert main([*words, '--out', str(tmp_path / 'out')]) == 0
     assert 'open' in capsys.readouterr().out
     page = (tmp_path / 'out' / 'report.html').read_text()
-    for word in ('Validation of several axes', 'What is left', 'softening [%]', 'noise [µm]'):
+    shown = (
+        'Validation of several axes',
+        'displacement 2',
+        'Frequency responses',
+        'softening [%]',
+    )
+    for word in (*shown, 'noise [µm]'):
         assert word in page
     summary = json.loads((tmp_path / 'out' / 'summary.json').read_text())
     assert set(summary['levels']) == {'5V', '10V'}

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,11 @@ from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_discovery import AxesDiscovery
 from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.axes_tracking import AxesRun
+from piezo_hysteresis.axes.frequency_response import response
 from piezo_hysteresis.axes.modal_model import ModalModel
-from piezo_hysteresis.axes.modal_search import ModalIdentification, rms_error
+from piezo_hysteresis.axes.modal_search import ModalIdentification, levels_of, rms_error
 from piezo_hysteresis.common.wording import counted
+from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.models.plain import yaml_text
 from piezo_hysteresis.reporting.discovery_report import probability_text
 from piezo_hysteresis.reporting.display_units import MICRO, micrometres
@@ -112,7 +115,8 @@ def write_axes_validation(
             (),
             (table(('record', 'level', 'free run [µm]', 'noise [µm]', 'motion [µm]'), listed),),
         ),
-        PageSection('What is left', '', tuple(_left(model, each) for each in shown)),
+        PageSection('What is left', '', tuple(p for each in shown for p in _left(model, each))),
+        *_responses(model, records),
         _modes(model),
     ]
     page = render('Validation of several axes', f'The model leaves {text}.', sections)
@@ -262,7 +266,8 @@ def _sections(found: ModalIdentification, records: Sequence[AxesRecord]) -> list
     held = [each for each in records if each.name in found.held_out]
     return [
         _story(found),
-        PageSection('What is left', '', tuple(_left(found.model, each) for each in held)),
+        PageSection('What is left', '', tuple(p for r in held for p in _left(found.model, r))),
+        *_responses(found.model, records),
         _modes(found.model),
         PageSection(
             'Records',
@@ -302,8 +307,38 @@ def _story(found: ModalIdentification) -> PageSection:
     return PageSection('How the model was found', text, (figure,), (table(headers, rows),))
 
 
-def _left(model: ModalModel, record: AxesRecord) -> Plot:
-    left = record.displacement - model.simulate(record)
-    signals = [('measured', record.displacement[:, 0]), ('measured minus model', left[:, 0])]
-    caption = 'Spectra of the first displacement and of what the model leaves of it.'
-    return spectrum_figure(signals, record.dt, record.name, caption)
+def _left(model: ModalModel, record: AxesRecord) -> list[Plot]:
+    """Return a plot for each displacement."""
+    simulated = model.simulate(record)
+    plots = []
+    for j, (y, z) in enumerate(zip(record.displacement.T, simulated.T, strict=True)):
+        signals = [('measured', y), ('measured minus model', y - z)]
+        caption = f'Spectra of displacement {j + 1} and of what the model leaves of it.'
+        title = f'{record.name}, displacement {j + 1}'
+        plots.append(spectrum_figure(signals, record.dt, title, caption))
+    return plots
+
+
+def _responses(model: ModalModel, records: Sequence[AxesRecord]) -> list[PageSection]:
+    """Return the frequency responses to all voltages at the largest level, if they are known."""
+    *_, (level, those) = levels_of(records).items()
+    runs = [replace(each, displacement=model.simulate(each)) for each in those]
+    try:
+        measured, simulated = response(those), response(runs)
+    except RecordError:  # from too few records, or without a period
+        return []
+    plots = []
+    for j in range(model.layout.outputs):
+        curves = [
+            Curve(f'{name} {i + 1}', each.frequency, np.abs(each.matrix[:, j, i]))
+            for i in range(model.layout.inputs)
+            for name, each in (('measured', measured), ('model', simulated))
+        ]
+        caption = f'Response of displacement {j + 1} to voltage 1, 2, ...'
+        plots.append(
+            xy_figure(curves, f'Displacement {j + 1}', caption, 'frequency [Hz]',
+                      'response [µm/V]', log_x=True, log_y=True, markers=False)
+        )  # fmt: skip
+    where = f' at {level}' if level else ''
+    text = f'Of records{where}, and in the same way of what the model makes of their voltages.'
+    return [PageSection('Frequency responses', text, tuple(plots))]
