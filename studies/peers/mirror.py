@@ -2,10 +2,11 @@
 
 In an environment of its own (requirements_jax.txt)::
 
-    python studies/peers/mirror.py FOLDER SECONDS
+    python studies/peers/mirror.py FOLDER TURNS SECONDS
 
 The records of `study.py mirror`: realisation 5 of each amplitude is held out, the other 15 are
-fitted together. SECONDS of processor time for all steps; the last model is evaluated.
+fitted together. TURNS of inference and learning (about 8 s of processor time each), then all
+parameters until SECONDS of processor time have passed; each model is evaluated.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def errors(model: Any, u: list[Any], y: list[Any]) -> str:
     return ' / '.join(f'{each:.4f}' for each in found) + ' um'
 
 
-def main(folder: Path, seconds: float) -> None:
+def main(folder: Path, turns: int, seconds: float) -> None:
     """Fit the linear model, then the nonlinear one until the time is over."""
     u, y = realisations(folder, 'u'), realisations(folder, 'y')
     started = time.process_time()
@@ -58,22 +59,12 @@ def main(folder: Path, seconds: float) -> None:
     state('linear', linear)
     basis = fss.static.basis.Polynomial(INTO, DEGREE, cross_terms=False)
     more = {'solver': optx.BFGS(rtol=1e-3, atol=1e-6), 'print_every': 10, **plain}
-    took = []
-    for turns in (2, 12):  # the first turns compile
-        began = time.process_time()
-        fss.nonlin.inference_and_learning(linear, data, basis, OUT, max_iter=turns, **more)
-        took.append(time.process_time() - began)
-    each = max((took[1] - took[0]) / 10, 1e-3)
-    left = seconds - (time.process_time() - started - sum(took)) - took[0]
-    turns = max(int(0.8 * left / each), 1)
-    print(f'{each:.1f} s a turn: {turns} turns', flush=True)
     model = fss.nonlin.inference_and_learning(linear, data, basis, OUT, max_iter=turns, **more)
     state('inference and learning', model)
-    seconds += sum(took)
     while time.process_time() - started < seconds:
         model = fss.nonlin.optimize(model, data, max_iter=100, **more)
         state('all parameters', model)
 
 
 if __name__ == '__main__':
-    main(Path(sys.argv[1]), float(sys.argv[2]))
+    main(Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))

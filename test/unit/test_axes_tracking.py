@@ -170,7 +170,7 @@ def test_a_raster_scan_of_the_simulated_scanner_is_decoupled(
         ('preset:xy_scanner', ['--noise', '1e-9'], 'its own noise'),
         ('preset:xy_scanner', ['--plant-set', 'axis_3.actuator.gain=1'], 'axis_3.actuator.gain'),
         ('preset:mirror_three_piezos', [], 'it has 3 voltages'),
-        ('preset:generic_bouc_wen', [], 'it has 1 voltages'),
+        ('preset:generic_bouc_wen', [], 'it has 1 voltage,'),
         ('', ['--plant-set', 'effects.body_1=false'], 'is for a simulated plant'),
     ],
 )

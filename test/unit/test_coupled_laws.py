@@ -172,7 +172,7 @@ def test_the_gains_end_at_the_highest_mode() -> None:
 
 
 def test_models_of_another_loop_are_refused() -> None:
-    with pytest.raises(CompensationError, match='a loop of 1 axes'):
+    with pytest.raises(CompensationError, match='a loop of 1 axis '):
         axes_chain(scanner(), LIMITS[:1], None, RATE)
     with pytest.raises(CompensationError, match='identify it at the rate of the loop'):
         axes_chain(scanner(), LIMITS, None, 1000.0)

@@ -75,7 +75,7 @@ def spoiled_by(index: int, value: float) -> Callable[..., Any]:
 @pytest.mark.parametrize(
     ('spoil', 'words'),
     [
-        (spoiled_by(1, np.nan), 'not numbers'),
+        (spoiled_by(1, np.nan), 'not a number'),
         (spoiled_by(0, 0.5004), 'rate|time|step|stamps'),
         (lambda rows: rows[:0], 'empty|no samples|no rows|few'),
         (lambda rows: np.column_stack([rows[:, 0], 0 * rows[:, 1], rows[:, 2]]), 'constant'),

@@ -177,7 +177,7 @@ def test_a_voltage_that_is_missing_in_its_own_rows_is_said(tmp_path: Path, row: 
     path = tmp_path / 'lost.csv'
     path.write_text('\n'.join(lines) + '\n', 'utf-8')
     _, log = read(path, dict(FILES['plotjuggler.csv'][1]))
-    assert any('voltage pauses 1 times and is held' in str(note) for note in log.notes)
+    assert any('voltage pauses 1 time and is held' in str(note) for note in log.notes)
 
 
 def test_rows_of_one_signal_behind_later_ones_are_joined_by_time(tmp_path: Path) -> None:

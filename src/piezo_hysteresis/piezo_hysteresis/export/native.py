@@ -92,7 +92,7 @@ def object_code(entries: Sequence[Entry], target: str) -> bytes:
     triple, processor = known_target(target)
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    machine = llvm.FitData.from_triple(triple).create_target_machine(
+    machine = llvm.Target.from_triple(triple).create_target_machine(
         cpu=processor, opt=3, reloc='pic', codemodel='default'
     )
     whole = llvm.parse_assembly('')

@@ -105,24 +105,12 @@ class Ladder:
 
 @dataclass(frozen=True)
 class Similar:
-    """Effects that the records cannot distinguish from a found one, nearest first.
-
-    Attributes
-    ----------
-    names : tuple of LookAlike
-        With their distances.
-    models : tuple of ModelSpec
-        The models that have them instead.
-    bends : tuple of str
-        Those that were fitted instead of the found one: a bend or a gain.
-    ladder : Ladder or None
-        Amplitudes that separate `bends`.
-    """
+    """Effects that the records cannot distinguish from a found one, nearest first."""
 
     names: tuple[LookAlike, ...] = ()
-    models: tuple[ModelSpec, ...] = ()
-    bends: tuple[str, ...] = ()
-    ladder: Ladder | None = None
+    models: tuple[ModelSpec, ...] = ()  # that have them instead
+    bends: tuple[str, ...] = ()  # those of them that were fitted instead of the found one
+    ladder: Ladder | None = None  # amplitudes that separate `bends`
 
 
 def similar_effects(evaluator: Evaluator, step: Step, start: CandidateFit) -> Similar:
