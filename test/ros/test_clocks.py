@@ -59,7 +59,7 @@ def test_the_loop_runs_by_its_own_time(
     finished = accepted.result().get_result_async()
     served(finished.done)
     assert finished.result().result.success
-    served(lambda: states and 'simulator' in health and 'recorder' in health)
+    served(lambda: states and all(node in health for node in ('simulator', *nodes)))
     for node in ('simulator', *nodes):
         status = health[node]
         # after the sweep no node commands, which the simulator reports on a slow machine
@@ -73,4 +73,5 @@ def test_the_loop_runs_by_its_own_time(
     assert swept.voltage.max() == pytest.approx(1.0, rel=late)
     whole = next(iter(read_bag(tmp_path / 'whole')))
     assert whole.rate == 1000.0
-    assert np.ptp(whole.voltage) > 1.0
+    # where the machine stands still, the watchdog ramps to 0 V before the other half wave
+    assert np.ptp(whole.voltage) > (0.5 if pace == 'real_time' else 1.0)
