@@ -150,7 +150,12 @@ class ModalIdentification(Guided):
 
 def rms_error(model: ModalModel, record: AxesRecord) -> float:
     """Return the mean over the outputs of the rms free-run error [m]; a record keeps its mean."""
-    error = record.displacement - model.simulate(record)
+    return rms_left(record, model.simulate(record))
+
+
+def rms_left(record: AxesRecord, simulated: FloatArray) -> float:
+    """Return the error of `rms_error` of a displacement that was simulated [m]."""
+    error = record.displacement - simulated
     if record.periods:
         error = error - error.mean(0)
     return float(np.sqrt(np.mean(error**2, 0)).mean())

@@ -85,6 +85,8 @@ def _time(dt: float, drive: FloatArray) -> list[tuple[bool, str]]:
         return [(False, f'{text}s, name the column time_s')]
     if rate < SLOWEST_RATE:
         return [(False, f'{text}ms, name the column time_ms')]
+    if duration * SLOWEST_DRIVE < 1.0:  # no period is longer
+        return []
     period = dt * _period(drive)
     if period * SLOWEST_DRIVE > 1.0:
         text = f'a period of the drive takes {period:.3g} s; if the times are in '

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,14 +18,14 @@ from piezo_hysteresis.axes.axes_record import AxesRecord
 from piezo_hysteresis.axes.axes_tracking import AxesRun
 from piezo_hysteresis.axes.frequency_response import response
 from piezo_hysteresis.axes.modal_model import ModalModel
-from piezo_hysteresis.axes.modal_search import ModalIdentification, levels_of, rms_error
+from piezo_hysteresis.axes.modal_search import ModalIdentification, levels_of, rms_left
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.models.plain import yaml_text
 from piezo_hysteresis.reporting.discovery_report import probability_text
 from piezo_hysteresis.reporting.display_units import MICRO, micrometres
 from piezo_hysteresis.reporting.folder import write_folder
-from piezo_hysteresis.reporting.page import PageSection, Plot, render, table
+from piezo_hysteresis.reporting.page import PageSection, render, table
 from piezo_hysteresis.reporting.plots import Curve, spectrum_figure, trace_figure, xy_figure
 
 
@@ -105,7 +105,7 @@ def write_axes_validation(
         for level in levels
     }
     last = {row['level']: row['record'] for row in rows}
-    shown = [each for each in records if each.name in last.values()]
+    runs = _runs(model, records)
     text = ', '.join(f'{micrometres(error)} µm at {level}' for level, error in errors.items())
     sections = [
         PageSection(
@@ -115,8 +115,8 @@ def write_axes_validation(
             (),
             (table(('record', 'level', 'free run [µm]', 'noise [µm]', 'motion [µm]'), listed),),
         ),
-        PageSection('What is left', '', tuple(p for each in shown for p in _left(model, each))),
-        *_responses(model, records),
+        _left(records, runs, last.values()),
+        *_responses(records, runs),
         _modes(model),
     ]
     page = render('Validation of several axes', f'The model leaves {text}.', sections)
@@ -263,19 +263,22 @@ def _page(found: ModalIdentification, records: Sequence[AxesRecord]) -> str:
 
 
 def _sections(found: ModalIdentification, records: Sequence[AxesRecord]) -> list[PageSection]:
-    held = [each for each in records if each.name in found.held_out]
+    runs = _runs(found.model, records)
+    errors = [
+        (each.name, micrometres(rms_left(each, run.displacement)))
+        for each, run in zip(records, runs, strict=True)
+    ]
     return [
         _story(found),
-        PageSection('What is left', '', tuple(p for r in held for p in _left(found.model, r))),
-        *_responses(found.model, records),
+        _left(records, runs, found.held_out),
+        *_responses(records, runs),
         _modes(found.model),
         PageSection(
             'Records',
             f'- fitted: {", ".join(found.fitted)}\n- held out: {", ".join(found.held_out)}\n'
             f'- left out as disturbed: {", ".join(found.disturbed) or "none"}',
             (),
-            (table(('record', 'free run [µm]'),
-                   [(each.name, micrometres(rms_error(found.model, each))) for each in records]),),
+            (table(('record', 'free run [µm]'), errors),),
         ),
     ]  # fmt: skip
 
@@ -307,31 +310,41 @@ def _story(found: ModalIdentification) -> PageSection:
     return PageSection('How the model was found', text, (figure,), (table(headers, rows),))
 
 
-def _left(model: ModalModel, record: AxesRecord) -> list[Plot]:
-    """Return a plot for each displacement."""
-    simulated = model.simulate(record)
+def _runs(model: ModalModel, records: Sequence[AxesRecord]) -> list[AxesRecord]:
+    """Return the records with the displacements of the model."""
+    return [replace(each, displacement=model.simulate(each)) for each in records]
+
+
+def _left(
+    records: Sequence[AxesRecord], runs: Sequence[AxesRecord], names: Collection[str]
+) -> PageSection:
+    """Return a plot for each displacement of the records with these names."""
     plots = []
-    for j, (y, z) in enumerate(zip(record.displacement.T, simulated.T, strict=True)):
-        signals = [('measured', y), ('measured minus model', y - z)]
-        caption = f'Spectra of displacement {j + 1} and of what the model leaves of it.'
-        title = f'{record.name}, displacement {j + 1}'
-        plots.append(spectrum_figure(signals, record.dt, title, caption))
-    return plots
+    for record, run in zip(records, runs, strict=True):
+        left = record.displacement - run.displacement
+        for j in range(record.outputs if record.name in names else 0):
+            signals = [
+                ('measured', record.displacement[:, j]),
+                ('measured minus model', left[:, j]),
+            ]
+            caption = f'Spectra of displacement {j + 1} and of what the model leaves of it.'
+            title = f'{record.name}, displacement {j + 1}'
+            plots.append(spectrum_figure(signals, record.dt, title, caption))
+    return PageSection('What is left', '', tuple(plots))
 
 
-def _responses(model: ModalModel, records: Sequence[AxesRecord]) -> list[PageSection]:
+def _responses(records: Sequence[AxesRecord], runs: Sequence[AxesRecord]) -> list[PageSection]:
     """Return the frequency responses to all voltages at the largest level, if they are known."""
     *_, (level, those) = levels_of(records).items()
-    runs = [replace(each, displacement=model.simulate(each)) for each in those]
     try:
-        measured, simulated = response(those), response(runs)
+        measured, simulated = response(those), response(levels_of(runs)[level])
     except RecordError:  # from too few records, or without a period
         return []
     plots = []
-    for j in range(model.layout.outputs):
+    for j in range(those[0].outputs):
         curves = [
             Curve(f'{name} {i + 1}', each.frequency, np.abs(each.matrix[:, j, i]))
-            for i in range(model.layout.inputs)
+            for i in range(those[0].axes)
             for name, each in (('measured', measured), ('model', simulated))
         ]
         caption = f'Response of displacement {j + 1} to voltage 1, 2, ...'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from math import inf
 
 import numpy as np
@@ -140,13 +141,20 @@ class _Loop:
 
     def moves(self, name: str) -> float:
         """Return how much the change of one parameter moves the response to all records [m]."""
-        after = {**self._start.values, **{k: v.value for k, v in self._numbers.items()}}
-        back = {**after, name: self._start.values[name]}
+        back = {**self._changed_values, name: self._start.values[name]}
         squares = [
-            float(np.sum((self._run(each, after) - self._run(each, back)) ** 2))
-            for each in self._driven
+            float(np.sum((after - self._run(each, back)) ** 2))
+            for each, after in zip(self._driven, self._changed_runs, strict=True)
         ]
         return float(np.sqrt(sum(squares) / max(sum(map(len, self._driven)), 1)))
+
+    @cached_property
+    def _changed_values(self) -> dict[str, float]:
+        return {**self._start.values, **{k: v.value for k, v in self._numbers.items()}}
+
+    @cached_property
+    def _changed_runs(self) -> list[FloatArray]:  # [m]
+        return [self._run(each, self._changed_values) for each in self._driven]
 
     def width(self, other: Mapping[str, float]) -> float:
         """Return the width of the loop, relative to its gain, over that of the baseline."""
