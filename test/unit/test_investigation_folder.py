@@ -75,7 +75,7 @@ def test_it_resumes_after_a_breakdown_and_is_repeated_from_its_bags(
     assert result.stop.reason == 'sure'
     assert list(result.effects) == ['creep']
     assert result.after_in_floors < 0.5 * result.before_in_floors
-    assert actuator.used[0].model.name.endswith('creep')
+    assert actuator.used[0].model.name == 'classical+creep_pair'
     assert [each.stage for each in told][:2] == ['prepare', 'judge']
     assert {each.stage for each in told} == {'prepare', 'run', 'judge', 'apply'}
     lines = Journal.read(folder).lines

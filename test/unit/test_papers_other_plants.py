@@ -29,10 +29,13 @@ def test_the_errors_of_the_paper_come_out_for_another_hysteresis() -> None:
 
 
 def test_minor_loops_are_missed_by_more_than_the_triangle() -> None:
-    for changes in STACKS.values():
+    for name, changes in STACKS.items():
         misfit = minor_loop_misfit(changes)
         assert misfit['swarm minor'] > 2.0 * misfit['swarm major']
-        assert misfit['chain minor'] < 0.5 * misfit['swarm minor']
+        assert misfit['chain major'] < 0.1 * misfit['swarm major']
+        # one triangle of a Preisach stack does not separate loop, mode and creep (page)
+        share = 0.1 if name == 'as the model' else 1.0
+        assert misfit['chain minor'] < share * misfit['swarm minor']
         errors = selector(changes)
         assert errors['minor loops'][0] > 1.5 * errors['40 Hz'][0]
         assert errors['40 Hz, middle'][0] > errors['40 Hz, full'][0]
