@@ -404,3 +404,28 @@ def test_a_database_that_is_none(tmp_path: Path) -> None:
         read_bag(tmp_path / 'b.db3')
     with pytest.raises(RecordError):
         read_bag(tmp_path / 'b.db3', salvage=True)
+
+
+@pytest.mark.parametrize(
+    'rows',
+    [
+        [],
+        [(0.0, 0.0, 0.0)],
+        [(0.0, 1.0 * k, 1.0 * k) for k in range(40)],  # stamps that do not advance
+        [(0.1 * k, float('nan'), 1.0) for k in range(40)],
+    ],
+)
+def test_salvage_is_advised_only_where_it_leaves_something(
+    tmp_path: Path, rows: list[tuple[float, float, float]]
+) -> None:
+    broken, whole = tmp_path / 'a.csv', tmp_path / 'b.csv'
+    header = 'time_s,voltage_V,displacement_um\n'
+    broken.write_text(header + ''.join(f'{t},{u},{y}\n' for t, u, y in rows))
+    whole.write_text(header + ''.join(f'{1e-3 * k},{k % 9},{k % 7}\n' for k in range(90)))
+    with pytest.raises(RecordError) as alone:
+        load(broken)
+    assert '--salvage' not in str(alone.value)
+    with pytest.raises(RecordError) as raised:
+        load([broken, whole])
+    if '--salvage' in str(raised.value):  # only if it helps
+        assert len(load([broken, whole], salvage=True)) == 1

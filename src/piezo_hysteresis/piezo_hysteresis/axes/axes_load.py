@@ -18,7 +18,7 @@ from piezo_hysteresis.records.array_pairs import ArrayPair, file_pairs, folder_p
 from piezo_hysteresis.records.bag_content import BagContent
 from piezo_hysteresis.records.bags import axes_tracks
 from piezo_hysteresis.records.columns import UNITS, ReadOptions, counted_axes, pattern_of
-from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.damage import DamageLog, read_advised
 from piezo_hysteresis.records.formats.column_table import ColumnTable
 from piezo_hysteresis.records.frames import DataFrameLike, columns_in
 from piezo_hysteresis.records.load import (
@@ -125,6 +125,9 @@ class AxesReading(Reading[AxesRecord]):
         RecordError
             As `load_axes` does.
         """
+        return read_advised(lambda log: replace(self, log=log)._records(sources, axes), self.log)
+
+    def _records(self, sources: Sequence[Any], axes: int | None) -> list[AxesRecord]:
         found: list[AxesRecord] = []
         for given in sources:
             found += self._of_source(given)

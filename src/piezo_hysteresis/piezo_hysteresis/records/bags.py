@@ -16,7 +16,7 @@ from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import BagContent, TopicContent, read_content
 from piezo_hysteresis.records.columns import alike, in_order, several_axes
-from piezo_hysteresis.records.damage import DamageLog
+from piezo_hysteresis.records.damage import DamageLog, read_advised
 from piezo_hysteresis.records.definitions import MARKER, REFERENCE, STATE
 from piezo_hysteresis.records.markers import MOVED, Marker
 from piezo_hysteresis.records.record import Record
@@ -48,8 +48,9 @@ def read_bag(
     RecordError
         If the bag is unusable, or contains no valid record.
     """
-    log = DamageLog(salvage)
-    records = bag_records(read_content(Path(path), log), log, actuator)
+    records = read_advised(
+        lambda log: bag_records(read_content(Path(path), log), log, actuator), DamageLog(salvage)
+    )
     if not records:
         raise RecordError(f'{path}: it holds no record that counts; `info {path}` says why')
     return records

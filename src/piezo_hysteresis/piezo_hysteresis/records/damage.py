@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
-from piezo_hysteresis.errors import DataNote, RecordError
+from piezo_hysteresis.errors import DataNote, PiezoError, RecordError
+
+R = TypeVar('R')
 
 SALVAGE_HINT = 'keep what is readable with --salvage (in Python salvage=True)'
 
 
 class DamageWarning(UserWarning):
     """Data were omitted or repaired while reading."""
+
+
+class DamageError(RecordError):
+    """Damage that is refused, with the advice to salvage the rest; `unadvised` is without it."""
+
+    def __init__(self, sentence: str, remedy: str) -> None:
+        self.unadvised = f'{sentence}; {remedy}' if remedy else sentence
+        super().__init__(f'{self.unadvised}{", or" if remedy else ";"} {SALVAGE_HINT}')
 
 
 class LeftOutWarning(DataNote):
@@ -69,8 +81,7 @@ class DamageLog:
         """List a finding, and its treatment `done` to salvage the rest."""
         what = ' '.join(what.split())  # libraries report in several lines
         if not self.salvage:
-            advice = f'{remedy}, or {SALVAGE_HINT}' if remedy else SALVAGE_HINT
-            raise RecordError(f'{where}: {what}; {advice}')
+            raise DamageError(f'{where}: {what}', remedy)
         text = f'{what}: {done}' if done else what
         self.findings.append(Damage(str(where), text, count, lost))
 
@@ -104,3 +115,19 @@ class DamageLog:
     def lost(self) -> int:
         """Number of samples or messages missing from the result."""
         return sum(finding.lost for finding in self.findings)
+
+
+def read_advised(
+    read: Callable[[DamageLog], R], log: DamageLog, usable: Callable[[R], object] = bool
+) -> R:
+    """Return what is read; advise to salvage only where that leaves something usable."""
+    try:
+        return read(log)
+    except DamageError as error:
+        try:
+            helps = bool(usable(read(DamageLog(True, log.interpolate))))
+        except PiezoError:
+            helps = False
+        if helps:
+            raise
+        raise RecordError(error.unadvised) from None

@@ -21,7 +21,14 @@ from piezo_hysteresis.records.array_pairs import refuse_arrays
 from piezo_hysteresis.records.bag_content import READERS, BagContent, read_content
 from piezo_hysteresis.records.bags import bag_records
 from piezo_hysteresis.records.columns import ReadOptions
-from piezo_hysteresis.records.damage import Damage, DamageLog, DamageWarning, LeftOutWarning
+from piezo_hysteresis.records.damage import (
+    Damage,
+    DamageError,
+    DamageLog,
+    DamageWarning,
+    LeftOutWarning,
+    read_advised,
+)
 from piezo_hysteresis.records.foreign import foreign_records
 from piezo_hysteresis.records.formats.column_table import ColumnTable
 from piezo_hysteresis.records.formats.reading import FORMATS, has_format, tables
@@ -293,8 +300,18 @@ def survey(
     """
     if not sources:
         raise RecordError('no data were given; name a bag folder or a CSV file')
-    log = DamageLog(salvage) if log is None else log
-    reading = _OneAxis(log, options or ReadOptions(), actuator)
+    stated = options or ReadOptions()
+
+    def read(log: DamageLog) -> Survey:
+        return _survey(sources, _OneAxis(log, stated, actuator))
+
+    return read_advised(
+        read, DamageLog(salvage) if log is None else log, lambda found: found.records
+    )
+
+
+def _survey(sources: Sequence[Source], reading: _OneAxis) -> Survey:
+    log = reading.log
     records: list[Record] = []
     for given in sources:
         source = columns_of_arrays(given) or given
@@ -359,7 +376,7 @@ class Reading(ABC, Generic[R]):
         try:
             with sentences(path):
                 found = self._read(path)
-        except SeveralAxesError:
+        except (SeveralAxesError, DamageError):
             raise
         except RecordError as error:
             lost = '; '.join(each.what for each in log.findings[before : before + 2])
