@@ -40,13 +40,27 @@ def errors(model: Any, u: list[Any], y: list[Any]) -> str:
     return ' / '.join(f'{each:.4f}' for each in found) + ' um'
 
 
+def one_record(model: Any, driven: Any) -> float:
+    """Return the median time that the simulation of one record takes, once compiled [s]."""
+    taken = []
+    for _ in range(20):
+        started = time.perf_counter()
+        np.asarray(model.simulate(driven[:, :, :1], offset=1000)[0])
+        taken.append(time.perf_counter() - started)
+    return float(np.median(taken[1:]))
+
+
 def main(folder: Path, turns: int, seconds: float) -> None:
     """Fit the linear model, then the nonlinear one until the time is over."""
     u, y = realisations(folder, 'u'), realisations(folder, 'y')
     started = time.process_time()
 
     def state(words: str, model: Any) -> None:
-        print(f'{words}: {errors(model, u, y)}, {time.process_time() - started:.0f} s', flush=True)
+        passed = time.process_time() - started
+        one = 1e3 * one_record(model, u[-1])
+        print(
+            f'{words}: {errors(model, u, y)}, {passed:.0f} s, one record {one:.1f} ms', flush=True
+        )
 
     inputs, outputs = (np.concatenate([each[:, :, :-1] for each in those], 2) for those in (u, y))
     lines = np.arange(1, math.ceil(HIGHEST / (RATE / inputs.shape[0])))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -34,10 +35,10 @@ class _Lines:
     omega: FloatArray  # (modes,)
     damping: FloatArray  # (modes,)
     inverse: ComplexArray  # 1 / denominator, (lines, modes)
-    reading: ComplexArray  # displacement for a coordinate, (lines, modes, outputs)
+    reading: ComplexArray  # displacement for a coordinate with feedback, (lines, modes, outputs)
     through: ComplexArray  # displacement for a voltage, (lines, inputs, outputs)
     compliance: ComplexArray  # elongation for a voltage, (lines, inputs, inputs)
-    loop: ComplexArray  # voltage for an elongation through the feedback, (lines, inputs, inputs)
+    fed: ComplexArray  # displacement for an elongation by the feedback, (lines, inputs, outputs)
 
 
 def _lines(x: FloatArray) -> ComplexArray:
@@ -78,10 +79,12 @@ class ModalDerivatives:
         gain = self._gain(elongation, _lines(self._feedback()))
         closed = np.eye(parts) - compliance * gain
         loop = gain[:, None] * np.linalg.inv(closed)
+        fed = np.einsum('lij,lio->ljo', loop, through, optimize=True)
+        reading = reading + np.einsum('kj,ljo->lko', shape, fed, optimize=True)
         return _Lines(
             np.asarray(s), drive, elongation, _lines(q), omega, damping,
-            np.asarray(inverse), reading, through,
-            compliance, loop,
+            np.asarray(inverse), np.asarray(reading), through,
+            compliance, fed,
         )  # fmt: skip
 
     def _plays(self) -> FloatArray:
@@ -110,8 +113,9 @@ class ModalDerivatives:
     def _closed(self) -> ComplexArray:
         """Return the displacement for a voltage with the feedback, (lines, inputs, outputs)."""
         at = self._at
-        fed = np.einsum('lij,ljk->lik', at.loop, at.compliance, optimize=True)
-        return np.asarray(at.through + np.einsum('lji,ljo->lio', fed, at.through, optimize=True))
+        return np.asarray(
+            at.through + np.einsum('lki,lko->lio', at.compliance, at.fed, optimize=True)
+        )
 
     def response(self) -> ComplexArray:
         """Return the displacement for a voltage at this level, (lines, outputs, inputs)."""
@@ -140,20 +144,17 @@ class ModalDerivatives:
         }  # fmt: skip
         return np.concatenate([made[name]() for name in names])
 
-    def _moved(
-        self, modes: IntArray, change: ComplexArray, direct: ComplexArray | float = 0.0
-    ) -> ComplexArray:
+    def _moved(self, modes: IntArray, change: ComplexArray) -> ComplexArray:
         """Return the displacement for changes of single coordinates, (parameters, lines, outputs).
 
         `modes` are the modes of the parameters, `change` those of their coordinates, (lines,
-        parameters), `direct` what the elongations change by directly, (lines, parameters, inputs).
+        parameters).
         """
-        at = self._at
-        elongation = change[:, :, None] * self._found['shape'].T[modes] + direct
-        fed = np.einsum('lij,lpj->lpi', at.loop, elongation, optimize=True)
-        moved = change[:, :, None] * at.reading[:, modes]
-        moved = moved + np.einsum('lpi,lio->lpo', fed, at.through, optimize=True)
-        return np.asarray(moved.transpose(1, 0, 2))
+        return np.ascontiguousarray(change.T)[:, :, None] * self._of_modes[modes]
+
+    @cached_property
+    def _of_modes(self) -> ComplexArray:
+        return np.ascontiguousarray(self._at.reading.transpose(1, 0, 2))
 
     def _by_omega(self) -> ComplexArray:
         """Return the change of each coordinate by its own angular frequency, (lines, modes)."""
@@ -203,9 +204,11 @@ class ModalDerivatives:
         at, parts, modes = self._at, self._model.layout.parts, self._model.layout.modes
         which = np.tile(np.arange(modes), parts)
         axis = np.repeat(np.arange(parts), modes)
-        change = (at.omega**2 * at.inverse)[:, which] * at.drive[:, axis]
-        direct = at.q[:, which, None] * (axis[:, None] == np.arange(parts))
-        return self._moved(which, change, direct)
+        moved = self._moved(which, (at.omega**2 * at.inverse)[:, which] * at.drive[:, axis])
+        fed, q = at.fed.transpose(1, 0, 2), at.q.T[:, :, None]
+        for i in range(parts):  # the elongation changes directly as well
+            moved[i * modes : (i + 1) * modes] += q * fed[i]
+        return moved
 
     def _rate_shape(self) -> ComplexArray:
         at, parts, modes = self._at, self._model.layout.parts, self._model.layout.modes

@@ -17,6 +17,7 @@ from piezo_hysteresis.axes.modal_model import ModalModel
 from piezo_hysteresis.axes.modal_start import start_of
 from piezo_hysteresis.common.wording import Guided, counted
 from piezo_hysteresis.errors import IdentificationError
+from piezo_hysteresis.identification.thread_pool import of_each
 from piezo_hysteresis.numerics.linalg import failing_as, symmetric_eigen
 
 # Half widths of plays, in levels of the largest records.
@@ -257,7 +258,10 @@ class _Search:
             if effect is None:
                 known = ', '.join(each.name for each in (*EFFECTS, JOINTS, MODE))
                 raise IdentificationError(f'there is no effect {name}; there are {known}')
-            started = self._tried(model, effect, 0, _TRIAL_TURNS)
+            started = (
+                self._with_modes(model, 1)[0] if effect is MODE else self._with(model, effect)
+            )
+            started = self._tried(started, effect, _TRIAL_TURNS)
             model = self._kept(effect, started, {}, steps)
         model = self._final(model)
         steps.append(self._step('all together', 'all parameters', model, {}))
@@ -309,15 +313,15 @@ class _Search:
         while left or added < _MOST_ADDED_MODES:
             turns = _LONG_TURNS if settled else _TRIAL_TURNS
             candidates = [
-                (each, 0)
+                (each, self._with(model, each))
                 for each in left
                 if each is not JOINTS or 'elongation_weights' in self._active
             ]
             if added < _MOST_ADDED_MODES:
-                candidates += [(MODE, peak) for peak in range(_PEAKS)]
+                candidates += [(MODE, each) for each in self._with_modes(model, _PEAKS)]
             without = self._fitted(model, list(self._active), turns)
             now = self._score(without)
-            found = [self._tried(model, effect, peak, turns) for effect, peak in candidates]
+            found = [self._tried(started, effect, turns) for effect, started in candidates]
             # where a run is no number, the effect is not one to add
             scores = np.nan_to_num([self._score(each) / now for each in found], nan=np.inf)
             tried: dict[str, float] = {}
@@ -358,7 +362,7 @@ class _Search:
     def _step(
         self, name: str, sentence: str, model: ModalModel, tried: dict[str, float]
     ) -> ModalStep:
-        errors = {level: rms_error(model, each) for level, each in self._held.items()}
+        errors = dict(zip(self._held, self._errors(model, list(self._held.values())), strict=True))
         listed = ' / '.join(f'{1e6 * error:.4f}' for error in errors.values())
         self._steps += 1
         self._progress(self._steps / (self._steps + 2.0))
@@ -366,14 +370,12 @@ class _Search:
         return ModalStep(name, sentence, errors, tried)
 
     def _score(self, model: ModalModel) -> float:
-        return float(
-            np.mean(
-                [
-                    self._weight[level] * rms_error(model, each)
-                    for level, each in self._held.items()
-                ]
-            )
-        )
+        errors = self._errors(model, list(self._held.values()))
+        weights = [self._weight[level] for level in self._held]
+        return float(np.mean(np.multiply(weights, errors)))
+
+    def _errors(self, model: ModalModel, records: Sequence[AxesRecord]) -> list[float]:
+        return of_each(lambda each: rms_error(model, each), records, self._workers)
 
     # --- fits ----------------------------------------------------------------------------------
 
@@ -394,7 +396,7 @@ class _Search:
     def _sort_out(self, model: ModalModel) -> None:
         """Leave out records with more error than the others, and order the rest by it."""
         for level, those in self._usable.items():
-            errors = [rms_error(model, each) for each in those]
+            errors = self._errors(model, those)
             usual = float(np.median(errors))
             self._disturbed += [
                 each.name
@@ -426,7 +428,7 @@ class _Search:
     def _weigh(self, model: ModalModel) -> None:
         """Weigh each level by what the model usually leaves of it."""
         for level, those in self._usable.items():
-            errors = [rms_error(model, each) for each in those]
+            errors = self._errors(model, those)
             self._weight[level] = 1.0 / float(np.median(errors))
 
     def _weight_of(self, record: AxesRecord, level: str) -> float:
@@ -440,8 +442,7 @@ class _Search:
             fit.run(names, turns) if names else fit.run(('delay',), 0)
         )  # the output matrix alone
 
-    def _tried(self, model: ModalModel, effect: ModalEffect, peak: int, turns: int) -> ModalModel:
-        started = self._with_mode(model, peak) if effect is MODE else self._with(model, effect)
+    def _tried(self, started: ModalModel, effect: ModalEffect, turns: int) -> ModalModel:
         names = {**self._active, **dict.fromkeys(effect.parameters)}
         return self._fitted(started, list(names), turns)
 
@@ -476,14 +477,15 @@ class _Search:
             found['elongation_weights'][:, layout.inputs :] = 0.02
         return replace(model, layout=layout, vector=vector)
 
-    def _with_mode(self, model: ModalModel, rank: int) -> ModalModel:
-        """Return the model with a small mode at a peak of the response of its residual."""
+    def _with_modes(self, model: ModalModel, count: int) -> list[ModalModel]:
+        """Return the model with a small mode at each of the peaks of its residual's response."""
         power: FloatArray | float = 0.0
         matrices = []
         for level, those in self._usable.items():
+            ran = of_each(model.simulate, those, self._workers)
             left = [
-                replace(each, displacement=each.displacement - model.simulate(each))
-                for each in those
+                replace(each, displacement=each.displacement - y)
+                for each, y in zip(those, ran, strict=True)
             ]
             found = response(left, 4)
             matrices.append(found.matrix)
@@ -491,21 +493,28 @@ class _Search:
         inside = (found.frequency > found.frequency[-1] / 20) & (
             found.frequency < 0.97 * found.frequency[-1]
         )
-        for _ in range(rank + 1):
+        made = []
+        for _ in range(count):
             peak = int(np.argmax(np.where(inside, power, 0.0)))
             ratio = found.frequency / found.frequency[peak]
             inside &= np.maximum(ratio, 1.0 / ratio) > _APART
-        shape = sum(each[peak].conj().T @ each[peak] for each in matrices).real
-        layout = replace(model.layout, modes=model.layout.modes + 1)
-        vector = layout.carried(model.vector, model.layout)
-        parameters = layout.named(vector)
-        parameters['log_omega'][-1] = np.log(2.0 * np.pi * found.frequency[peak])
-        parameters['log_damping'][-1] = np.log(0.015)
-        found_shape = symmetric_eigen(np.asarray(shape))
-        if found_shape is not None:
-            parameters['shape'][: layout.inputs, -1] = 0.05 * found_shape[1][:, -1]
-        parameters['softening'][:, -1] = parameters['softening'][:, :-1].mean(1)
-        return replace(model, layout=layout, vector=vector)
+            shape = sum(each[peak].conj().T @ each[peak] for each in matrices).real
+            made.append(_with_mode(model, found.frequency[peak], np.asarray(shape)))
+        return made
+
+
+def _with_mode(model: ModalModel, frequency: float, shape: FloatArray) -> ModalModel:
+    """Return the model with a small mode at a frequency [Hz], in the shape of a response."""
+    layout = replace(model.layout, modes=model.layout.modes + 1)
+    vector = layout.carried(model.vector, model.layout)
+    parameters = layout.named(vector)
+    parameters['log_omega'][-1] = np.log(2.0 * np.pi * frequency)
+    parameters['log_damping'][-1] = np.log(0.015)
+    found_shape = symmetric_eigen(shape)
+    if found_shape is not None:
+        parameters['shape'][: layout.inputs, -1] = 0.05 * found_shape[1][:, -1]
+    parameters['softening'][:, -1] = parameters['softening'][:, :-1].mean(1)
+    return replace(model, layout=layout, vector=vector)
 
 
 def _has(model: ModalModel, effect: ModalEffect) -> bool:
