@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from piezo_hysteresis.identification.fit_data import fold
 from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
-from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.rls_ud import OnlineBank, OnlineUd, UdSettings
 from piezo_hysteresis.numerics.qr import triangle
 from piezo_hysteresis.records import Record
 
@@ -22,16 +22,16 @@ quick = settings(max_examples=40, deadline=None)
 @given(
     knots=arrays(np.float64, 12, elements=volts),
     seed=noise,
-    kind=st.sampled_from(['bouc_wen', 'play_bank']),
+    kind=st.sampled_from([OnlineUd, OnlineBank]),
     forgetting=st.sampled_from([0.9, 0.98, 0.999, 1.0]),
 )
 def test_well_posed_recursions_stay_finite_and_usable(
-    knots: np.ndarray, seed: int, kind: str, forgetting: float
+    knots: np.ndarray, seed: int, kind: type[OnlineUd], forgetting: float
 ) -> None:
     """Ramps and rests between any levels, a displacement that has little to do with them."""
     u = np.interp(np.arange(2400), np.arange(12) * 200, knots)
     y = 1e-4 * np.random.default_rng(seed).normal(size=u.size)
-    online = OnlineUd(UdSettings(kind=kind, forgetting=forgetting, natural_frequency=70.0))
+    online = kind(UdSettings(forgetting=forgetting, natural_frequency=70.0))
     assert np.all(np.isfinite(online.update_many(u, y)))
     estimate = online.estimate()
     assert np.all(np.isfinite(estimate.values))

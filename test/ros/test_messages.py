@@ -12,7 +12,7 @@ from piezo_hysteresis.common.stamps import nanoseconds_of, stamp_into, tick_nano
 from piezo_hysteresis.compensation.link import Measured, ReferencePoint
 from piezo_hysteresis.errors import ModelError
 from piezo_hysteresis.identification.online import online
-from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.rls_ud import OnlineBank, OnlineUd, UdSettings
 from piezo_hysteresis.models import named
 from piezo_hysteresis.nodes.messages import (
     estimate_into,
@@ -79,9 +79,9 @@ def test_stamps() -> None:
 
 
 @pytest.mark.parametrize('frequency', [0.0, 70.0])
-@pytest.mark.parametrize('kind', ['bouc_wen', 'play_bank'])
-def test_an_estimate_is_a_model_by_itself(kind: str, frequency: float) -> None:
-    method = OnlineUd(UdSettings(kind=kind, voltage_range=2.0, natural_frequency=frequency))
+@pytest.mark.parametrize('kind', [OnlineUd, OnlineBank])
+def test_an_estimate_is_a_model_by_itself(kind: type[OnlineUd], frequency: float) -> None:
+    method = kind(UdSettings(voltage_range=2.0, natural_frequency=frequency))
     message = ModelEstimate()
     estimate_into(method.estimate(), method.model(), message)
     loaded = model_from(message)
@@ -90,7 +90,7 @@ def test_an_estimate_is_a_model_by_itself(kind: str, frequency: float) -> None:
     ]
     for name, value in method.estimate().parameters().items():
         assert loaded.values[name] == value
-    if kind == 'play_bank':
+    if kind is OnlineBank:
         assert loaded.values['pi_range'] == 2.0
 
 

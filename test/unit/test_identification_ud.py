@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.errors import IdentificationError
-from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings, bierman, invertible_bank
+from piezo_hysteresis.identification.rls_ud import (
+    FILTERED,
+    GAIN,
+    ROWS,
+    D,
+    OnlineBank,
+    OnlineUd,
+    UdSettings,
+    bierman,
+    invertible_bank,
+)
 from piezo_hysteresis.models import named
 
 DT = 1e-3
@@ -41,16 +51,17 @@ def test_bierman_equals_the_textbook_covariance() -> None:
     rng = np.random.default_rng(0)
     n, forgetting = 5, 0.98
     p = np.eye(n) * 100.0
-    factor, d = np.eye(n), np.full(n, 100.0)
-    work = np.zeros((4, n))
+    factor, rows = np.eye(n), np.zeros((ROWS, n))
+    rows[D] = 100.0
     for _ in range(200):
         x = rng.normal(size=n)
-        divisor = bierman(np.zeros(n), factor, d, x, work, forgetting)
+        rows[FILTERED] = x
+        divisor = bierman(factor, rows, forgetting)
         gain = p @ x / (forgetting + x @ p @ x)
         p = (p - np.outer(gain, x @ p)) / forgetting
-        d /= forgetting
-        np.testing.assert_allclose(work[1] / divisor, gain, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose((factor * d) @ factor.T, p, rtol=1e-9, atol=1e-12)
+        rows[D] /= forgetting
+        np.testing.assert_allclose(rows[GAIN] / divisor, gain, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose((factor * rows[D]) @ factor.T, p, rtol=1e-9, atol=1e-12)
 
 
 def test_bouc_wen_is_recovered_online() -> None:
@@ -67,13 +78,12 @@ def test_bouc_wen_is_recovered_online() -> None:
     assert np.std((free - measured(u))[1000:]) < 2 * NOISE
 
 
-@pytest.mark.parametrize('kind', ['bouc_wen', 'play_bank'])
-def test_parked_for_minutes_then_back_within_the_noise(kind: str) -> None:
+@pytest.mark.parametrize('kind', [OnlineUd, OnlineBank])
+def test_parked_for_minutes_then_back_within_the_noise(kind: type[OnlineUd]) -> None:
     cycles = sine(10.0, 20.0)
     u = np.concatenate([cycles, np.zeros(300_000), cycles])
-    y = measured(u) if kind == 'bouc_wen' else play_bank(u)
-    settings = UdSettings(kind=kind, forgetting=0.998, **(MODE if kind == 'bouc_wen' else {}))
-    online = OnlineUd(settings)
+    y = play_bank(u) if kind is OnlineBank else measured(u)
+    online = kind(UdSettings(forgetting=0.998, **({} if kind is OnlineBank else MODE)))
     errors = online.update_many(u, y)
     assert np.all(np.isfinite(errors))
     before = np.std(errors[18_000:20_000])
@@ -95,7 +105,7 @@ def test_parked_estimates_are_held() -> None:
 
 def test_play_bank_finds_its_weights() -> None:
     u = np.concatenate([sine(3.0, 5.0, a) for a in (1.0, 0.77, 0.5, 0.23)])
-    online = OnlineUd(UdSettings(kind='play_bank', forgetting=1.0))
+    online = OnlineBank(UdSettings(forgetting=1.0))
     online.update_many(u, play_bank(u))
     values = online.estimate().parameters()
     assert values['w0'] == pytest.approx(1e-4, rel=1e-3)
@@ -104,11 +114,11 @@ def test_play_bank_finds_its_weights() -> None:
     assert values['offset'] == pytest.approx(3e-6, rel=1e-3)
 
 
-@pytest.mark.parametrize('kind', ['bouc_wen', 'play_bank'])
-def test_one_by_one_gives_the_same_bits_as_many(kind: str) -> None:
+@pytest.mark.parametrize('kind', [OnlineUd, OnlineBank])
+def test_one_by_one_gives_the_same_bits_as_many(kind: type[OnlineUd]) -> None:
     u = sine(10.0, 2.0)
     y = measured(u)
-    many, single = OnlineUd(UdSettings(kind=kind)), OnlineUd(UdSettings(kind=kind))
+    many, single = kind(), kind()
     errors = many.update_many(u, y)
     one_by_one = [single.update(a, b) for a, b in zip(u.tolist(), y.tolist(), strict=True)]
     np.testing.assert_array_equal(errors, one_by_one)
@@ -119,8 +129,8 @@ def test_every_estimate_can_be_inverted() -> None:
     """Noise in place of a displacement must not give a model that falls while u rises."""
     rng = np.random.default_rng(0)
     u = sine(10.0, 10.0)
-    for kind in ('bouc_wen', 'play_bank'):
-        online = OnlineUd(UdSettings(kind=kind, forgetting=0.99))
+    for kind in (OnlineUd, OnlineBank):
+        online = kind(UdSettings(forgetting=0.99))
         online.update_many(u, 1e-4 * u + rng.normal(0, 1e-4, u.size))
         saw = np.concatenate([np.linspace(0, 1, 400), np.linspace(1, -1, 800)])
         y = online.free_run(np.concatenate([saw, saw]))
@@ -157,13 +167,7 @@ def test_a_lost_sample_is_skipped() -> None:
 
 
 @pytest.mark.parametrize(
-    'wrong',
-    [
-        {'kind': 'spline'},
-        {'voltage_range': 0.0},
-        {'forgetting': 0.0},
-        {'natural_frequency': 600.0},
-    ],
+    'wrong', [{'voltage_range': 0.0}, {'forgetting': 0.0}, {'natural_frequency': 600.0}]
 )
 def test_wrong_settings_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(IdentificationError):

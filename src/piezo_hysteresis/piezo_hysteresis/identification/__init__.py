@@ -9,7 +9,7 @@ from piezo_hysteresis.identification.online import online
 from piezo_hysteresis.identification.output_error import output_error
 from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
-from piezo_hysteresis.identification.rls_ud import OnlineUd, UdSettings
+from piezo_hysteresis.identification.rls_ud import OnlineBank, OnlineUd, UdSettings
 from piezo_hysteresis.identification.simulate import simulate
 from piezo_hysteresis.identification.validate import Validation, validate
 
@@ -19,6 +19,7 @@ __all__ = [
     'FitData',
     'FitResult',
     'Identification',
+    'OnlineBank',
     'OnlineMethod',
     'OnlineRls',
     'OnlineUd',

@@ -55,8 +55,7 @@ def held_at(model: Model, hold: Mapping[str, float], start: Mapping[str, float])
             if name not in known:
                 raise IdentificationError(
                     f'model {model.name} has no parameter {name} to {verb}{near(name, known)}; '
-                    'it has '
-                    f'{", ".join(known)}'
+                    f'it has {", ".join(known)}'
                 )
             q = known[name]
             if not (isinstance(value, Real) and isfinite(value)):

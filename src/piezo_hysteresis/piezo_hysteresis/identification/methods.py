@@ -57,15 +57,13 @@ PAPERS: dict[str, PaperMethod] = {
     'zhou2021': PaperMethod(
         'pso',
         'Zhou 2021: a swarm for the hysteresis at the slowest frequency, then one for the '
-        'structure at '
-        'the fastest.',
+        'structure at the fastest.',
         {'steps': 'two', 'sampling_offset': False},
     ),
     'xiao2014': PaperMethod(
         'pso',
         'Xiao 2014: a swarm for all parameters; of an inverse from displacement to voltage, of '
-        'the '
-        'selector row by row.',
+        'the selector row by row.',
         {'steps': 'one', 'direct': True},
     ),
     'fang2019': PaperMethod(
@@ -261,8 +259,7 @@ def _steps(
     if steps == 'two' and not possible:
         raise IdentificationError(
             f'the two steps of Zhou 2021 need hysteresis, a structure with something to find and '
-            'two '
-            f'drive frequencies; {model.name} or the records lack one of them'
+            f'two drive frequencies; {model.name} or the records lack one of them'
         )
     if possible and (steps == 'two' or (steps == 'auto' and method in SWARMS)):
         return [(stiff, stiff.free_names, order[:1]), (model, structure, order[-1:])]

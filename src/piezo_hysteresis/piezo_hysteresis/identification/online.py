@@ -13,9 +13,9 @@ from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import FARTHEST
 from piezo_hysteresis.identification.free_run import shifted
 from piezo_hysteresis.identification.output_error import output_error
-from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod
+from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod, OnlineSettings
 from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
-from piezo_hysteresis.identification.rls_ud import KINDS, OnlineUd, UdSettings
+from piezo_hysteresis.identification.rls_ud import OnlineBank, OnlineUd, UdSettings
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK, ONLINE
@@ -35,10 +35,15 @@ _BY_RLS = {
     'classical_euler': (0, ('basic',)),
 }
 
-ONLINE_METHODS = ('rls', 'rls_ud', 'pi_bank')
+RECURSIONS: dict[str, type[OnlineMethod]] = {
+    'rls': OnlineRls,
+    'rls_ud': OnlineUd,
+    'pi_bank': OnlineBank,
+}
+ONLINE_METHODS = tuple(RECURSIONS)
 
 
-def online(method: str, settings: RlsSettings | UdSettings | None = None) -> OnlineMethod:
+def online(method: str, settings: OnlineSettings | None = None) -> OnlineMethod:
     """Return the recursive method called `method`.
 
     Parameters
@@ -53,17 +58,11 @@ def online(method: str, settings: RlsSettings | UdSettings | None = None) -> Onl
     IdentificationError
         If there is no such method, or the settings belong to another.
     """
-    if method not in ONLINE_METHODS:
+    if method not in RECURSIONS:
         raise IdentificationError(
             f'{method!r} is no recursive method{choices(method, ONLINE_METHODS)}'
         )
-    kind = KINDS.get(method)
-    settings = settings or (UdSettings(kind=kind) if kind else RlsSettings())
-    if isinstance(settings, RlsSettings) and kind is None:
-        return OnlineRls(settings)
-    if isinstance(settings, UdSettings) and kind == settings.kind:
-        return OnlineUd(settings)
-    raise IdentificationError(f'these settings do not belong to {method}')
+    return RECURSIONS[method](settings)
 
 
 @dataclass(frozen=True)
@@ -273,12 +272,11 @@ def _well_posed(
         frequency, damping = frozen['natural_frequency'], frozen.get('damping_ratio', 0.02)
         remarks = (f'the mode is frozen at {frequency:.4g} Hz, damping ratio {damping:.3g}.',)
     settings = UdSettings(
-        kind=KINDS[method],
         voltage_range=max(float(np.max(np.abs(r.voltage))) for r in records),
         displacement_range=max(float(np.ptp(r.displacement)) for r in records) / 2,
         natural_frequency=frequency,
         damping_ratio=damping,
-        forgetting=forgetting or 0.9999,
+        forgetting=forgetting or UdSettings.forgetting,
         dt=records[0].dt,
     )
-    return OnlineUd(settings), remarks
+    return online(method, settings), remarks

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.models import Model
 from piezo_hysteresis.numerics.linalg import symmetric_eigen
-
-#: Factors from metres to the working unit of a recursive method.
-WORKING_UNITS = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
 
 
 @dataclass(frozen=True)
@@ -86,45 +83,76 @@ def correlation_of(covariance: FloatArray) -> FloatArray:
     return np.asarray(covariance / np.outer(spread, spread))
 
 
-# Indices that all kernels share: in the memory `_m`, and in the kernel settings `_c`.
+# Indices that all kernels share: in the memory, and in the constants.
 SAMPLES, ERROR_SUM, WEIGHT_SUM = range(3)
 FORGETTING = 0
 
-# Names, units, factors to SI, and the places of the parameters in the order of the named model.
-Layout = tuple[Sequence[str], Sequence[str], Sequence[float], Sequence[int]]
+# Name, unit, factor to SI and place of each parameter, in the order of the named model.
+Layout = Sequence[tuple[str, str, float, int]]
 
 
-def check_settings(settings: Any, *positive: str) -> None:
-    """Raise an error for a forgetting factor outside (0, 1] or numbers that are not positive."""
-    for name in positive:
-        value = getattr(settings, name)
-        if not (np.isfinite(value) and value > 0.0):
-            raise IdentificationError(f'{name} must be positive, got {value:g}')
-    if not 0.0 < settings.forgetting <= 1.0:
-        raise IdentificationError(
-            f'forgetting must be above 0 and at most 1, got {settings.forgetting}'
-        )
+@dataclass(frozen=True)
+class OnlineSettings:
+    """Settings of every recursive method."""
+
+    forgetting: float = 1.0  # forgetting factor in (0, 1]
+    dt: float = 1e-3  # sampling interval [s]
+
+    def __post_init__(self) -> None:
+        self._require_positive('dt')
+        if not 0.0 < self.forgetting <= 1.0:
+            raise IdentificationError(
+                f'forgetting must be above 0 and at most 1, got {self.forgetting}'
+            )
+
+    def _require_positive(self, *names: str) -> None:
+        for name in names:
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise IdentificationError(f'{name} must be positive, got {value:g}')
+
+
+class RecursionState(NamedTuple):
+    """What a recursion changes from sample to sample, in the order in which kernels take it."""
+
+    theta: FloatArray  # parameters in the working unit, shape (p,)
+    covariance: FloatArray  # P, or the factor U of P = U diag(d) U', shape (p, p)
+    rows: FloatArray  # d, columns of the regressor and work space, shape (r, p)
+    memory: FloatArray  # sums, and signals since the last rest
+    constants: FloatArray  # of the settings
 
 
 class OnlineMethod(ABC):
     """A recursive estimator that is updated sample by sample.
 
-    A subclass has the kernel and the regressors of its models. The state is the parameters
-    `_theta`, the memory `_m` and arrays of the update; a copy of the estimator continues alike.
+    A subclass has the regressors of its models, a kernel with its update of the covariance, and
+    the initial state. A copy of the estimator continues alike.
 
     Parameters
     ----------
     settings : RlsSettings or UdSettings
-        Settings of the method.
+        Settings of the method; default: its defaults.
+
+    Raises
+    ------
+    IdentificationError
+        If the settings belong to another method, or an initial value is impossible.
     """
 
+    #: Settings of the method.
+    Settings: ClassVar[type[OnlineSettings]]
     #: Whether the prediction error is that of a free run.
     predicts_freely: ClassVar[bool] = False
+    _kernel: ClassVar[Callable[..., None]]
 
-    def __init__(self, settings: Any) -> None:
-        self._settings = settings
+    def __init__(self, settings: Any = None) -> None:
+        self._settings: Any = self.Settings() if settings is None else settings
+        if not isinstance(self._settings, self.Settings):
+            raise IdentificationError(
+                f'{type(settings).__name__} do not belong to {type(self).__name__}, which takes '
+                f'{self.Settings.__name__}'
+            )
         self._one = np.zeros((3, 1))
-        self._theta, self._c, self._m = np.zeros(0), np.zeros(0), np.zeros(0)
         self.reset()
 
     @property
@@ -140,7 +168,11 @@ class OnlineMethod(ABC):
     @forgetting.setter
     def forgetting(self, value: float) -> None:
         self._settings = replace(self._settings, forgetting=value)
-        self._c[FORGETTING] = value
+        self._state.constants[FORGETTING] = value
+
+    def reset(self) -> None:
+        """Reset to the initial values of the settings."""
+        self._state = self._initial()
 
     def update(self, voltage: float, displacement: float) -> float:
         """Update with one sample: voltage [V], displacement [m]; return the prediction error [m].
@@ -149,7 +181,7 @@ class OnlineMethod(ABC):
         """
         u, y, error = self._one
         u[0], y[0] = voltage, displacement
-        self._take(u, y, error)
+        self._kernel(u, y, error, *self._state)
         return float(error[0])
 
     def update_many(self, voltage: FloatArray, displacement: FloatArray) -> FloatArray:
@@ -168,35 +200,39 @@ class OnlineMethod(ABC):
                 'length'
             )
         errors = np.empty_like(u)
-        self._take(u, y, errors)
+        self._kernel(u, y, errors, *self._state)
         return errors
 
     @property
     def _sigma(self) -> float:
         """Rms of the prediction error in the working unit, with the forgetting factor."""
-        weight = self._m[WEIGHT_SUM]
-        return sqrt(self._m[ERROR_SUM] / weight) if weight > 0 else 0.0
+        weight = self._state.memory[WEIGHT_SUM]
+        return sqrt(self._state.memory[ERROR_SUM] / weight) if weight > 0 else 0.0
 
     def _estimate(
         self, layout: Layout, theta: FloatArray, covariance: FloatArray, one_step_rms: float
     ) -> Estimate:
         """Return parameters and covariance in the working unit as an estimate in SI units."""
-        names, units, factors, order = layout
+        names, units, factors, order = zip(*layout, strict=True)
         scale, covariance = np.array(factors), covariance[np.ix_(order, order)]
         return Estimate(
-            names=tuple(names),
-            units=tuple(units),
+            names=names,
+            units=units,
             values=theta[list(order)] * scale,
             standard_deviations=self._sigma * np.sqrt(np.abs(np.diag(covariance))) * np.abs(scale),
             one_step_rms=one_step_rms,
-            samples=int(self._m[SAMPLES]),
+            samples=int(self._state.memory[SAMPLES]),
             condition_number=scaled_condition(covariance),
             correlation=correlation_of(covariance) * np.outer(np.sign(scale), np.sign(scale)),
         )
 
     @abstractmethod
-    def _take(self, voltage: FloatArray, displacement: FloatArray, errors: FloatArray) -> None:
-        """Update the estimate with samples [V], [m], and fill in their prediction errors [m]."""
+    def _initial(self) -> RecursionState:
+        """Return the state before the first sample."""
+
+    @abstractmethod
+    def rest(self) -> None:
+        """Start a new record from rest and keep the estimate."""
 
     @abstractmethod
     def estimate(self) -> Estimate:
@@ -212,11 +248,3 @@ class OnlineMethod(ABC):
 
     def drive_at(self, frequency: float, start: float = 0.0) -> None:  # noqa: B027
         """Set the drive frequency [Hz] from the time `start` [s] on, if it is used."""
-
-    @abstractmethod
-    def rest(self) -> None:
-        """Start a new record from rest and keep the estimate."""
-
-    @abstractmethod
-    def reset(self) -> None:
-        """Reset to the initial values of the settings."""

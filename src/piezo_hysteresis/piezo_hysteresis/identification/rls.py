@@ -18,22 +18,26 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.recursion import (
-    SAMPLES,
     WEIGHT_SUM,
-    WORKING_UNITS,
     Estimate,
     Layout,
     OnlineMethod,
-    check_settings,
+    OnlineSettings,
+    RecursionState,
 )
 from piezo_hysteresis.jit import inline_jit, jit
 from piezo_hysteresis.models import Model, named
 
 _TRACE_MAX = 1e3  # mean of the diagonal of P above which forgetting is suspended; P0 = I has 1
 
-MEMORY = 15  # numbers in the memory
+VARIANTS = ('V0', 'V1', 'V2', 'basic')
 BASIC = 3.0  # number of the variant without recursion and A0
-_VARIANT, _OFFSET, _HARMONIC, OMEGA, PHASE = range(1, 6)  # in the settings, after FORGETTING
+
+#: Factors from metres to the working unit.
+WORKING_UNITS = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
+
+_MEMORY = 16  # numbers in the memory
+_VARIANT, _OFFSET, _HARMONIC, _OMEGA, _PHASE = range(1, 6)  # in the constants, after FORGETTING
 
 
 @inline_jit
@@ -100,20 +104,20 @@ def update_many(
     u: FloatArray,
     y: FloatArray,
     errors: FloatArray,
-    scale: float,
     theta: FloatArray,
     p: FloatArray,
-    x: FloatArray,
-    g: FloatArray,
+    rows: FloatArray,
     m: FloatArray,
     c: FloatArray,
 ) -> None:
-    """Update with samples; y and errors are in metres, with `scale` working units per metre.
+    """Update with samples; `scale` is the number of working units per metre.
 
     The memory is in local variables during the loop, which is four times faster.
     """
-    k0, ee, ww, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3 = m
-    forgetting, variant, offset, harmonic, omega, phase = c
+    samples, ee, ww, k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3 = m
+    forgetting, variant, offset, harmonic, omega, phase, scale = c
+    x, g = rows[0], rows[1]
+    samples -= k0
     n = theta.size
     last = n - 4
     # Tatebatake 2017 has +S(du), +S|du| and -A0|du| where Fujii 2018 has the opposite
@@ -149,7 +153,7 @@ def update_many(
         y1, y2, y3, u1, k0 = value, y1, y2, voltage, k0 + 1.0
         ee, ww = forgetting * ee + error * error, forgetting * ww + 1.0
         errors[k] = error / scale
-    kept = (k0, ee, ww, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3)
+    kept = (samples + k0, ee, ww, k0, y1, y2, y3, u1, h, su, sv, sb, sg, z1, z2, z3)
     for i in range(len(kept)):
         m[i] = kept[i]
 
@@ -177,7 +181,7 @@ def free_run(u: FloatArray, y: FloatArray, theta: FloatArray, c: FloatArray) -> 
         y3, y2, y1, u1 = y2, y1, value, u[k]
         y[k] = value
         if c[_HARMONIC] > 0.0:
-            phase = c[PHASE] + c[OMEGA] * k
+            phase = c[_PHASE] + c[_OMEGA] * k
             drive = theta[last + 2] * sin(phase) + theta[last + 3] * cos(phase)
             z = z1 + theta[last] * z2 + theta[last + 1] * z3 + drive
             if c[_VARIANT] == 0.0:
@@ -189,11 +193,8 @@ def free_run(u: FloatArray, y: FloatArray, theta: FloatArray, c: FloatArray) -> 
             z3, z2, z1 = z2, z1, z
 
 
-VARIANTS = ('V0', 'V1', 'V2', 'basic')
-
-
 @dataclass(frozen=True)
-class RlsSettings:
+class RlsSettings(OnlineSettings):
     """Settings of the papers' RLS.
 
     Attributes
@@ -225,13 +226,13 @@ class RlsSettings:
     offset: bool = False
     harmonic: int = 0
     frequency: float = 0.0
-    forgetting: float = 1.0
     unit: str = 'mm'
-    dt: float = 1e-3
     p0: float = 1.0
     start: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require_positive('p0')
         if self.variant not in VARIANTS:
             raise IdentificationError(
                 f'variant {self.variant!r} is unknown{choices(self.variant, VARIANTS)}'
@@ -243,7 +244,6 @@ class RlsSettings:
                 f'{self.variant} (Tatebatake 2017) has no harmonic; choose V0 or V1 for it'
             )
         self.require_seen(self.frequency)
-        check_settings(self, 'dt', 'p0')
         if self.unit not in WORKING_UNITS:
             raise IdentificationError(
                 f'unit {self.unit!r} is unknown{choices(self.unit, WORKING_UNITS)}'
@@ -277,38 +277,29 @@ class OnlineRls(OnlineMethod):
         Variant, columns, unit and forgetting.
     """
 
-    def __init__(self, settings: RlsSettings | None = None) -> None:
-        settings = settings or RlsSettings()
-        self._scale = WORKING_UNITS[settings.unit]
-        self._columns = 7 + settings.offset + 4 * (settings.harmonic > 0)
-        super().__init__(settings)
+    Settings = RlsSettings
+    _kernel = staticmethod(update_many)
 
-    def reset(self) -> None:
-        """Reset to the initial values of the settings.
-
-        Raises
-        ------
-        IdentificationError
-            If an initial value is not finite or its parameter is unknown.
-        """
+    def _initial(self) -> RecursionState:
         s = self._settings
+        n = 7 + s.offset + 4 * (s.harmonic > 0)
         omega = 2 * pi * s.harmonic * s.frequency * s.dt
-        self._c = np.array(
-            [s.forgetting, VARIANTS.index(s.variant), s.offset, s.harmonic, omega, 0.0],
-            dtype=float,
+        variant, scale = VARIANTS.index(s.variant), WORKING_UNITS[s.unit]
+        return RecursionState(
+            theta=self._start(n),
+            covariance=s.p0 * np.eye(n),
+            rows=np.zeros((2, n)),
+            memory=np.zeros(_MEMORY),
+            constants=np.array(
+                [s.forgetting, variant, s.offset, s.harmonic, omega, 0.0, scale], dtype=float
+            ),
         )
-        self._theta = np.zeros(self._columns)
-        self._theta[[2, 3, 5, 6]] = 0.01, 0.005, 0.001, 0.001
-        self._place_start()
-        self._p = s.p0 * np.eye(self._columns)
-        self._x, self._g = np.zeros(self._columns), np.zeros(self._columns)
-        self._m = np.zeros(MEMORY)
-        self._before = 0
 
-    def _place_start(self) -> None:
-        names, _, factors, order = self._layout()
-        known = {n: (place, f) for n, place, f in zip(names, order, factors, strict=True)}
-        known.pop('offset', None)  # no offset before the autoregression is known
+    def _start(self, n: int) -> FloatArray:
+        theta = np.zeros(n)
+        theta[[2, 3, 5, 6]] = 0.01, 0.005, 0.001, 0.001
+        # no offset before the autoregression is known
+        known = {name: (place, f) for name, _, f, place in self._layout() if name != 'offset'}
         for name, value in self._settings.start.items():
             if name not in known or not isfinite(value):
                 raise IdentificationError(
@@ -316,7 +307,8 @@ class OnlineRls(OnlineMethod):
                     f'{", ".join(known)}'
                 )
             place, to_metres = known[name]
-            self._theta[place] = value / to_metres
+            theta[place] = value / to_metres
+        return theta
 
     def drive_at(self, frequency: float, start: float = 0.0) -> None:
         """Set another drive, from rest; no effect without a harmonic.
@@ -337,68 +329,55 @@ class OnlineRls(OnlineMethod):
         if s.harmonic:
             s.require_seen(frequency)
             self._settings = replace(s, frequency=frequency)
-            self._c[OMEGA] = 2 * pi * s.harmonic * frequency * s.dt
-            self._c[PHASE] = 2 * pi * s.harmonic * (frequency * start % 1.0)
+            constants = self._state.constants
+            constants[_OMEGA] = 2 * pi * s.harmonic * frequency * s.dt
+            constants[_PHASE] = 2 * pi * s.harmonic * (frequency * start % 1.0)
 
     def rest(self) -> None:
         """Start a new record from rest and keep the estimate."""
-        self._before += int(self._m[SAMPLES])
-        self._m[SAMPLES] = 0.0
-        self._m[WEIGHT_SUM + 1 :] = 0.0
-
-    def _take(self, voltage: FloatArray, displacement: FloatArray, errors: FloatArray) -> None:
-        update_many(
-            voltage, displacement, errors, self._scale, self._theta, self._p, self._x, self._g,
-            self._m, self._c,
-        )  # fmt: skip
+        self._state.memory[WEIGHT_SUM + 1 :] = 0.0
 
     def free_run(self, voltage: FloatArray) -> FloatArray:
         """Simulate the estimate from rest for `voltage` [V]; return the displacement [m]."""
         u = np.ascontiguousarray(voltage, dtype=np.float64)
         y = np.empty_like(u)
-        free_run(u, y, self._theta, self._c)
-        y /= self._scale
+        free_run(u, y, self._state.theta, self._state.constants)
+        y /= WORKING_UNITS[self._settings.unit]
         return y
 
     def estimate(self) -> Estimate:
         """Return the current estimate of the parameters in SI units."""
-        found = self._estimate(self._layout(), self._theta, self._p, self._sigma / self._scale)
+        rms = self._sigma / WORKING_UNITS[self._settings.unit]
+        found = self._estimate(self._layout(), self._state.theta, self._state.covariance, rms)
         # P0 along A1 + A is not a deviation: that sum keeps its initial value, see the notes.
         found.standard_deviations[[found.names.index('A1'), found.names.index('A')]] = np.inf
         if self._settings.offset:
             self._place_offset(found.values, found.standard_deviations)
-        samples, notes = self._before + found.samples, self._notes()
-        return replace(found, samples=samples, notes=notes, model=self._model_name())
+        return replace(found, notes=self._notes(), model=self._model_name())
 
     def model(self) -> Model | None:
         """Return the named model of the estimate, None for V0 with a harmonic."""
         return named(self._model_name()) if self._model_name() else None
 
     def _layout(self) -> Layout:
-        s = self._settings
+        s, metre = self._settings, 1 / WORKING_UNITS[self._settings.unit]
         lags = ('a1', 'a2') if s.variant == 'V0' else ('c1', 'c2')
-        names = ['A1', 'A', 'A0', 'beta', 'gamma', *lags]
-        units = ['m/V', 'm/V', 'm/V', '1/V', '1/V', '1', '1']
-        metre = 1 / self._scale
         # Tatebatake 2017 writes -A0|du| where Fujii 2018 has +A0|du|.
-        factors = [metre, metre, -metre if s.variant == 'V2' else metre, 1.0, 1.0, 1.0, 1.0]
-        order = [2, 3, 4, 5, 6, 0, 1]
+        by_travel = -metre if s.variant == 'V2' else metre
+        rows = [('A1', 'm/V', metre, 2), ('A', 'm/V', metre, 3), ('A0', 'm/V', by_travel, 4)]
+        rows += [('beta', '1/V', 1.0, 5), ('gamma', '1/V', 1.0, 6)]
+        rows += [(name, '1', 1.0, place) for place, name in enumerate(lags)]
         if s.variant == 'basic':
-            names, units = ['A1', 'A', 'beta', 'gamma'], ['m/V', 'm/V', '1/V', '1/V']
-            factors, order = [metre, metre, 1.0, 1.0], [2, 3, 5, 6]
+            rows = [row for row in rows if row[0] not in ('A0', *lags)]
         if s.offset:
-            names, units, factors, order = (
-                [*names, 'offset'],
-                [*units, 'm'],
-                [*factors, metre],
-                [*order, 7],
-            )
+            rows.append(('offset', 'm', metre, 7))
         if s.harmonic:
-            names += ('c5', 'c6', 'al3', 'al4') if s.harmonic == 5 else ('c3', 'c4', 'al1', 'al2')
-            units += ['1', '1', 'm', 'm']
-            factors += [1.0, 1.0, metre, metre]
-            order += range(self._columns - 4, self._columns)
-        return names, units, factors, order
+            last = 7 + s.offset
+            lags = ('c5', 'c6') if s.harmonic == 5 else ('c3', 'c4')
+            drive = ('al3', 'al4') if s.harmonic == 5 else ('al1', 'al2')
+            rows += [(name, '1', 1.0, last + k) for k, name in enumerate(lags)]
+            rows += [(name, 'm', metre, last + 2 + k) for k, name in enumerate(drive)]
+        return rows
 
     def _place_offset(self, values: FloatArray, spread: FloatArray) -> None:
         """Convert the constant column to the output offset of the named model."""

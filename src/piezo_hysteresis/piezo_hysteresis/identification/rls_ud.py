@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import isfinite, nan, pi
+from typing import ClassVar
 
 import numpy as np
 
@@ -27,17 +28,22 @@ from piezo_hysteresis.identification.recursion import (
     Estimate,
     Layout,
     OnlineMethod,
-    check_settings,
+    OnlineSettings,
+    RecursionState,
 )
 from piezo_hysteresis.jit import inline_jit, jit
 from piezo_hysteresis.kernels.forward import jacobian
 from piezo_hysteresis.models import Model, named
 from piezo_hysteresis.models.named import BANK
 
-# Indices in the memory and in the settings, after those of `OnlineMethod`.
+# Indices in the memory and in the constants, after those that all kernels share.
 LAST, H, H_BETA, H_GAMMA, H_MAX, TRAVEL, ACTIVITY, PROJECTED, PLAYS = range(3, 12)
-KIND, WITH_MODE, A11, A12, A21, A22, QUIET, SMOOTH = range(1, 9)
+KIND, WITH_MODE, A11, A12, A21, A22, QUIET, SMOOTH, VOLTAGE, DISPLACEMENT = range(1, 11)
 BOUC_WEN, PLAY_BANK = 0.0, 1.0
+
+# Rows of the state: work space of the update and its gain, filtered columns, columns before the
+# mode, the diagonal d with its limit, state of the mode for each column.
+INNER, GAIN, FILTERED, COLUMNS, D, D_MAX, MODE_STATE, ROWS = 0, 1, 2, 3, 4, 5, 6, 8
 
 MARGIN = 0.05  # smallest slope of the model after a reversal, over its gain
 _BOX = 50.0  # bound of gain and shape in units of the ranges
@@ -50,21 +56,14 @@ _step = jacobian(exact_step)
 
 
 @inline_jit
-def bierman(
-    theta: FloatArray,
-    u: FloatArray,
-    d: FloatArray,
-    x: FloatArray,
-    w: FloatArray,
-    forgetting: float,
-) -> float:
-    """Update P = U diag(d) U' for the column x; leave the gain in w[1] and return its divisor.
+def bierman(u: FloatArray, rows: FloatArray, forgetting: float) -> float:
+    """Update P = U diag(d) U' for the filtered columns; return the divisor of the gain.
 
     The noise of one sample has variance one. Square roots and differences of P are avoided, so P
     stays positive definite whatever the rounding (Bierman 1977).
     """
+    f, b, x, d = rows[INNER], rows[GAIN], rows[FILTERED], rows[D]
     n = x.size
-    f, b = w[0], w[1]
     for i in range(n):
         total = x[i]
         for j in range(i):
@@ -119,10 +118,10 @@ def _through_mode(x: FloatArray, v: FloatArray, q: FloatArray, c: FloatArray) ->
             x[i] = v[i]
         return
     for i in range(v.size):
-        x[i] = q[i, 0]
-        moved = c[A11] * q[i, 0] + c[A12] * q[i, 1] + (1.0 - c[A11]) * v[i]
-        q[i, 1] = c[A21] * q[i, 0] + c[A22] * q[i, 1] - c[A21] * v[i]
-        q[i, 0] = moved
+        x[i] = q[0, i]
+        moved = c[A11] * q[0, i] + c[A12] * q[1, i] + (1.0 - c[A11]) * v[i]
+        q[1, i] = c[A21] * q[0, i] + c[A22] * q[1, i] - c[A21] * v[i]
+        q[0, i] = moved
 
 
 @inline_jit
@@ -145,10 +144,7 @@ def update(
     y: float,
     theta: FloatArray,
     factor: FloatArray,
-    d: FloatArray,
-    d_max: FloatArray,
-    w: FloatArray,
-    q: FloatArray,
+    rows: FloatArray,
     m: FloatArray,
     c: FloatArray,
 ) -> float:
@@ -156,13 +152,13 @@ def update(
     if not isfinite(u):
         u = m[LAST]
     n = theta.size
-    x, v = w[2], w[3][: n - 1]
+    x, v = rows[FILTERED], rows[COLUMNS, : n - 1]
     moved = abs(u - m[LAST])
     if c[KIND] == BOUC_WEN:
         _bouc_wen_columns(u, theta, m, v)
     else:
         _play_columns(u, m, v)
-    _through_mode(x, v, q, c)
+    _through_mode(x, v, rows[MODE_STATE:], c)
     x[n - 1] = 1.0
     m[LAST] = u
     m[SAMPLES] += 1.0
@@ -180,7 +176,7 @@ def update(
         return error  # an actuator at rest shows only its noise
     if c[KIND] == BOUC_WEN and m[TRAVEL] < _SETTLED:
         x[2] = x[3] = 0.0
-    _learn(error, theta, factor, d, d_max, w, m, c)
+    _learn(error, theta, factor, rows, m, c)
     return error
 
 
@@ -189,21 +185,18 @@ def _learn(
     error: float,
     theta: FloatArray,
     factor: FloatArray,
-    d: FloatArray,
-    d_max: FloatArray,
-    w: FloatArray,
+    rows: FloatArray,
     m: FloatArray,
     c: FloatArray,
 ) -> None:
-    n = theta.size
-    gain = w[1]
+    gain, d, d_max = rows[GAIN], rows[D], rows[D_MAX]
     # a loop is determined by a few cycles, so the memory is never shorter
     speed = min(m[ACTIVITY], 1.0)
     forgetting = max(c[FORGETTING], 1.0 - speed / _SHORTEST)
     if c[KIND] == BOUC_WEN:
         # samples before the shape has converged are discounted faster (Ljung)
         forgetting *= 1.0 - speed / (_FIRST + _GROWTH * m[TRAVEL])
-    divisor = bierman(theta, factor, d, w[2], w, forgetting)
+    divisor = bierman(factor, rows, forgetting)
     step = error / divisor
     if c[KIND] == BOUC_WEN:
         # the shape enters nonlinearly: the step is limited to the range of the linearisation
@@ -211,7 +204,7 @@ def _learn(
         for i in range(2, 4):
             if abs(gain[i] * step) > most:
                 step *= most / abs(gain[i] * step)
-    for i in range(n):
+    for i in range(theta.size):
         theta[i] += gain[i] * step
         d[i] = min(d[i] / forgetting, d_max[i])
     if c[KIND] == BOUC_WEN:
@@ -225,16 +218,14 @@ def update_many(
     errors: FloatArray,
     theta: FloatArray,
     factor: FloatArray,
-    d: FloatArray,
-    d_max: FloatArray,
-    w: FloatArray,
-    q: FloatArray,
+    rows: FloatArray,
     m: FloatArray,
     c: FloatArray,
 ) -> None:
-    """Update with samples in units of the ranges."""
+    """Update with samples in volts and metres."""
     for k in range(u.size):
-        errors[k] = update(u[k], y[k], theta, factor, d, d_max, w, q, m, c)
+        voltage, displacement = u[k] / c[VOLTAGE], y[k] / c[DISPLACEMENT]
+        errors[k] = update(voltage, displacement, theta, factor, rows, m, c) * c[DISPLACEMENT]
 
 
 _TRUST = 1e6  # initial variance of a parameter over that of the noise, in units of the ranges
@@ -242,19 +233,12 @@ _PLAY_TRUST = 1e2  # the same for the weight of a play: only the sum of similar 
 _WINDOW = 0.1  # time over which the motion of the voltage is measured [s]
 
 
-#: Parameters that each well-posed method estimates.
-KINDS = {'rls_ud': 'bouc_wen', 'pi_bank': 'play_bank'}
-
-
 @dataclass(frozen=True)
-class UdSettings:
+class UdSettings(OnlineSettings):
     """Settings of a well-posed recursion.
 
     Attributes
     ----------
-    kind : str
-        ``bouc_wen``: A1, A, beta, gamma and the offset (`rls_ud`). ``play_bank``: the weights of
-        ten plays and the offset (`pi_bank`); linear, with a unique solution.
     voltage_range : float
         Largest absolute voltage [V].
     displacement_range : float
@@ -270,20 +254,16 @@ class UdSettings:
         Sampling interval [s].
     """
 
-    kind: str = KINDS['rls_ud']
+    forgetting: float = 0.9999
     voltage_range: float = 1.0
     displacement_range: float = 1e-4
     natural_frequency: float = 0.0
     damping_ratio: float = 0.02
-    forgetting: float = 0.9999
     quiet: float = 1e-2
-    dt: float = 1e-3
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS.values():
-            known = ' or '.join(KINDS.values())
-            raise IdentificationError(f'kind {self.kind!r} is unknown; use {known}')
-        check_settings(self, 'voltage_range', 'displacement_range', 'dt', 'damping_ratio')
+        super().__post_init__()
+        self._require_positive('voltage_range', 'displacement_range', 'damping_ratio')
         if not 0.0 <= self.natural_frequency < 0.5 / self.dt:
             raise IdentificationError(
                 f'a mode of {self.natural_frequency:g} Hz cannot be seen at {1 / self.dt:g} '
@@ -292,7 +272,7 @@ class UdSettings:
 
 
 class OnlineUd(OnlineMethod):
-    """Recursive estimator of Bouc-Wen or play-bank parameters, bounded without excitation.
+    """Recursive estimator of A1, A, beta, gamma and the offset, bounded without excitation.
 
     The estimate is held while the actuator is at rest (excitation test), the covariance never
     exceeds its initial value, and every estimate is a model with a bounded, invertible hysteresis.
@@ -300,71 +280,41 @@ class OnlineUd(OnlineMethod):
     Parameters
     ----------
     settings : UdSettings
-        Kind, ranges, mode and forgetting.
+        Ranges, mode and forgetting.
     """
 
+    Settings = UdSettings
     predicts_freely = True
+    _kernel = staticmethod(update_many)
+    _kind: ClassVar[float] = BOUC_WEN
+    # a linear gain with a small hysteresis
+    _start: ClassVar[tuple[float, ...]] = (1.0, 0.3, 1.0, 0.0, 0.0)
+    _trust: ClassVar[tuple[float, ...]] = (_TRUST,) * 5
 
-    def __init__(self, settings: UdSettings | None = None) -> None:
-        super().__init__(settings or UdSettings())
-
-    def reset(self) -> None:
-        """Reset to a linear gain with a small hysteresis."""
-        s = self._settings
-        bank = s.kind == KINDS['pi_bank']
-        n = COUNT + 2 if bank else 5
+    def _initial(self) -> RecursionState:
+        s, n = self._settings, len(self._start)
         transition = (0.0,) * 4
         if s.natural_frequency > 0:
             transition = hold(2 * pi * s.natural_frequency, s.damping_ratio, s.dt)
-        smooth = min(s.dt / _WINDOW, 1.0)
-        self._c = np.array(
-            [
-                s.forgetting,
-                PLAY_BANK if bank else BOUC_WEN,
-                float(s.natural_frequency > 0),
-                *transition,
-                s.quiet * s.dt,
-                smooth,
-            ]
+        constants = (
+            s.forgetting, self._kind, float(s.natural_frequency > 0), *transition, s.quiet * s.dt,
+            min(s.dt / _WINDOW, 1.0), s.voltage_range, s.displacement_range,
+        )  # fmt: skip
+        rows = np.zeros((ROWS, n))
+        rows[D] = rows[D_MAX] = self._trust
+        return RecursionState(
+            np.array(self._start), np.eye(n), rows, np.zeros(PLAYS + COUNT), np.array(constants)
         )
-        self._theta = np.zeros(n)
-        if bank:
-            self._theta[0] = 1.0
-        else:
-            self._theta[:3] = 1.0, 0.3, 1.0
-        self._factor = np.eye(n)
-        self._d = np.full(n, _TRUST)
-        if bank:
-            self._d[1:-1] = _PLAY_TRUST
-        self._d_max = self._d.copy()
-        self._w = np.zeros((4, n))
-        self._q = np.zeros((n - 1, 2))
-        self._m = np.zeros(PLAYS + COUNT)
 
     def rest(self) -> None:
         """Start a new record from rest and keep the estimate."""
-        self._q[:] = 0.0
-        self._m[[LAST, H, H_BETA, H_GAMMA]] = 0.0
-        self._m[PLAYS:] = 0.0
-
-    def _take(self, voltage: FloatArray, displacement: FloatArray, errors: FloatArray) -> None:
-        s = self._settings
-        update_many(
-            voltage / s.voltage_range, displacement / s.displacement_range, errors, self._theta,
-            self._factor, self._d, self._d_max, self._w, self._q, self._m, self._c,
-        )  # fmt: skip
-        errors *= s.displacement_range
+        self._state.rows[MODE_STATE:] = 0.0
+        self._state.memory[[LAST, H, H_BETA, H_GAMMA]] = 0.0
+        self._state.memory[PLAYS:] = 0.0
 
     def model(self) -> Model:
         """Return the chain with the parameters of `estimate`."""
-        bank = self._settings.kind == KINDS['pi_bank']
-        if self._settings.natural_frequency == 0:
-            model = named(BANK if bank else 'classical')
-        elif bank:
-            model = named(BANK).with_block(MODE, f'{BANK}_mode')
-        else:
-            model = named('bouc_wen_mode')
-        return model.hold(pi_range=self._settings.voltage_range) if bank else model
+        return named('bouc_wen_mode' if self._settings.natural_frequency > 0 else 'classical')
 
     def free_run(self, voltage: FloatArray) -> FloatArray:
         """Simulate the estimate from rest for `voltage` [V]; return the displacement [m]."""
@@ -377,20 +327,13 @@ class OnlineUd(OnlineMethod):
 
     def estimate(self) -> Estimate:
         """Return the current estimate of the parameters in SI units."""
-        s = self._settings
-        bank = s.kind == KINDS['pi_bank']
-        theta = invertible_bank(self._theta) if bank else self._theta
-        covariance = (self._factor * self._d) @ self._factor.T
-        found = self._estimate(
-            self._layout(), theta, covariance, self._sigma * s.displacement_range
-        )
+        s, state = self._settings, self._state
+        covariance = (state.covariance * state.rows[D]) @ state.covariance.T
+        rms = self._sigma * s.displacement_range
+        found = self._estimate(self._layout(), self._usable(), covariance, rms)
         names, units, values = found.names, found.units, found.values
         spread, correlation = found.standard_deviations, found.correlation
-        if not bank and values[1] < 0:
-            # for a negative A, h decays with the opposite sign of gamma
-            values[3] = -values[3]
-            correlation[3], correlation[:, 3] = -correlation[3], -correlation[:, 3]
-            correlation[3, 3] = 1.0
+        self._orient(values, correlation)
         if s.natural_frequency > 0:
             names += ('natural_frequency', 'damping_ratio')
             units += ('Hz', '1')
@@ -407,37 +350,82 @@ class OnlineUd(OnlineMethod):
         return replace(
             found, names=names, units=units, values=np.array(clipped), standard_deviations=spread,
             correlation=correlation, notes=self._notes(),
-            model=chain.name if chain.name != 'prandtl_ishlinskii_mode' else '',
+            model=chain.name if chain.name != f'{BANK}_mode' else '',
         )  # fmt: skip
+
+    def _usable(self) -> FloatArray:
+        """Return the parameters of the nearest model that can be inverted."""
+        return self._state.theta
+
+    def _orient(self, values: FloatArray, correlation: FloatArray) -> None:
+        """For a negative A, h decays with the opposite sign of gamma."""
+        if values[1] < 0:
+            values[3] = -values[3]
+            correlation[3], correlation[:, 3] = -correlation[3], -correlation[:, 3]
+            correlation[3, 3] = 1.0
 
     def _layout(self) -> Layout:
         s = self._settings
-        gain, metre, count = (
-            s.displacement_range / s.voltage_range,
-            s.displacement_range,
-            COUNT + 1,
+        gain, shape = s.displacement_range / s.voltage_range, 1 / s.voltage_range
+        return (
+            ('A1', 'm/V', gain, 0),
+            ('A', 'm/V', gain, 1),
+            ('beta', '1/V', shape, 2),
+            ('gamma', '1/V', shape, 3),
+            ('offset', 'm', s.displacement_range, 4),
         )
-        if s.kind == KINDS['pi_bank']:
-            names = (*(f'w{j}' for j in range(count)), 'offset')
-            return names, ('m/V',) * count + ('m',), [gain] * count + [metre], range(count + 1)
-        shape = 1 / s.voltage_range
-        names, units = ('A1', 'A', 'beta', 'gamma', 'offset'), ('m/V', 'm/V', '1/V', '1/V', 'm')
-        return names, units, [gain, gain, shape, shape, metre], range(5)
 
     def _notes(self) -> tuple[str, ...]:
-        m, notes = self._m, []
-        if m[SAMPLES] and m[ACTIVITY] < self._c[QUIET]:
+        m, notes = self._state.memory, []
+        if m[SAMPLES] and m[ACTIVITY] < self._state.constants[QUIET]:
             notes.append('The voltage rests: the estimate is held.')
         if m[SAMPLES] and m[TRAVEL] < 4:
             notes.append('Less than one full cycle seen: the shape of the loop is not learnt yet.')
-        if self._settings.kind == KINDS['pi_bank']:
-            if np.any(invertible_bank(self._theta) != self._theta):
-                notes.append('Weights were changed to the nearest model that can be inverted.')
-        elif m[PROJECTED]:
-            notes.append(
-                f'{counted(int(m[PROJECTED]), "update", "was")} projected to an invertible model.'
-            )
-        return tuple(notes)
+        return (*notes, *self._changes())
+
+    def _changes(self) -> tuple[str, ...]:
+        count = int(self._state.memory[PROJECTED])
+        if not count:
+            return ()
+        return (f'{counted(count, "update", "was")} projected to an invertible model.',)
+
+
+class OnlineBank(OnlineUd):
+    """The same for the weights of ten plays and the offset: linear, with a unique solution.
+
+    Parameters
+    ----------
+    settings : UdSettings
+        Ranges, mode and forgetting.
+    """
+
+    _kind = PLAY_BANK
+    _start = (1.0, *(0.0,) * (COUNT + 1))
+    _trust = (_TRUST, *(_PLAY_TRUST,) * COUNT, _TRUST)
+
+    def model(self) -> Model:
+        """Return the chain with the parameters of `estimate`."""
+        model = named(BANK)
+        if self._settings.natural_frequency > 0:
+            model = model.with_block(MODE, f'{BANK}_mode')
+        return model.hold(pi_range=self._settings.voltage_range)
+
+    def _usable(self) -> FloatArray:
+        return invertible_bank(self._state.theta)
+
+    def _orient(self, values: FloatArray, correlation: FloatArray) -> None:
+        """Weights of either sign are what they are."""
+
+    def _layout(self) -> Layout:
+        metre = self._settings.displacement_range
+        gain = metre / self._settings.voltage_range
+        weights = ((f'w{j}', 'm/V', gain, j) for j in range(COUNT + 1))
+        return (*weights, ('offset', 'm', metre, COUNT + 1))
+
+    def _changes(self) -> tuple[str, ...]:
+        if np.array_equal(self._usable(), self._state.theta):
+            return ()
+        return ('Weights were changed to the nearest model that can be inverted.',)
 
 
 def invertible_bank(theta: FloatArray) -> FloatArray:

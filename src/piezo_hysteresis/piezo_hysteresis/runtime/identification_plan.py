@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,10 +15,9 @@ import numpy as np
 from piezo_hysteresis.common.stamps import SequenceFilter, StampValidator
 from piezo_hysteresis.errors import IdentificationError, PiezoError
 from piezo_hysteresis.identification.method_settings import pairs
-from piezo_hysteresis.identification.online import online, settled
+from piezo_hysteresis.identification.online import RECURSIONS, settled
 from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod
-from piezo_hysteresis.identification.rls import OnlineRls, RlsSettings
-from piezo_hysteresis.identification.rls_ud import KINDS, UdSettings
+from piezo_hysteresis.identification.rls import OnlineRls
 from piezo_hysteresis.models import ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
@@ -43,37 +42,28 @@ MOST_EDGES = 4096
 # Harmonic orders of the papers' RLS.
 _ORDERS = (3, 5)
 
-# Where the forgetting factor is left to the method.
-FORGETTING = {'rls': 1.0, 'rls_ud': 0.9999, 'pi_bank': 0.9999}
-
-_RLS = ('variant', 'offset', 'harmonic', 'frequency', 'unit', 'p0')
-_UD = ('voltage_range', 'displacement_range', 'natural_frequency', 'damping_ratio', 'quiet')
-SETTINGS = ('method', 'per_frequency', *_RLS, 'start', *_UD)
+# Parameters of the node that describe its method; the settings of the methods have their names.
+_OF_METHODS = {f.name for each in RECURSIONS.values() for f in fields(each.Settings)}
+SETTINGS = {'method', 'per_frequency', *_OF_METHODS} - {'forgetting', 'dt'}
 
 
 def forgetting_of(values: Mapping[str, Any]) -> float:
     """Return the forgetting factor in force; 0 leaves it to the method."""
-    return float(values['forgetting']) or FORGETTING[values['method']]
+    return float(values['forgetting']) or RECURSIONS[values['method']].Settings.forgetting
 
 
 def new_method(values: Mapping[str, Any]) -> OnlineMethod:
     """Return the method that the parameters of the node describe."""
-    method = values['method']
-    common: dict[str, Any] = {
-        'forgetting': forgetting_of(values),
-        'dt': 1.0 / float(values['rate']),
-    }
-    settings: RlsSettings | UdSettings
-    if method == 'rls':
-        start = pairs([assignment for assignment in values['start'] if assignment])
-        settings = RlsSettings(**{name: values[name] for name in _RLS}, start=start, **common)
-    else:
-        settings = UdSettings(kind=KINDS[method], **{name: values[name] for name in _UD}, **common)
-    recursion = online(method, settings)
-    if not 0.5 < settings.forgetting <= 1.0:
+    method, forgetting = RECURSIONS[values['method']], forgetting_of(values)
+    given = {f.name: values[f.name] for f in fields(method.Settings) if f.name in values}
+    given |= {'forgetting': forgetting, 'dt': 1.0 / float(values['rate'])}
+    if 'start' in given:
+        given['start'] = pairs([assignment for assignment in given['start'] if assignment])
+    recursion = method(method.Settings(**given))
+    if not 0.5 < forgetting <= 1.0:
         raise IdentificationError(
-            f'forgetting = {settings.forgetting:g} remembers nothing; stay above 0.5, or give 0 '
-            "for the method's own"
+            f'forgetting = {forgetting:g} remembers nothing; stay above 0.5, or give 0 for the '
+            "method's own"
         )
     return recursion
 
