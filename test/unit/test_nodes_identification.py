@@ -368,3 +368,16 @@ def test_an_actuator_at_rest_gives_no_converged_estimate() -> None:
             estimate = course.method.estimate()
             verdicts.append(course.settled(estimate, course.free_run_rms(estimate)))
     assert not any(verdicts)
+
+
+def test_forgetting_changes_for_every_drive() -> None:
+    values = {**DEFAULTS, 'method': 'rls_ud', 'voltage_range': 1.0}
+    course = RecordSegmenter(new_method(values), RATE, renew=lambda: new_method(values))
+    played_sweep(course)
+    course.set_forgetting(0.99)
+    start = 30_000
+    for k, drive_of in enumerate(DRIVES):
+        course.mark(SegmentEdge((start + k) * MS, 'again', *drive_of))
+        course.take(start + k, (start + k) * MS, 0.0, 0.0)
+        assert (course.drive.frequency, course.drive.amplitude) == drive_of
+        assert course.method.forgetting == 0.99

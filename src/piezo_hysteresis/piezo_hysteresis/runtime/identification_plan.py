@@ -311,9 +311,10 @@ class RecordSegmenter:
         self._passed.clear()
 
     def set_forgetting(self, forgetting: float) -> None:
-        """Continue with another forgetting factor."""
-        for method in self.drive.rows.values():
-            method.forgetting = forgetting
+        """Continue with another forgetting factor, that of every drive."""
+        for drive in self._state.drives.values():
+            for method in drive.rows.values():
+                method.forgetting = forgetting
         self._discard_past()
 
     def change(self, method: OnlineMethod) -> None:
