@@ -16,6 +16,7 @@ from piezo_hysteresis.identification.rls_ud import (
     UdSettings,
     bierman,
     invertible_bank,
+    update_many,
 )
 from piezo_hysteresis.models import named
 
@@ -123,6 +124,15 @@ def test_one_by_one_gives_the_same_bits_as_many(kind: type[OnlineUd]) -> None:
     one_by_one = [single.update(a, b) for a, b in zip(u.tolist(), y.tolist(), strict=True)]
     np.testing.assert_array_equal(errors, one_by_one)
     np.testing.assert_array_equal(many.estimate().values, single.estimate().values)
+
+
+def test_data_that_cannot_be_written_compile_nothing() -> None:
+    u = sine(10.0, 1.0)
+    expected = OnlineUd().update_many(u, 1e-4 * u)
+    known = len(getattr(update_many, 'signatures', ()))
+    u.flags.writeable = False
+    np.testing.assert_array_equal(OnlineUd().update_many(u, 1e-4 * u), expected)
+    assert len(getattr(update_many, 'signatures', ())) == known
 
 
 def test_every_estimate_can_be_inverted() -> None:

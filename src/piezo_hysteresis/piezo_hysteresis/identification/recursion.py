@@ -192,8 +192,8 @@ class OnlineMethod(ABC):
         IdentificationError
             If the two arrays differ in length.
         """
-        u = np.ascontiguousarray(voltage, dtype=np.float64)
-        y = np.ascontiguousarray(displacement, dtype=np.float64)
+        # a kernel is compiled anew for arrays that cannot be written
+        u, y = (np.require(each, np.float64, ['C', 'W']) for each in (voltage, displacement))
         if u.shape != y.shape or u.ndim != 1:
             raise IdentificationError(
                 f'voltage has shape {u.shape}, displacement {y.shape}; give two columns of one '
