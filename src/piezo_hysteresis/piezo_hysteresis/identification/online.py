@@ -115,10 +115,8 @@ def run_online(
         return error, replace(found, sampling_offset=late_s)
 
     best = trusted = run(0.0)
-    if method == 'rls':
-        # as printed: its autoregression absorbs the sampling offset
-        return trusted[1]
-    if not sampling_offset:
+    # the autoregression of rls absorbs the sampling offset: as printed
+    if method == 'rls' or not sampling_offset:
         return trusted[1]
     at = 0.0
     for step in _CLOCK_STEPS:
@@ -140,33 +138,19 @@ def run_on_clock(
     records: Sequence[Record],
     method: str,
     *,
-    start: Mapping[str, float] | None = None,
-    forgetting: float | None = None,
-    variant: str | None = None,
     offset: bool = True,
-    unit: str = 'mm',
-    p0: float = 1.0,
     progress: Progress | None = None,
+    **options: Any,
 ) -> OnlineRun:
     """Run a recursive method over records with a known sampling offset, see `run_online`."""
     if len({record.dt for record in records}) > 1:
         raise IdentificationError(
             f'{method} needs records of one sampling rate; resample them, or use output_error'
         )
-    remarks: tuple[str, ...] = ()
-    if method == 'rls':
-        _, usual = _BY_RLS.get(model.name, (0, (RlsSettings.variant,)))
-        settings = RlsSettings(
-            variant=variant or usual[0],
-            forgetting=forgetting or 1.0,
-            unit=unit,
-            dt=records[0].dt,
-            p0=p0,
-            start=start or {},
-        )
-        recursion = _papers(model, records, settings)
-    else:
-        recursion, remarks = _well_posed(model, records, method, start or {}, forgetting)
+    given = {name: value for name, value in options.items() if value is not None}
+    recursion, remarks = (_papers if method == 'rls' else _well_posed)(
+        model, records, method, given
+    )
     total = sum(len(record) for record in records)
     done, history = 0, []
     before = recursion.estimate()
@@ -230,12 +214,15 @@ def settled(before: Estimate, after: Estimate) -> bool:
     )
 
 
-def _papers(model: Model, records: Sequence[Record], settings: RlsSettings) -> OnlineMethod:
+def _papers(
+    model: Model, records: Sequence[Record], method: str, given: Mapping[str, Any]
+) -> tuple[OnlineMethod, tuple[str, ...]]:
+    harmonic, variants = _BY_RLS.get(model.name, (0, (RlsSettings.variant,)))
+    settings = RlsSettings(**{'variant': variants[0], **given, 'dt': records[0].dt})
     if model.name not in _BY_RLS:
         raise IdentificationError(
             f'rls identifies {", ".join(_BY_RLS)}, not {model.name}; use output_error'
         )
-    harmonic, variants = _BY_RLS[model.name]
     if settings.variant not in variants:
         fitting = ', '.join(name for name, row in _BY_RLS.items() if settings.variant in row[1])
         raise IdentificationError(
@@ -249,15 +236,11 @@ def _papers(model: Model, records: Sequence[Record], settings: RlsSettings) -> O
                 f'{model.name} takes a harmonic; give --frequency, or frequency in records.yaml'
             )
     first = records[0].info.frequency
-    return OnlineRls(replace(settings, harmonic=harmonic, frequency=first))
+    return online(method, replace(settings, harmonic=harmonic, frequency=first)), ()
 
 
 def _well_posed(
-    model: Model,
-    records: Sequence[Record],
-    method: str,
-    start: Mapping[str, float],
-    forgetting: float | None,
+    model: Model, records: Sequence[Record], method: str, given: Mapping[str, Any]
 ) -> tuple[OnlineMethod, tuple[str, ...]]:
     blocks = tuple(block.name for block in model.blocks)
     if blocks not in ONLINE[method]:
@@ -268,7 +251,7 @@ def _well_posed(
     remarks: tuple[str, ...] = ()
     frequency, damping = 0.0, 0.02
     if 'natural_frequency' in model.parameter_names:
-        frozen = _with_mode(records, start)
+        frozen = _with_mode(records, given.get('start', {}))
         frequency, damping = frozen['natural_frequency'], frozen.get('damping_ratio', 0.02)
         remarks = (f'the mode is frozen at {frequency:.4g} Hz, damping ratio {damping:.3g}.',)
     settings = UdSettings(
@@ -276,7 +259,7 @@ def _well_posed(
         displacement_range=max(float(np.ptp(r.displacement)) for r in records) / 2,
         natural_frequency=frequency,
         damping_ratio=damping,
-        forgetting=forgetting or UdSettings.forgetting,
+        forgetting=given.get('forgetting', UdSettings.forgetting),
         dt=records[0].dt,
     )
     return online(method, settings), remarks
