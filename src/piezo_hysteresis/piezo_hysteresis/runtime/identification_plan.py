@@ -96,7 +96,6 @@ class DriveEstimate:
         self.low, self.high = math.inf, -math.inf  # [m]
         self.order = 0  # its harmonic order, see `odd_oscillation`
         self.before: Estimate | None = None  # the last published estimate
-        self.converged = False  # whether that was stationary and usable
 
     @property
     def method(self) -> OnlineMethod:
@@ -138,7 +137,6 @@ class SegmenterState:
 class ReceivedSample(NamedTuple):
     """A sample of an actuator as received."""
 
-    number: int
     nanoseconds: int
     voltage: float  # [V]
     displacement: float  # [m]
@@ -218,9 +216,8 @@ class RecordSegmenter:
             self.stamps.begin()
         if not self.intake.take(sample):
             return False
-        came = ReceivedSample(
-            sample, self.stamps.true_time(sample, nanoseconds), voltage, displacement
-        )
+        time = self.stamps.true_time(sample, nanoseconds)
+        came = ReceivedSample(time, voltage, displacement)
         if sample < known or came.nanoseconds < self._newest:
             self._discard_past()
         return self._feed(came, restarts=sample < known)
@@ -242,7 +239,7 @@ class RecordSegmenter:
 
     def _feed(self, sample: ReceivedSample, restarts: bool = False) -> bool:
         self._remember(sample)
-        _, nanoseconds, voltage, displacement = sample
+        nanoseconds, voltage, displacement = sample
         if restarts and not self._edge_due(nanoseconds):
             self._rest()
         while self._edges and self._edges[0].nanoseconds <= nanoseconds:
@@ -342,13 +339,12 @@ class RecordSegmenter:
             self._useless = not free_run <= _EXPLAINED * motion
         self._note_order()
         before, drive.before = drive.before, estimate
-        drive.converged = (
+        return (
             before is not None
             and before.names == estimate.names
             and settled(before, estimate)
             and not self._useless
         )
-        return drive.converged
 
     def _note_order(self) -> None:
         """Take the harmonic order of the drive from the record so far, once it has a period."""
