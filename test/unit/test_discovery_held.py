@@ -226,6 +226,9 @@ def test_what_takes_no_time_is_a_gain() -> None:
     assert has_zero_time_constant(fit(1e-4), DT)
     assert has_zero_time_constant(fit(DT), DT)
     assert not has_zero_time_constant(fit(10 * DT), DT)
+    # the time constant of a baseline whose parameters moved is none of an added effect
+    moved = (Added(PARAMETER_SHIFT.name, PARAMETER_SHIFT.variant, names),)
+    assert not has_zero_time_constant(replace(fit(DT), added=moved), DT)
 
 
 def test_what_a_model_always_missed_is_no_evidence() -> None:

@@ -295,8 +295,9 @@ def has_zero_time_constant(fit: CandidateFit, dt: float) -> bool:
     """Return whether a time constant of the last added effect was fitted as practically zero.
 
     Creep without a time constant is a gain; it would be mistaken for one if the gain is fixed.
+    Time constants of the baseline, which a change of its parameters shares, are none of these.
     """
-    own = set(fit.added[-1].names.values()) if fit.added else set()
+    own = set(fit.added[-1].names.values()).difference(fit.shifted) if fit.added else set()
     return any(
         q.unit == 's' and q.low > 0.0 and fit.values[q.name] <= _SHORT * max(q.low, dt)
         for q in fit.model.parameters

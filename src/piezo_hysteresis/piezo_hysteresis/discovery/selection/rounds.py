@@ -253,15 +253,27 @@ def round_of(
     winner = next(
         (fit for fit in sufficient if evaluator.is_significant(before, fit, tried)), None
     )
-    alternatives = sufficient or list(finalists)
-    first = alternatives[0] if winner is None else winner
-    order = (first, *(fit for fit in alternatives if fit is not first))
-    others = tuple(
-        fit for fit in finalists if all(fit is not alternative for alternative in alternatives)
-    )
-    shares = (*evaluator.shares(before, order), *(0.0 for _ in others))
+    first = winner or (sufficient or finalists)[0]
+    order, shares = with_shares(evaluator, before, first, finalists, start)
     gain = evaluator.improvement(before, first, tried)
-    return SelectionRound(before, (*order, *others), shares, gain, tried, winner is not None)
+    return SelectionRound(before, order, shares, gain, tried, winner is not None)
+
+
+def with_shares(
+    evaluator: Evaluator,
+    before: CandidateFit,
+    first: CandidateFit,
+    finalists: Sequence[CandidateFit],
+    start: CandidateFit,
+) -> tuple[tuple[CandidateFit, ...], tuple[float, ...]]:
+    """Return the finalists with `first` in the lead, and their shares: 0 of those too small."""
+    rest = [fit for fit in finalists if fit is not first]
+    enough = [evaluator.explains_enough(before, fit, start) for fit in rest]
+    if not any(enough) and not evaluator.explains_enough(before, first, start):
+        enough = [True] * len(rest)  # none is large enough: they compete nevertheless
+    order = (first, *(fit for fit, large in zip(rest, enough, strict=True) if large))
+    others = [fit for fit, large in zip(rest, enough, strict=True) if not large]
+    return (*order, *others), (*evaluator.shares(before, order), *(0.0 for _ in others))
 
 
 def ranked(evaluator: Evaluator, fits: Sequence[CandidateFit]) -> list[CandidateFit]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, evaluated_on
@@ -13,7 +12,13 @@ from piezo_hysteresis.discovery.selection.elimination import (
     without_unfinished,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator, UnexplainedResidual
-from piezo_hysteresis.discovery.selection.rounds import Progress, SelectionRound, ranked, select
+from piezo_hysteresis.discovery.selection.rounds import (
+    Progress,
+    SelectionRound,
+    ranked,
+    select,
+    with_shares,
+)
 
 
 def led_by_best_start(
@@ -47,26 +52,11 @@ def led_by_best_start(
             chosen, first = other, again
     if all(fit is before for fit, before in zip(fits, round_.finalists, strict=True)):
         return evaluator, round_
-    return chosen, _led(chosen, round_, first, fits, accepted=chosen is not evaluator)
-
-
-def _led(
-    chosen: Evaluator,
-    round_: SelectionRound,
-    first: CandidateFit,
-    fits: Sequence[CandidateFit],
-    *,
-    accepted: bool,
-) -> SelectionRound:
-    """Return the round with `first` in the lead of the finalists, each with its own starts."""
-    order = (first, *ranked(chosen, [fit for fit in fits if fit is not first]))
-    return replace(
-        round_,
-        accepted=round_.accepted or accepted,
-        finalists=order,
-        shares=chosen.shares(round_.before, order),
-        gain=chosen.improvement(round_.before, first, round_.tried),
-    )
+    rest = ranked(chosen, [fit for fit in fits if fit is not first])
+    order, shares = with_shares(chosen, round_.before, first, [first, *rest], start)
+    gain = chosen.improvement(round_.before, first, round_.tried)
+    accepted = round_.accepted or chosen is not evaluator
+    return chosen, replace(round_, accepted=accepted, finalists=order, shares=shares, gain=gain)
 
 
 @dataclass(frozen=True)
