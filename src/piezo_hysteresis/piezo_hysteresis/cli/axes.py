@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from piezo_hysteresis.cli.shared_options import statements_of
+from piezo_hysteresis.cli.shared_options import add_options, statements_of
 from piezo_hysteresis.cli.verbosity import progress_bar
 
 if TYPE_CHECKING:
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ['add_axes_options', 'axes_records_of', 'read_axes', 'states_axes']
 
-_PATTERN = 'columns, arrays or files of the {}s of all axes by pattern'
-
 
 def add_axes_options(parser: argparse.ArgumentParser, *, patterns: bool = True) -> None:
     """Add ``--axes``, ``--fs``, ``--periodic`` and, unless it has them, the `patterns`.
@@ -25,17 +23,20 @@ def add_axes_options(parser: argparse.ArgumentParser, *, patterns: bool = True) 
     The parser has those of `shared_options.add_statements` as well.
     """
     group = parser.add_argument_group('records of several axes')
-    add: Any = group.add_argument
-    add('--axes', type=int, metavar='N', help='number of voltages that the records must have')
-    if patterns:
-        for what, example in (('voltage', "'u*:V'"), ('displacement', "'y*:um'")):
-            add(f'--{what}', metavar='PATTERN[:UNIT]',
-                help=f'{_PATTERN.format(what)}, as {example}')  # fmt: skip
-    add('--fs', type=float, metavar='HZ', help='sampling rate of data without a time')
-    add(
+    add_options(group, """
+        --axes N  number of voltages that the records must have
+        --fs HZ  sampling rate of data without a time
+    """)  # fmt: skip
+    group.add_argument(
         '--periodic', nargs='?', type=int, const=1, metavar='N',
         help='the records are N whole periods of a steady state (default one)',
     )  # fmt: skip
+    if patterns:
+        for what, example in (('voltage', "'u*:V'"), ('displacement', "'y*:um'")):
+            add_options(group, f"""
+                --{what} PATTERN[:UNIT]  columns, arrays or files of the {what}s of all axes by
+                    pattern, as {example}
+            """)  # fmt: skip
 
 
 def states_axes(arguments: argparse.Namespace) -> bool:
@@ -86,10 +87,8 @@ def identify_several(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.axes.modal_search import identify_axes
     from piezo_hysteresis.process_setup import number_of_workers
     from piezo_hysteresis.reporting.axes_report import mode_rows, write_axes_identification
-    from piezo_hysteresis.reporting.folder import check_folder
 
     records = axes_records_of(arguments)
-    check_folder(arguments.out, 'identify')
     with progress_bar('modes of all axes') as progress:
         found = identify_axes(
             records,
@@ -112,9 +111,7 @@ def validate_several(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.axes import modal_file
     from piezo_hysteresis.axes.modal_search import levels_of, rms_error
     from piezo_hysteresis.reporting.axes_report import write_axes_validation
-    from piezo_hysteresis.reporting.folder import check_folder
 
-    check_folder(arguments.out, 'validate')
     model = modal_file.load(arguments.model)
     records = axes_records_of(arguments)
     rows = []
@@ -138,13 +135,11 @@ def discover_several(arguments: argparse.Namespace) -> int:
     from piezo_hysteresis.errors import IdentificationError
     from piezo_hysteresis.process_setup import number_of_workers
     from piezo_hysteresis.reporting.axes_report import write_axes_discovery
-    from piezo_hysteresis.reporting.folder import check_folder
 
     unused = [each for each in ('reference', 'repeats', 'policy') if getattr(arguments, each)]
     if unused:
         raise IdentificationError(f'--{unused[0]} is of one axis; leave it out')
     records = axes_records_of(arguments)
-    check_folder(arguments.out, 'discover')
     with progress_bar(f'discover, baseline {arguments.baseline}') as progress:
         found = discover_axes(
             records,

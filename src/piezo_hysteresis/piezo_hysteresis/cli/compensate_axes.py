@@ -15,7 +15,6 @@ from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.study import require_sampled, waveform_of
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.interface.axes_runs import axes_plant, orders_of, tick_by_tick
-from piezo_hysteresis.reporting.folder import check_folder
 from piezo_hysteresis.waveforms.waveform import Samples
 
 # Ratio of a level to that of the identification from which its model extrapolates.
@@ -28,7 +27,6 @@ def compensate_several(arguments: argparse.Namespace) -> int:
     """Follow references of several axes on a plant, and write the voltages."""
     from piezo_hysteresis.reporting.axes_report import tracking_rows, write_axes_tracking
 
-    check_folder(arguments.out, 'compensate')
     model = modal_file.load(arguments.model)
     _require_numbers(arguments)
     texts, samples = references_of(arguments.reference, model.layout.outputs, model.dt)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.shared_options import add_out
+from piezo_hysteresis.cli.shared_options import add_options, add_out
 from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import IdentificationError
 
@@ -30,12 +30,7 @@ EXAMPLE = 'demo --data my_record.csv --out out/mine'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    parser.add_argument(
-        '--data',
-        nargs='+',
-        metavar='DATA',
-        help='your own bags or CSV files, instead of the simulation',
-    )
+    add_options(parser, '--data DATA...  your own bags or CSV files, instead of the simulation')
     add_out(parser, 'out/demo')
 
 
@@ -87,10 +82,9 @@ def identify_own(data: Sequence[str], out: Path) -> None:
     from piezo_hysteresis.process_setup import number_of_workers
     from piezo_hysteresis.records import load
     from piezo_hysteresis.reporting.demo_report import write_data_report
-    from piezo_hysteresis.reporting.folder import check_folder, replacing
+    from piezo_hysteresis.reporting.folder import replacing
 
     started = time.perf_counter()
-    check_folder(out, 'demo')
     records = load(data)
     if len({record.rate for record in records}) > 1:
         raise IdentificationError('the records have different rates; give those of one rate')

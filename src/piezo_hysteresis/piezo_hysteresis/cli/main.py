@@ -114,17 +114,16 @@ def _run(given: list[str]) -> int:
 
 
 def _prepared(arguments: argparse.Namespace, verb: str) -> str:
-    """Return a description of earlier results in the folder.
-
-    ``--overwrite`` assigns it to `verb`.
-    """
+    """Require a folder for the results; return a description of the earlier ones in it."""
     if not hasattr(arguments, 'overwrite'):
         return ''
-    from piezo_hysteresis.reporting.folder import marker_of, overwrite
+    from piezo_hysteresis.reporting.folder import check_folder, marker_of, overwrite
 
     earlier = marker_of(arguments.out)
+    owner = f'batch {arguments.each}' if verb == 'batch' else verb
     if arguments.overwrite:
-        overwrite(arguments.out, f'batch {arguments.each}' if verb == 'batch' else verb)
+        overwrite(arguments.out, owner)
+    check_folder(arguments.out, owner)
     if earlier is None or verb == 'batch':
         return ''
     return f'the results of an earlier {earlier.verb}'
