@@ -102,7 +102,7 @@ def test_letters_name_axes_too_and_a_frame_is_read_like_a_file() -> None:
 def test_a_large_text_file_is_read_the_fast_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('piezo_hysteresis.records.csv_columns.LARGE', 100)
+    monkeypatch.setattr('piezo_hysteresis.records.text_tables.LARGE', 100)
     (record,) = load_axes(write(tmp_path / 'a.csv', table()))
     holds(record, 3, 3)
 

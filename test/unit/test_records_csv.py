@@ -14,10 +14,10 @@ from piezo_hysteresis.errors import DataNote, RecordError
 from piezo_hysteresis.records import (
     Record,
     RecordInfo,
-    csv_columns,
     load,
     read_csv,
     survey,
+    text_tables,
     write_csv,
 )
 from piezo_hysteresis.records.columns import ReadOptions
@@ -192,7 +192,7 @@ def test_a_large_file_is_read_to_the_same_bits(
     record = Record('r', 1e-3, random.standard_normal(5000), 1e-4 * random.standard_normal(5000))
     write_csv(tmp_path / 'r.csv', record)
     by_lines = read_csv(tmp_path / 'r.csv')
-    monkeypatch.setattr(csv_columns, 'LARGE', 0)
+    monkeypatch.setattr(text_tables, 'LARGE', 0)
     at_once = read_csv(tmp_path / 'r.csv')
     for name in ('voltage', 'displacement'):
         assert getattr(at_once, name).tobytes() == getattr(by_lines, name).tobytes()
@@ -216,7 +216,7 @@ def test_special_cases_in_a_large_file_are_handled_as_in_a_small_one(
         return read.voltage.tobytes(), read.displacement.tobytes()
 
     small = answer()
-    monkeypatch.setattr(csv_columns, 'LARGE', 0)
+    monkeypatch.setattr(text_tables, 'LARGE', 0)
     assert answer() == small
 
 

@@ -1,7 +1,8 @@
-"""Records as named columns, and metadata in ``records.yaml`` next to a file."""
+"""Records as named columns and as CSV, and metadata in ``records.yaml`` next to a file."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -45,6 +46,37 @@ def new_file(path: Path) -> Iterator[Path]:
             yield temporary
     except OSError as error:
         raise RecordError(f'{path}: it cannot be written ({reason_of(error)})') from None
+
+
+def write_csv(path: str | Path, record: Record, *, unit: str = 'um') -> None:
+    """Write one record with the columns ``time_s, voltage_V, displacement_um``.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to create.
+    record : Record
+        Record to write, with ``force_N`` if its input is a force, and the reference if it has one.
+    unit : str
+        Unit of the displacement: m, mm, um or nm.  In ``m`` every number is exact.
+
+    Raises
+    ------
+    RecordError
+        If the file exists or cannot be written; no partial file remains.
+    """
+    with new_file(Path(path)) as temporary:
+        temporary.write_text(csv_text(record, unit=unit), 'utf-8')
+
+
+def csv_text(record: Record, *, unit: str = 'um') -> str:
+    """Return the content of the file that `write_csv` writes."""
+    columns = columns_of(record, unit)
+    text = io.StringIO()
+    text.write(','.join(columns) + '\n')
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    text.writelines(f'{time:.12g},' + ','.join(map(repr, values)) + '\n' for time, *values in rows)
+    return text.getvalue()
 
 
 def about(path: Path) -> tuple[RecordInfo, str, float]:

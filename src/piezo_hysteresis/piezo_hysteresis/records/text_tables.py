@@ -12,11 +12,12 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records import csv_columns
 from piezo_hysteresis.records.columns import Meaning, ReadOptions, stamped, used_columns
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.dialects import TextLayout, dialect_of, plain
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable
+from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.table_reader import file_records
 from piezo_hysteresis.records.text_cells import (
     decimal_mark,
     is_number,
@@ -26,13 +27,39 @@ from piezo_hysteresis.records.text_cells import (
     split,
 )
 
+#: Size from which it is worth importing pyarrow [byte].
+LARGE = 4_000_000
 # Characters of a large file that are searched for the column names.
 _HEAD = 100_000
 
 
+def read_csv(path: str | Path, *, salvage: bool = False) -> Record:
+    """Read one CSV file with the columns ``time_s, voltage_V, displacement_um``.
+
+    Lengths may be in m, mm, um or nm, times in s, ms, us or ns; ``force_N`` may replace the
+    voltage, ``reference_um`` may be added, further columns are ignored. Metadata from
+    ``records.yaml`` next to the file (as `export` writes it) are used.
+
+    Parameters
+    ----------
+    path : str or Path
+        File with one line of column names.
+    salvage : bool
+        Return the longest intact part of a damaged file.
+
+    Raises
+    ------
+    RecordError
+        If the file is unusable.
+    """
+    log = DamageLog(salvage)
+    path, options = Path(path), ReadOptions()
+    return max(file_records(path, text_tables(path, log, options), log, options), key=len)
+
+
 def text_tables(path: Path, log: DamageLog, options: ReadOptions) -> list[ColumnTable]:
     """Return the tables of a text file."""
-    large = path.stat().st_size > csv_columns.LARGE
+    large = path.stat().st_size > LARGE
     lines = _lines(path, log, most=_HEAD if large else -1)
     layouts = _layouts(lines, path, options)
     if large and len(layouts) == 1 and _is_simple(layouts[0], lines):
@@ -100,7 +127,7 @@ def _at_once(path: Path, layout: TextLayout, options: ReadOptions) -> ColumnTabl
         places = used_columns(layout.names, path, options, layout.known, timed)
     except RecordError:
         return None
-    values = csv_columns.columns(path, layout.first - 1, layout.separator, places)
+    values = _by_pyarrow(path, layout.first - 1, layout.separator, places)
     if values is None:
         return None
     taken = dict(zip(places, values.T, strict=True))
@@ -110,6 +137,38 @@ def _at_once(path: Path, layout: TextLayout, options: ReadOptions) -> ColumnTabl
         for k, name in enumerate(layout.names)
     ]
     return _table(layout, columns)
+
+
+def _by_pyarrow(path: Path, head: int, delimiter: str, places: Sequence[int]) -> FloatArray | None:
+    """Return the numbers of some columns, shape (n, places); None if they are not all plain.
+
+    It reads in pieces and on all cores. 3 million rows of three columns: 0.9 s of processor time
+    and 550 MB at the most, against 2.2 s and 850 MB by NumPy on lines of text, to the same bits.
+    Files with comments or damage are left to the reader that reports the wrong line.
+    """
+    try:
+        import pyarrow
+        from pyarrow import csv
+    except ImportError:
+        return None
+    names = [f'f{place}' for place in places]
+    try:
+        table = csv.read_csv(
+            path,
+            csv.ReadOptions(skip_rows=head + 1, autogenerate_column_names=True),
+            csv.ParseOptions(delimiter=delimiter, quote_char=False),
+            csv.ConvertOptions(
+                column_types=dict.fromkeys(names, pyarrow.float64()),
+                include_columns=names,
+                null_values=[],
+            ),
+        )
+    except (pyarrow.ArrowInvalid, pyarrow.ArrowKeyError):
+        return None
+    found = np.empty((table.num_rows, len(names)))
+    for k, name in enumerate(names):
+        found[:, k] = table.column(name).to_numpy()
+    return found
 
 
 def _table(

@@ -13,8 +13,8 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
 from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks
 from piezo_hysteresis.models.modelfile import ModelFile
-from piezo_hysteresis.records.csv_files import csv_text
 from piezo_hysteresis.records.record import Record
+from piezo_hysteresis.records.tabular import csv_text
 from piezo_hysteresis.reporting.display_units import micrometres
 from piezo_hysteresis.reporting.folder import write_folder
 from piezo_hysteresis.reporting.page import PageSection, Plot, Table, render, table

@@ -1,8 +1,8 @@
-"""HDF5: one table for each group with vectors; MATLAB 7.3 is HDF5, too."""
+"""HDF5, and MATLAB: version 7.3 is HDF5, version 5 is read by SciPy."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,8 @@ from piezo_hysteresis.records.formats import sizes
 from piezo_hysteresis.records.formats.column_table import ColumnTable, struct_tables
 
 
-def read(path: Path) -> Iterator[ColumnTable]:
-    """Yield the tables of a file; scalars may be data sets or attributes."""
+def read_hdf5(path: Path) -> Iterator[ColumnTable]:
+    """Yield a table for each group with vectors; scalars may be data sets or attributes."""
     import h5py
 
     with h5py.File(path, 'r') as file:
@@ -128,10 +128,53 @@ def _structs(file: Any, group: Any, entries: dict[str, Any], h5py: Any) -> Any:
     ]  # fmt: skip
 
 
-def write(path: Path, columns: dict[str, FloatArray]) -> None:
+def write_hdf5(path: Path, columns: dict[str, FloatArray]) -> None:
     """Write named vectors."""
     import h5py
 
     with h5py.File(path, 'w') as file:
         for name, column in columns.items():
             file[name] = column
+
+
+def read_matlab(path: Path) -> Iterator[ColumnTable]:
+    """Yield the tables of a ``.mat`` file: its vectors, and those of each struct."""
+    from scipy.io import loadmat
+
+    with path.open('rb') as file:
+        new = b'MATLAB 7.3' in file.read(20)
+    if new:
+        yield from read_hdf5(path)
+        return
+    sizes.judge_matlab(path)
+    try:
+        content = loadmat(path, simplify_cells=True)
+    except NotImplementedError:
+        yield from read_hdf5(path)
+        return
+    entries = {key: value for key, value in content.items() if not key.startswith('__')}
+    found = list(
+        struct_tables({key: value for key, value in entries.items() if not _opaque(value)})
+    )
+    objects = [key for key, value in entries.items() if _opaque(value)]
+    if not found and objects:
+        raise object_refused(objects)
+    yield from found
+
+
+def _opaque(value: Any) -> bool:
+    """Return whether a value is a MATLAB object or a placeholder of one."""
+    from scipy.io import matlab
+
+    kinds = (matlab.MatlabOpaque, matlab.MatlabFunction)
+    if isinstance(value, Mapping):
+        return any(_opaque(each) for each in value.values())
+    names = getattr(getattr(value, 'dtype', None), 'names', None) or ()
+    return isinstance(value, kinds) or 's2' in names
+
+
+def write_matlab(path: Path, columns: dict[str, FloatArray]) -> None:
+    """Write named vectors, as columns."""
+    from scipy.io import savemat
+
+    savemat(path, columns, oned_as='column', appendmat=False)

@@ -1,4 +1,4 @@
-"""Parquet and Feather, by pyarrow."""
+"""NumPy (``.npz``, ``.npy``), and Parquet and Feather by pyarrow."""
 
 from __future__ import annotations
 
@@ -12,7 +12,26 @@ from piezo_hysteresis.records.formats import sizes
 from piezo_hysteresis.records.formats.column_table import ColumnTable, tables_of
 
 
-def read(path: Path) -> Iterator[ColumnTable]:
+def read_numpy(path: Path) -> Iterator[ColumnTable]:
+    """Yield the tables of a file; no code in it is executed."""
+    if path.suffix.lower() == '.npz':
+        sizes.judge_zip(path)
+    loaded = np.load(path, mmap_mode='r', allow_pickle=False)
+    if isinstance(loaded, np.ndarray):
+        sizes.judge(loaded.nbytes)
+        yield from tables_of({path.stem: loaded})
+        return
+    with loaded:
+        yield from tables_of({name: loaded[name] for name in loaded.files})
+
+
+def write_npz(path: Path, columns: dict[str, FloatArray]) -> None:
+    """Write named vectors."""
+    with path.open('wb') as file:
+        np.savez(file, allow_pickle=False, **columns)
+
+
+def read_arrow(path: Path) -> Iterator[ColumnTable]:
     """Yield the table of a file; a missing value is NaN."""
     if path.suffix.lower() == '.feather':
         from pyarrow import feather
@@ -29,7 +48,7 @@ def read(path: Path) -> Iterator[ColumnTable]:
     yield from tables_of({name: table.column(name).to_numpy() for name in table.column_names})
 
 
-def write(path: Path, columns: dict[str, FloatArray]) -> None:
+def write_arrow(path: Path, columns: dict[str, FloatArray]) -> None:
     """Write named vectors."""
     import pyarrow
     from pyarrow import feather, parquet
