@@ -90,13 +90,10 @@ def run_on_nodes(arguments: argparse.Namespace, report: Report) -> tuple[str, Pa
             nodes.check()
             report(progress)
 
-        def work() -> tuple[str, Path]:
-            rate, slew = nodes.rate(), arguments.slew or math.inf
-            setup = _setup(arguments, model, nodes.range(), slew, rate)
-            with nodes.prepared(rate, slew):
-                return _conducted(nodes.folder(), setup, nodes, checked, arguments)
-
-        return nodes.served(work)
+        rate, slew = nodes.rate(), arguments.slew or math.inf
+        setup = _setup(arguments, model, nodes.range(), slew, rate)
+        with nodes.prepared(rate, slew):
+            return _conducted(nodes.folder(), setup, nodes, checked, arguments)
 
 
 def _model(arguments: argparse.Namespace) -> ModelFile:

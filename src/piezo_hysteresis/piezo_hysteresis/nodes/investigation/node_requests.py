@@ -1,25 +1,21 @@
-"""Requests of an investigation to other nodes, from a separate thread."""
+"""Requests of an investigation to other nodes."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
+from piezo_hysteresis.ros.client import Client
 from piezo_interfaces.srv import LoadModel
 
-T = TypeVar('T')
-
-LOOK = 0.02
 # Timeout of an answer and of the discovery of a node, which may have just been started on a slow
 # machine [s].
 TIMEOUT = 30.0
@@ -40,89 +36,71 @@ class Unanswered(PiezoError):
     """A node is missing or does not respond; it may be restarted."""
 
 
-def in_thread_of(node: Node, work: Callable[[], T]) -> T:
-    """Run a function in the thread that spins a node; return its result to the calling thread.
+class CancellableClient(Client):
+    """Client node whose waits end when it is cancelled."""
 
-    An action client of rclpy registers a request after sending it. If it is sent from another
-    thread on a busy machine, the response can arrive before the registration and is lost.
-    """
-    result: Future[T] = Future()
+    def __init__(self, name: str, namespace: str) -> None:
+        super().__init__(name, namespace=namespace)
+        self.cancelled = False
 
-    def task() -> None:
-        try:
-            result.set_result(work())
-        except Exception as error:  # passed to the waiting thread
-            result.set_exception(error)
-
-    node.executor.create_task(task)
-    return result.result()
-
-
-def waited(
-    condition: Callable[[], bool], stopped: Callable[[], bool], timeout: float = TIMEOUT
-) -> bool:
-    """Wait until a condition holds; return whether it does."""
-    end = time.monotonic() + timeout
-    while not condition():
-        if stopped():
+    def check(self) -> None:
+        """Raise if the work was cancelled."""
+        if self.cancelled:
             raise Cancelled('cancelled; the actuator is at rest and the journal is kept')
-        if time.monotonic() > end:
-            return False
-        time.sleep(LOOK)
-    return True
+
+    def waited(self, condition: Callable[[], object], timeout: float = TIMEOUT) -> bool:
+        """Wait until a condition holds; return whether it does."""
+        return self.wait(condition, timeout, self.check)
 
 
 class Neighbourhood:
     """The excitation and the nodes that use a model."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, client: CancellableClient) -> None:
+        self._client, node = client, client.node
         self._excitation = AsyncParameterClient(node, EXCITATION)
         self._users = {name: node.create_client(LoadModel, f'{name}/load_model') for name in USERS}
 
-    def excitation(self, name: str, stopped: Callable[[], bool]) -> Any:
+    def excitation(self, name: str) -> Any:
         """Return a parameter of the excitation."""
-        self._there(stopped)
+        self._there()
         answer: GetParameters.Response = self._answer(
-            lambda: self._excitation.get_parameters([name]), stopped
+            lambda: self._excitation.get_parameters([name])
         )
         return parameter_value_to_python(answer.values[0])
 
-    def set_excitation(
-        self, stopped: Callable[[], bool] = lambda: False, **values: str | float
-    ) -> None:
+    def set_excitation(self, **values: str | float) -> None:
         """Set parameters of the excitation."""
-        self._there(stopped)
+        self._there()
         parameters = [Parameter(name, value=value) for name, value in values.items()]
         answer: SetParameters.Response = self._answer(
-            lambda: self._excitation.set_parameters(parameters), stopped
+            lambda: self._excitation.set_parameters(parameters)
         )
         for (name, value), result in zip(values.items(), answer.results, strict=True):
             if not result.successful:
                 raise PiezoError(f'the excitation refuses {name} {value}: {result.reason}')
 
-    def use(self, model: ModelFile, stopped: Callable[[], bool]) -> str:
+    def use(self, model: ModelFile) -> str:
         """Load a model into every running node; return the names of these nodes."""
         used = []
         for name, client in self._users.items():
             if not client.service_is_ready():
                 continue
             ask = partial(client.call_async, LoadModel.Request(yaml=model.text()))
-            answer: LoadModel.Response = self._answer(ask, stopped, COMPILED_WITHIN)
+            answer: LoadModel.Response = self._answer(ask, COMPILED_WITHIN)
             if not answer.success:
                 raise PiezoError(f'{name} does not take the model: {answer.message}')
             used.append(name)
         return ', '.join(used)
 
-    def _there(self, stopped: Callable[[], bool]) -> None:
-        if not waited(self._excitation.services_are_ready, stopped):
+    def _there(self) -> None:
+        if not self._client.waited(self._excitation.services_are_ready):
             raise Unanswered('no excitation is running: start it, and investigate again')
 
-    def _answer(
-        self, ask: Callable[[], Any], stopped: Callable[[], bool], again: float = ASK_AGAIN
-    ) -> Any:
+    def _answer(self, ask: Callable[[], Any], again: float = ASK_AGAIN) -> Any:
         end = time.monotonic() + TIMEOUT
         while time.monotonic() < end:
             future = ask()
-            if waited(future.done, stopped, again) and future.result() is not None:
+            if self._client.waited(future.done, again) and future.result() is not None:
                 return future.result()
         raise Unanswered('a node did not answer: see that it runs, and investigate again')

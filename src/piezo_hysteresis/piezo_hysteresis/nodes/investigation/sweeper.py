@@ -24,10 +24,10 @@ from piezo_hysteresis.common import topics
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.experiments.planned_experiment import PlannedExperiment
 from piezo_hysteresis.nodes.investigation.node_requests import (
+    TIMEOUT,
+    CancellableClient,
     Cancelled,
     Unanswered,
-    in_thread_of,
-    waited,
 )
 from piezo_hysteresis.nodes.messages import STATE
 from piezo_hysteresis.ros.qos import LOOP
@@ -42,6 +42,8 @@ _RUNNING = (*_STARTED, GoalStatus.STATUS_CANCELING)
 RESTS_WITHIN = 60.0
 # Time until a request is repeated [s].
 _ASK_AGAIN = 1.0
+# Time in which messages that wait are received [s].
+_RECEIVING = 0.2
 # Bytes of an identifier; half of them identify the client.
 _HALF = 8
 # Period of the check of a server [s].
@@ -88,8 +90,9 @@ class SweepGoals:
     brings the actuator to rest.
     """
 
-    def __init__(self, node: Node, name: str) -> None:
-        self._node = node
+    def __init__(self, client: CancellableClient, name: str) -> None:
+        self._waits = client
+        node = self._node = client.node
         self._mark = blake2b(name.encode(), digest_size=_HALF).digest()
         self._own: bytes | None = None
         self._asked: set[bytes] = set()
@@ -104,35 +107,32 @@ class SweepGoals:
             qos_profile_action_status_default,
         )
 
-    def run(
-        self, goal: RunSweep.Goal, stopped: Callable[[], bool], timeout: float
-    ) -> RunSweep.Result:
+    def run(self, goal: RunSweep.Goal, timeout: float) -> RunSweep.Result:
         """Run a sweep to its end and return its result."""
-        if not waited(self._client.server_is_ready, stopped):
+        if not self._waits.waited(self._client.server_is_ready):
             raise Unanswered('no excitation is running: start it, and investigate again')
-        self._end_stale(stopped)
+        self._end_stale()
         self._watch.begin()
         try:
-            return self._run(goal, stopped, timeout)
+            return self._run(goal, timeout)
         except PiezoError:
             self._asked.discard(self._own or b'')  # it is orphaned
             raise
         finally:
             self._own = None
 
-    def _run(
-        self, goal: RunSweep.Goal, stopped: Callable[[], bool], timeout: float
-    ) -> RunSweep.Result:
-        sent = in_thread_of(self._node, lambda: self._send(goal))
+    def _run(self, goal: RunSweep.Goal, timeout: float) -> RunSweep.Result:
+        sent = self._send(goal)
         # a client that cancels now must wait for the response: an accepted sweep must be ended
-        if not waited(lambda: sent.done() or self._watch.lost, _never) or not sent.done():
+        self._waits.wait(lambda: sent.done() or self._watch.lost, TIMEOUT)
+        if not sent.done():
             raise self._lost('the excitation does not answer')
         handle: Any = sent.result()
         if not handle.accepted:
             raise PiezoError(self._refusal())
-        ended = in_thread_of(self._node, handle.get_result_async)
+        ended = handle.get_result_async()
         try:
-            waited(lambda: ended.done() or self._watch.lost, stopped, timeout)
+            self._waits.waited(lambda: ended.done() or self._watch.lost, timeout)
         except Cancelled:
             self._rest(ended)
             raise
@@ -161,12 +161,14 @@ class SweepGoals:
     def _rest(self, ended: Any) -> None:
         """Wait until a sweep that was stopped has brought the actuator to rest."""
         self.end()
-        if waited(lambda: ended.done() or self._watch.lost, _never, RESTS_WITHIN) and ended.done():
-            return
-        raise PiezoError('cancelled, but the excitation does not say that the actuator is at rest')
+        self._waits.wait(lambda: ended.done() or self._watch.lost, RESTS_WITHIN)
+        if not ended.done():
+            raise PiezoError(
+                'cancelled, but the excitation does not say that the actuator is at rest'
+            )
 
     def end(self) -> None:
-        """End the running sweep, if any; callable from any thread."""
+        """End the running sweep, if any."""
         own = self._own
         if own is not None:
             self._end(own)
@@ -188,25 +190,22 @@ class SweepGoals:
     def _left(self) -> list[bytes]:
         return [each for each in self._running - self._asked if each.startswith(self._mark)]
 
-    def _end_stale(self, stopped: Callable[[], bool]) -> None:
+    def _end_stale(self) -> None:
         """Cancel orphaned sweeps until there are none."""
+        self._waits.waited(lambda: False, _RECEIVING)  # goals that were reported while it computed
         end = time.monotonic() + RESTS_WITHIN
         while left := self._left():
             if time.monotonic() > end:
                 raise Unanswered('the excitation does not end an orphaned sweep')
             for goal in left:  # the previous request may be lost
                 self._end(goal)
-            waited(lambda: not self._left(), stopped, _ASK_AGAIN)
+            self._waits.waited(lambda: not self._left(), _ASK_AGAIN)
 
 
 def _identity(goal: bytes) -> GoalInfo:
     found = GoalInfo()
     found.goal_id.uuid = list(goal)
     return found
-
-
-def _never() -> bool:
-    return False
 
 
 # Longest absence of an excitation or actuator, and the period of the checks [s].
@@ -232,15 +231,14 @@ class Circumstances:
     rate: float  # ticks per second [Hz]
     slew: float  # fastest change of the voltage [V/s]
     ready: Callable[[], None]  # makes the excitation ready for sweeps
-    stopped: Callable[[], bool]  # returns whether it was cancelled
 
 
 class Sweeper:
     """Runs experiments by the action ``run_sweep``, which records them."""
 
-    def __init__(self, node: Node, reached: Callable[[], int], name: str) -> None:
-        self._node, self._reached = node, reached
-        self._goals, self._newest = SweepGoals(node, name), b''
+    def __init__(self, client: CancellableClient, reached: Callable[[], int], name: str) -> None:
+        self._client, self._node, self._reached = client, client.node, reached
+        self._goals, self._newest = SweepGoals(client, name), b''
 
     def run(self, experiment: PlannedExperiment, bag: Path, under: Circumstances) -> bool:
         """Run an experiment into a new bag; repeat it after a restart of excitation or actuator.
@@ -259,20 +257,19 @@ class Sweeper:
                 if tries >= TRIES and now - first_loss > AWAY:
                     raise
                 self._node.get_logger().warning(f'{lost}; the experiment is run again')
-                waited(lambda: False, under.stopped, LOOK)
+                self._client.waited(lambda: False, LOOK)
 
     def _once(
         self, experiment: PlannedExperiment, bag: Path, under: Circumstances, again: bool
     ) -> bool:
         shutil.rmtree(bag, ignore_errors=True)
-        node, inlets = self._node, list[Subscription]()
-        in_thread_of(node, lambda: inlets.append(self._receive()))
+        inlet = self._receive()
         try:
             if again:
                 self._come_to_rest(AT_REST * experiment.amplitude, under)
-            result = self._sweep(experiment, bag, under)
+            result = self._sweep(experiment, bag)
         finally:
-            in_thread_of(node, lambda: node.destroy_subscription(inlets[0]))
+            self._node.destroy_subscription(inlet)
         if not result.names:
             raise Unanswered('the excitation missed some of the record')
         return bool(result.samples <= (experiment.seconds + RESTARTED) * under.rate)
@@ -292,9 +289,7 @@ class Sweeper:
         _, (sample, voltage, _) = STATE.decode(self._newest)
         return sample, voltage
 
-    def _sweep(
-        self, experiment: PlannedExperiment, bag: Path, under: Circumstances
-    ) -> RunSweep.Result:
+    def _sweep(self, experiment: PlannedExperiment, bag: Path) -> RunSweep.Result:
         goal = RunSweep.Goal(
             frequencies=[experiment.frequency],
             amplitudes=[experiment.amplitude],
@@ -304,10 +299,10 @@ class Sweeper:
             options=json.dumps({'parts': experiment.spec['parts']}),
             bag=str(bag.resolve()),
         )
-        return self._done(goal, under)
+        return self._done(goal)
 
-    def _done(self, goal: RunSweep.Goal, under: Circumstances) -> RunSweep.Result:
-        result = self._goals.run(goal, under.stopped, 10.0 * goal.seconds + LATE)
+    def _done(self, goal: RunSweep.Goal) -> RunSweep.Result:
+        result = self._goals.run(goal, 10.0 * goal.seconds + LATE)
         if not result.success:
             away = any(each in result.message for each in (ACTUATOR_RESTARTED, NOT_RUNNING))
             raise (Unanswered if away else PiezoError)(result.message)
@@ -320,16 +315,16 @@ class Sweeper:
         was restarted.
         """
         before = self._reached_last()
-        waited(lambda: False, under.stopped, PACED)
+        self._client.waited(lambda: False, PACED)
         now = self._reached_last()
         if before is None or now is None:
             return
         if now[0] != before[0]:
-            waited(lambda: abs((self._reached_last() or now)[1]) <= at_rest, under.stopped, AWAY)
+            self._client.waited(lambda: abs((self._reached_last() or now)[1]) <= at_rest, AWAY)
         elif self._reached() >= now[0] and abs(now[1]) > at_rest:
             slow = abs(now[1]) / (BELOW * under.slew) if isfinite(under.slew) else BACK
             back = max(BACK, slow)
             lines = {'times': [0.0, back], 'values': [now[1], 0.0]}
             goal = RunSweep.Goal(frequencies=[0.0], amplitudes=[abs(now[1])], seconds=back)
             goal.waveform, goal.options = 'lines', json.dumps(lines)
-            self._done(goal, under)
+            self._done(goal)
