@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +14,7 @@ from bokeh.document import Document
 from bokeh.events import ButtonClick
 from dashboard_fakes import Backend, amplitude
 
-from piezo_hysteresis.dashboard.backend import DiscoveryOrder, InvestigationOrder
+from piezo_hysteresis.dashboard.backend import DiscoveryOrder, InvestigationOrder, SweepOrder
 from piezo_hysteresis.dashboard.controls import (
     ParameterState,
     described,
@@ -237,7 +237,6 @@ def live() -> Live:
 def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """Return the verbs that are started; none runs."""
     found: list[list[str]] = []
-    monkeypatch.setattr(jobs, 'SweepJob', lambda *arguments: SimpleNamespace())
     monkeypatch.setattr(jobs.VerbJob, 'start', lambda job, verb, outcome: found.append(verb))
     return found
 
@@ -267,10 +266,50 @@ def test_an_investigation_gets_the_limits_and_the_folder_of_the_page(
     assert (len(started), live.investigation.phase) == (1, 'failed')
 
 
+def test_a_sweep_is_the_verb_call_with_the_fields_of_the_page(
+    live: Live, started: list[Any], tmp_path: Path
+) -> None:
+    page: Any = None
+    jobs.Jobs(page, live, tmp_path).run_sweep(
+        SweepOrder((1.0, 5.0), (0.5,), 2.0, 1.0, 0.0, 'first')
+    )
+    ((verb, name, goal),) = started
+    assert (verb, name) == ('call', '/stage/run_sweep')
+    fields = json.loads(goal)
+    assert (fields['frequencies'], fields['seconds'], fields['warm_up']) == ([1.0, 5.0], 2.0, 1.0)
+    assert fields['bag'] == str(tmp_path / 'sweeps' / 'first')
+
+
+@pytest.mark.component
+@pytest.mark.parametrize('success', [True, False])
+def test_a_sweep_shows_its_progress_and_then_its_records(
+    success: bool, live: Live, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 'record: a, frequency: 5.0, amplitude: 1.0, seconds_left: 7.6, fraction: 0.25'
+    answer = f"success: {str(success).lower()}\nmessage: '2 records: done'\nnames:\n- a\n- b"
+    verb = tmp_path / 'verb'
+    verb.write_text(
+        f'#!/bin/sh\necho "{now}"\nsleep 1\necho "{answer}"\nexit {int(not success)}\n'
+    )
+    verb.chmod(0o755)
+    monkeypatch.setattr(sys, 'executable', str(verb))
+    job = jobs.VerbJob(live, 'sweep')
+    job.start(['call'], jobs.sweep_outcome)
+    seen = set()
+    end = time.monotonic() + 60.0
+    while live.sweep.busy and time.monotonic() < end:
+        job.watch()
+        seen.add((live.sweep.fraction, live.sweep.text))
+    assert (0.25, '5.0 Hz at 1.0 V, 8 s left') in seen
+    assert live.sweep.phase == ('done' if success else 'failed')
+    assert live.sweep.text == '2 records: done'
+    assert live.sweep.records == ('a', 'b')
+
+
 @pytest.mark.component
 def test_a_verb_that_fails_says_why(live: Live) -> None:
     job = jobs.VerbJob(live, 'discovery')
-    job.start(['discovr'], lambda: pytest.fail('it has no outcome'))
+    job.start(['discovr'], lambda _: pytest.fail('it has no outcome'))
     assert live.discovery.busy
     end = time.monotonic() + 60.0
     while live.discovery.busy and time.monotonic() < end:

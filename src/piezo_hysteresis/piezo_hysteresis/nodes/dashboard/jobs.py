@@ -1,4 +1,4 @@
-"""What the page starts: sweeps of the excitation, and verbs as child processes."""
+"""What the page starts: a sweep, a discovery or an investigation, each a verb as child process."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from action_msgs.srv import CancelGoal
-from rclpy.action import ActionClient
+import yaml
+from rclpy.action import get_action_names_and_types
 from rclpy.node import Node
 
 from piezo_hysteresis.dashboard.backend import DiscoveryOrder, InvestigationOrder, SweepOrder
@@ -25,20 +25,27 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.investigation import FOUND, JOURNAL, SUMMARY
 from piezo_hysteresis.models import NAMES
 from piezo_hysteresis.nodes.messages import inside
-from piezo_interfaces.action import RunSweep
 
 SWEEPS, DISCOVERIES, INVESTIGATIONS = 'sweeps', 'discoveries', 'investigations'
-EXPLAINED = 2.0  # time in which a refusing node logs the reason [s]
-TIMEOUT = 5.0  # time without the node after which a job is aborted [s]
 ENDED_WITHIN = 20.0  # time in which a cancelled verb ends, with the actuator at rest [s]
 _SHARE = re.compile(r'^[^:]*: (\d+) %, (.*)$')
+_FAILED = 'success: false'  # of an action without success
+# Feedback of the action, as the verb `call` prints it.
+_SWEEP = re.compile(
+    r'record: .*, frequency: (\S+), amplitude: (\S+), seconds_left: (\S+), fraction: (\S+)$'
+)
 
 
-class _Job:
-    """A job of the page, whose state `Live` holds under its kind."""
+class VerbJob:
+    """A verb of the command line as a child process, whose state `Live` holds under a kind."""
 
     def __init__(self, live: Live, kind: str) -> None:
         self._live, self._kind = live, kind
+        self._process: subprocess.Popen[str] | None = None
+        self._reader = threading.Thread()
+        self._lines: list[str] = []
+        self._cancelled = False
+        self._outcome: Callable[[Sequence[str]], BackgroundJob] = lambda _: BackgroundJob()
 
     @property
     def state(self) -> BackgroundJob:
@@ -54,145 +61,57 @@ class _Job:
         """End the job with a reason."""
         self.write(BackgroundJob('failed', 0.0, reason))
 
-
-class SweepJob(_Job):
-    """Client of the action ``run_sweep`` of the excitation, with one goal at a time."""
-
-    def __init__(self, node: Node, live: Live) -> None:
-        super().__init__(live, 'sweep')
-        prefix = f'/{live.actuator}/' if live.actuator else '/'
-        self._client = ActionClient(node, RunSweep, f'{prefix}run_sweep')
-        self._handle: Any = None
-        self._missed_since = math.inf
-        self._asked = 0.0
-        self._unexplained = False
-
-    @property
-    def offered(self) -> bool:
-        """Whether a node offers the action."""
-        return bool(self._client.server_is_ready())
-
-    def send(self, goal: RunSweep.Goal) -> None:
-        """Send a goal."""
-        self._handle = None
-        self._asked = self._live.clock()
-        self._missed_since = math.inf
-        sent = self._client.send_goal_async(goal, feedback_callback=self._on_feedback)
-        sent.add_done_callback(self._on_response)
-
-    def _on_feedback(self, message: Any) -> None:
-        if self.state.phase == 'running':
-            now: RunSweep.Feedback = message.feedback
-            at = f'{now.frequency:g} Hz at {now.amplitude:g} V'
-            text = f'{at}, {now.seconds_left:.0f} s left'
-            self.write(replace(self.state, fraction=now.fraction, text=text))
-
-    def _on_response(self, future: Any) -> None:
-        handle = future.result()
-        if not handle.accepted:
-            self._unexplained = True
-            self.fail('excitation refused; see its log')
-            self._explain()
-            return
-        self._handle = handle
-        self.write(BackgroundJob('running', 0.0, 'accepted', since=self._asked))
-        handle.get_result_async().add_done_callback(self._ended)
-
-    def _ended(self, future: Any) -> None:
-        if not self.state.busy:
-            return
-        result: RunSweep.Result = future.result().result
-        why = result.message or 'excitation failed; see its log'
-        done = BackgroundJob('done', 1.0, result.message, records=tuple(result.names))
-        self.write(done if result.success else BackgroundJob('failed', 1.0, why))
-
-    def cancel(self) -> None:
-        """Cancel the goal."""
-        if self._handle is None:
-            return
-
-        def answered(future: Any) -> None:
-            response: CancelGoal.Response = future.result()
-            if response.return_code != CancelGoal.Response.ERROR_NONE and self.state.busy:
-                self.write(replace(self.state, text=f'{self.state.text}; it cannot be cancelled'))
-
-        self._handle.cancel_goal_async().add_done_callback(answered)
-
-    def watch(self) -> None:
-        """Check for an ended node and for the reason of a refusal; called about once a second."""
-        self._explain()
-        if not self.state.busy or self.offered:
-            self._missed_since = math.inf
-            return
-        now = self._live.clock()
-        self._missed_since = min(self._missed_since, now)
-        if now - self._missed_since > TIMEOUT:
-            self.fail('excitation has gone; start it again')
-
-    def _explain(self) -> None:
-        if not self._unexplained:
-            return
-        now = self._live.clock()
-        lines = [
-            w for w in self._live.words if w.node == 'excitation' and w.at >= self._asked - 0.1
-        ]
-        if lines:
-            self.write(replace(self.state, text=lines[-1].text))
-        self._unexplained = not lines and now - self._asked < EXPLAINED
-
-
-class VerbJob(_Job):
-    """A verb of the command line as a child process: its newest line, and its outcome."""
-
-    def __init__(self, live: Live, kind: str) -> None:
-        super().__init__(live, kind)
-        self._process: subprocess.Popen[str] | None = None
-        self._reader = threading.Thread()
-        self._newest = ['']  # line
-        self._outcome: Callable[[], BackgroundJob] = BackgroundJob
-
-    def start(self, arguments: Sequence[str], outcome: Callable[[], BackgroundJob]) -> None:
-        """Start a verb; `outcome` reads its result."""
+    def start(
+        self, arguments: Sequence[str], outcome: Callable[[Sequence[str]], BackgroundJob]
+    ) -> None:
+        """Start a verb; `outcome` reads its result, of which it gets the lines."""
         if self._process is not None:
             return
-        self._newest, self._outcome = [''], outcome
+        self._lines, self._outcome, self._cancelled = [], outcome, False
         process = self._process = subprocess.Popen(
             [sys.executable, '-m', 'piezo_hysteresis', *arguments],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
         self._reader = threading.Thread(
-            target=self._follow, args=(process, self._newest), daemon=True
+            target=self._follow, args=(process, self._lines), daemon=True
         )
         self._reader.start()
         self.write(BackgroundJob('running', 0.0, 'starts', since=self._live.clock()))
 
     @staticmethod
-    def _follow(process: subprocess.Popen[str], newest: list[str]) -> None:
+    def _follow(process: subprocess.Popen[str], lines: list[str]) -> None:
         assert process.stdout is not None
-        for line in process.stdout:
-            newest[0] = line.strip() or newest[0]
+        lines.extend(line.rstrip() for line in process.stdout if line.strip())
 
     def watch(self, fraction: float | None = None) -> None:
         """Show the newest line, or the outcome; called about once a second."""
         if (process := self._process) is None:
             return
-        code, line = process.poll(), self._newest[0]
+        code = process.poll()
         if code is None:
-            found = _SHARE.match(line)
-            share = float(found[1]) / 100 if found else self.state.fraction
-            text = found[2] if found else line or self.state.text
+            share, text = _progress(self._lines[-1]) if self._lines else (None, '')
             share = share if fraction is None else fraction
-            self.write(replace(self.state, fraction=share, text=text))
+            self.write(
+                replace(
+                    self.state,
+                    fraction=self.state.fraction if share is None else share,
+                    text=text or self.state.text,
+                )
+            )
             return
         self._process = None
         self._reader.join(ENDED_WITHIN)
-        line = self._newest[0]
-        failed = BackgroundJob('failed', 1.0, line.removeprefix('error: ') or f'ended ({code})')
-        self.write(self._outcome() if code == 0 else failed)
+        newest = self._lines[-1].strip() if self._lines else f'ended ({code})'
+        if newest == 'interrupted' and self._cancelled:
+            newest = 'cancelled; the actuator is at rest'
+        failed = BackgroundJob('failed', 1.0, newest.removeprefix('error: '))
+        answered = code == 0 or _FAILED in self._lines
+        self.write(self._outcome(self._lines) if answered else failed)
 
     def cancel(self) -> None:
         """Interrupt the verb as Ctrl-C does."""
         if self._process is not None:
+            self._cancelled = True
             self._process.send_signal(signal.SIGINT)
 
     def close(self) -> None:
@@ -203,25 +122,37 @@ class VerbJob(_Job):
                 self._process.wait(ENDED_WITHIN)
 
 
+def _progress(line: str) -> tuple[float | None, str]:
+    """Return the share that a line states, None without one, and its text."""
+    if found := _SHARE.match(line):
+        return float(found[1]) / 100, found[2]
+    if found := _SWEEP.match(line):
+        return float(found[4]), f'{found[1]} Hz at {found[2]} V, {float(found[3]):.0f} s left'
+    return None, line
+
+
 class Jobs:
     """The sweep, the discovery and the investigation of one actuator."""
 
     def __init__(self, node: Node, live: Live, folder: Path) -> None:
         self._live, self._folder = live, folder.resolve()
+        self._action = f'/{live.actuator}/run_sweep' if live.actuator else '/run_sweep'
         self._recorded, self._journal = '', Path()
-        self._budget = math.inf
-        self.sweep = SweepJob(node, live)
+        self._budget = self._asked = math.inf
+        self._node = node
+        self.sweep = VerbJob(live, 'sweep')
         self.discovery = VerbJob(live, 'discovery')
         self.investigation = VerbJob(live, 'investigation')
-        self.by_kind: dict[str, SweepJob | VerbJob] = {
+        self.by_kind = {
             'sweep': self.sweep, 'discovery': self.discovery, 'investigation': self.investigation
         }  # fmt: skip
 
     def watch(self) -> None:
         """Update the jobs and what is offered; called about once a second."""
-        self._live.sweeps_offered = self.sweep.offered
+        self._live.sweeps_offered = self._action in dict(get_action_names_and_types(self._node))
         self._live.investigations_offered = bool(self._model())
         self.sweep.watch()
+        self._explain()
         self.discovery.watch()
         if self._live.investigation.busy:
             self._live.states = states_of(self._journal)
@@ -233,24 +164,28 @@ class Jobs:
         self.discovery.close()
         self.investigation.close()
 
+    def _explain(self) -> None:
+        """Show the reason of a refused sweep, which its node logs."""
+        state = self._live.sweep
+        if state.phase == 'failed' and 'refuses the goal' in state.text:
+            logged = [line for line in self._live.words if line.node == 'excitation']
+            if logged and logged[-1].at >= self._asked:
+                self.sweep.fail(logged[-1].text)
+
     # --- sweep ---------------------------------------------------------------------------------
 
     def run_sweep(self, order: SweepOrder) -> None:
         """Request a recorded sweep from the excitation."""
-        if self._live.sweep.phase == 'running':
-            reason = 'another sweep is being recorded; wait for it or cancel it'
-            self._live.sweep = BackgroundJob('failed', 0.0, reason)
-            return
-        self._recorded = order.name
-        goal = RunSweep.Goal(
-            frequencies=list(order.frequencies),
-            amplitudes=list(order.amplitudes),
-            seconds=order.seconds,
-            warm_up=order.warm_up,
-            pause=order.pause,
-            bag=str(self._folder / SWEEPS / order.name),
-        )
-        self.sweep.send(goal)
+        self._recorded, self._asked = order.name, self._live.clock()
+        goal = {
+            'frequencies': order.frequencies,
+            'amplitudes': order.amplitudes,
+            'seconds': order.seconds,
+            'warm_up': order.warm_up,
+            'pause': order.pause,
+            'bag': str(self._folder / SWEEPS / order.name),
+        }
+        self.sweep.start(['call', self._action, json.dumps(goal)], sweep_outcome)
 
     def bags(self) -> list[str]:
         """Return the finished bags, the newest first."""
@@ -273,7 +208,7 @@ class Jobs:
             self.discovery.fail(str(error))
             return
         verb = ['discover', *data, '--baseline', order.baseline, '--out', str(out), '--verbose']
-        self.discovery.start(verb, lambda: self._discovered(out))
+        self.discovery.start(verb, lambda _: self._discovered(out))
 
     def run_investigation(self, order: InvestigationOrder) -> None:
         """Start an investigation: experiments on the actuator that find missing effects."""
@@ -295,7 +230,7 @@ class Jobs:
             '--namespace',
             self._live.actuator,
         ]
-        self.investigation.start(['investigate', *options], lambda: self._investigated(out))
+        self.investigation.start(['investigate', *options], lambda _: self._investigated(out))
 
     def _model(self) -> str:
         """Return the model file of the nodes that use one, empty if there is none."""
@@ -327,6 +262,14 @@ class Jobs:
     ) -> BackgroundJob:
         page = (report / 'report.html').relative_to(self._folder).as_posix()
         return BackgroundJob('done', 1.0, summary, effects, before, after, page)
+
+
+def sweep_outcome(lines: Sequence[str]) -> BackgroundJob:
+    """Return the result of the action, which ends the lines of the verb."""
+    first = max(k for k, line in enumerate(lines) if line.startswith('success:'))
+    result = yaml.safe_load('\n'.join(lines[first:]))
+    phase = 'done' if result['success'] else 'failed'
+    return BackgroundJob(phase, 1.0, result['message'], records=tuple(result['names']))
 
 
 def states_of(journal: Path) -> list[InvestigationState]:
