@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from piezo_hysteresis.cli.demo_live import Plan, run_demo
+from piezo_hysteresis.cli.demo_live import run_demo
 from piezo_hysteresis.records import read_bag
-from piezo_hysteresis.reporting.demo_report import write_demo_report
+from piezo_hysteresis.reporting.demo_report import Plan, write_demo_report
 
 pytestmark = pytest.mark.ros
 

@@ -57,8 +57,8 @@ def _interrupt(*_: object) -> None:
 
 def show(out: Path) -> None:
     """Run the experiment on live nodes, print the table and write the results."""
-    from piezo_hysteresis.cli.demo_live import Plan, run_demo
-    from piezo_hysteresis.reporting.demo_report import write_demo_report
+    from piezo_hysteresis.cli.demo_live import run_demo
+    from piezo_hysteresis.reporting.demo_report import Plan, write_demo_report
     from piezo_hysteresis.reporting.folder import replacing
 
     started = time.perf_counter()

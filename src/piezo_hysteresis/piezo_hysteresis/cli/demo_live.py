@@ -21,35 +21,13 @@ from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.identification.identify import Identification, identify
 from piezo_hysteresis.models import named
 from piezo_hysteresis.records import Record
+from piezo_hysteresis.reporting.demo_report import LiveRun, Plan
 
 Progress = Callable[[float, str], None]
 
 PRESET = 'fdk_pzba_00030'
 MODEL = 'bouc_wen_mode'
 REPORTED = (1, 2, 3, 5)
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Settings of the demo."""
-
-    frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)  # [Hz]
-    amplitudes: Sequence[float] = (0.5, 1.0)  # amplitudes of the sweep [V]
-    seconds: float = 2.0  # duration of each record of the sweep [s]
-    warm_up: float = 1.0  # its first part that is not evaluated [s]
-    tracked: float = 23.0  # frequency of the reference [Hz]
-    tracking_seconds: float = 3.0  # duration of each tracking run [s]
-    learning_seconds: float = 6.0  # additional time in which attenuation learns the harmonics [s]
-    judged_seconds: float = 1.0  # evaluated part at the end of each run [s]
-
-
-@dataclass(frozen=True)
-class LiveRun:
-    """One tracking run."""
-
-    name: str  # active controllers
-    record: Record  # record with its reference
-    metrics: TrackingMetrics  # errors of the evaluated part
 
 
 @dataclass(frozen=True)

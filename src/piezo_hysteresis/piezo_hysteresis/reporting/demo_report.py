@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import short
@@ -33,40 +33,35 @@ _DRAWN_PERIODS = 3
 _RUNS = ('uncompensated', 'feedforward', 'attenuated')  # roles of the runs, in their order
 
 
-class TrackingRun(Protocol):
-    """Interface of a tracking run for the report."""
+@dataclass(frozen=True)
+class Plan:
+    """Settings of the demo."""
 
-    @property
-    def name(self) -> str:
-        """Active controllers."""
-
-    @property
-    def record(self) -> Record:
-        """Record with its reference."""
-
-    @property
-    def metrics(self) -> TrackingMetrics:
-        """Errors of the evaluated part."""
+    frequencies: Sequence[float] = (1, 5, 10, 14, 18, 22, 23, 24, 35, 50)  # [Hz]
+    amplitudes: Sequence[float] = (0.5, 1.0)  # amplitudes of the sweep [V]
+    seconds: float = 2.0  # duration of each record of the sweep [s]
+    warm_up: float = 1.0  # its first part that is not evaluated [s]
+    tracked: float = 23.0  # frequency of the reference [Hz]
+    tracking_seconds: float = 3.0  # duration of each tracking run [s]
+    learning_seconds: float = 6.0  # additional time in which attenuation learns the harmonics [s]
+    judged_seconds: float = 1.0  # evaluated part at the end of each run [s]
 
 
-class TrackingPlan(Protocol):
-    """Interface of the plan for the report."""
+@dataclass(frozen=True)
+class LiveRun:
+    """One tracking run."""
 
-    @property
-    def tracked(self) -> float:
-        """Frequency of the reference [Hz]."""
-
-    @property
-    def judged_seconds(self) -> float:
-        """Evaluated part at the end of each run [s]."""
+    name: str  # active controllers
+    record: Record  # record with its reference
+    metrics: TrackingMetrics  # errors of the evaluated part
 
 
 def write_demo_report(
     path: Path,
     sweep: Sequence[Record],
     found: Identification,
-    runs: Sequence[TrackingRun],
-    plan: TrackingPlan,
+    runs: Sequence[LiveRun],
+    plan: Plan,
     results: Path,
 ) -> None:
     """Write the report of the demo."""
@@ -99,7 +94,7 @@ def write_data_report(
     write_folder(path.parent, {path.name: page})
 
 
-def _verdict(runs: Sequence[TrackingRun], plan: TrackingPlan) -> str:
+def _verdict(runs: Sequence[LiveRun], plan: Plan) -> str:
     first, *others = runs
     parts = []
     for run in others:
@@ -112,7 +107,7 @@ def _verdict(runs: Sequence[TrackingRun], plan: TrackingPlan) -> str:
     )
 
 
-def _errors(runs: Sequence[TrackingRun]) -> list[tuple[TrackingRun, FloatArray]]:
+def _errors(runs: Sequence[LiveRun]) -> list[tuple[LiveRun, FloatArray]]:
     pairs = []
     for run in runs:
         assert run.record.reference is not None
@@ -120,7 +115,7 @@ def _errors(runs: Sequence[TrackingRun]) -> list[tuple[TrackingRun, FloatArray]]
     return pairs
 
 
-def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> PageSection:
+def _before_after(runs: Sequence[LiveRun], plan: Plan) -> PageSection:
     traces: list[Curve] = []
     loops: list[Curve] = []
     for run, role in zip(runs, _RUNS, strict=False):
@@ -165,9 +160,7 @@ def _before_after(runs: Sequence[TrackingRun], plan: TrackingPlan) -> PageSectio
     )
 
 
-def _where(
-    runs: Sequence[TrackingRun], plan: TrackingPlan, resonance: float | None
-) -> PageSection:
+def _where(runs: Sequence[LiveRun], plan: Plan, resonance: float | None) -> PageSection:
     errors = _errors(runs)
     dt = runs[0].record.dt
     judged = round(plan.judged_seconds / dt)
