@@ -68,12 +68,17 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
     with ros_needed():
         from piezo_hysteresis.nodes import live
     clock = _Clock()
-    order = live.LiveSweep(plan.frequencies, plan.amplitudes, plan.seconds, plan.warm_up)
+    fields = {
+        'frequencies': [float(each) for each in plan.frequencies],
+        'amplitudes': [float(each) for each in plan.amplitudes],
+        'seconds': plan.seconds,
+        'warm_up': plan.warm_up,
+    }
     progress(0.0, 'starting the nodes')
     with _advice():
         sweep = live.record_sweep(
             PRESET,
-            order,
+            fields,
             folder / 'bags' / 'sweep',
             progress=lambda fraction, words: progress(0.3 * fraction, f'sweep: {words}'),
         )
@@ -88,14 +93,14 @@ def run_demo(plan: Plan, folder: Path, progress: Progress) -> Demo:
         progress((0.4, 0.55, 0.7)[k], f'tracking {plan.tracked:g} Hz: {name}')
         bag = folder / 'bags' / name.replace(' + ', '_and_').replace(' ', '_')
         learning = plan.learning_seconds if settings['attenuation'].get('enabled', True) else 0.0
-        tracking = live.Tracking(
-            frequency=plan.tracked,
-            amplitude=gain * plan.amplitudes[-1],
-            offset=found.values['offset'],
-            seconds=plan.tracking_seconds + learning,
-        )
+        reference = {
+            'frequency': plan.tracked,
+            'reference.amplitude': gain * plan.amplitudes[-1],
+            'reference.offset': found.values['offset'],
+            'duration': plan.tracking_seconds + learning,
+        }
         with _advice():
-            record = live.track(PRESET, tracking, bag, **settings)
+            record = live.track(PRESET, reference, bag, **settings)
         runs.append(LiveRun(name, record, _metrics(record, plan)))
         clock.lap(name)
     return Demo(plan, tuple(sweep), found, tuple(runs), clock.laps)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,26 +27,6 @@ Progress = Callable[[float, str], None]
 SETTLED = 1.0
 # Timeout of a wait without any progress [s].
 STILL = 60.0
-
-
-@dataclass(frozen=True)
-class LiveSweep:
-    """A sweep to record."""
-
-    frequencies: Sequence[float]  # [Hz]
-    amplitudes: Sequence[float]  # [V]
-    seconds: float  # length of each record [s]
-    warm_up: float  # the part that errors leave out [s]
-
-
-@dataclass(frozen=True)
-class Tracking:
-    """A reference to track."""
-
-    frequency: float  # of the sinusoid [Hz]
-    amplitude: float  # [m]
-    offset: float  # [m]
-    seconds: float  # length [s]
 
 
 class Observer(Client):
@@ -115,17 +94,11 @@ class Observer(Client):
         self.until(settled, 'the state of the actuator')
         return count
 
-    def sweep(self, order: LiveSweep, bag: Path, progress: Progress) -> None:
-        """Request a recorded sweep from the excitation."""
+    def sweep(self, fields: Mapping[str, Any], bag: Path, progress: Progress) -> None:
+        """Request a recorded sweep from the excitation; `fields` are those of the goal."""
         client = ActionClient(self.node, RunSweep, 'run_sweep')
         self.until(client.server_is_ready, 'the action of the excitation')
-        goal = RunSweep.Goal(
-            frequencies=[float(f) for f in order.frequencies],
-            amplitudes=[float(a) for a in order.amplitudes],
-            seconds=order.seconds,
-            warm_up=order.warm_up,
-            bag=str(bag.resolve()),
-        )
+        goal = RunSweep.Goal(**fields, bag=str(bag.resolve()))
         at = [0.0]
 
         def on_feedback(message: Any) -> None:
@@ -178,36 +151,36 @@ def _wait_for_recorder(observer: Observer) -> None:
 
 def record_sweep(
     preset: str,
-    order: LiveSweep,
+    fields: Mapping[str, Any],  # of the goal
     bag: Path,
-    *,
-    simulator: Mapping[str, object] | None = None,
     progress: Progress = lambda fraction, words: None,
 ) -> list[Record]:
     """Record a sweep of a simulated actuator over live processes and read it back."""
     _make_room(bag)
     with NodeProcesses() as processes, Observer(processes) as observer:
-        settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 1, **(simulator or {})}
+        settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 1}
         processes.start('piezo_sim', 'simulator', settings)
         excitation = {'actuator': preset, 'folder': str(bag.resolve().parent)}
         processes.start('piezo_hysteresis', 'excitation', excitation)
         observer.until_ready('simulator', 'excitation')
-        observer.sweep(order, bag, progress)
+        observer.sweep(fields, bag, progress)
     return read_bag(bag)
 
 
 def track(
     preset: str,
-    tracking: Tracking,
+    reference: Mapping[str, object],
     bag: Path,
     *,
     feedforward: Mapping[str, object],
     attenuation: Mapping[str, object],
-    simulator: Mapping[str, object] | None = None,
 ) -> Record:
-    """Track a reference over the live chain of processes and read the record back."""
+    """Track a reference over the live chain of processes and read the record back.
+
+    Parameters are those of the nodes: the reference is made by the excitation.
+    """
     with NodeProcesses() as processes, Observer(processes) as observer:
-        settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 3, **(simulator or {})}
+        settings = {'clock': 'lock_step', 'preset': preset, 'wait_for': 3}
         processes.start('piezo_sim', 'simulator', settings)
         processes.start('piezo_hysteresis', 'feedforward', dict(feedforward))
         processes.start('piezo_hysteresis', 'attenuation', dict(attenuation))
@@ -220,13 +193,10 @@ def track(
             'excitation',
             {
                 'mode': 'reference',
-                'frequency': tracking.frequency,
-                'reference.amplitude': tracking.amplitude,
-                'reference.offset': tracking.offset,
-                'duration': tracking.seconds,
                 'exit_when_done': True,
                 'wait_for': 3,
                 'deadline': STILL,
+                **reference,
             },
         )
         ended = 'the end of the experiment'
