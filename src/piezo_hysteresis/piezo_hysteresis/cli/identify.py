@@ -1,8 +1,7 @@
 """Identify a model from records.
 
-Writes report.html, model.yaml (the model), params.yaml (for ros2 param load), summary.json and
-figures to the output folder. Warnings state what the records do not determine and what to record
-instead.
+Writes report.html, model.yaml (the model), params.yaml (for ros2 param load) and summary.json to
+the output folder. Warnings state what the records do not determine and what to record instead.
 """
 
 from __future__ import annotations

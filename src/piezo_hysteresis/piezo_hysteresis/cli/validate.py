@@ -1,6 +1,6 @@
 """Compare a saved model with records, and its error with the known discrepancy.
 
-Writes report.html, summary.json, figures and model.yaml: the model with its residual on these
+Writes report.html, summary.json and model.yaml: the model with its residual on these
 records as its discrepancy. Only records that were not used to identify the model validate it.
 """
 

@@ -146,7 +146,7 @@ def write_validation(
     data: Sequence[str] = (),
     limits: Sequence[DetectionLimit] = (),
 ) -> None:
-    """Write report.html, summary.json, model.yaml and figures."""
+    """Write report.html, summary.json and model.yaml."""
     summary = validation.summary()
     if limits:
         summary['detection_limits'] = plain_types([asdict(each) for each in limits])
