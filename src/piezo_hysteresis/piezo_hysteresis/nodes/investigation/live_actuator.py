@@ -17,7 +17,7 @@ from piezo_hysteresis.nodes.investigation.node_requests import (
     Neighbourhood,
     Unanswered,
 )
-from piezo_hysteresis.nodes.investigation.sweeper import Circumstances, Sweeper
+from piezo_hysteresis.nodes.investigation.sweeper import Sweeper
 from piezo_hysteresis.nodes.messages import inside
 from piezo_hysteresis.ros.qos import LATCHED
 from piezo_interfaces.msg import LoopStatus
@@ -77,10 +77,9 @@ class LiveActuator(CancellableClient):
         usual = float(self._neighbours.excitation('slew'))
         least = min(slew, usual or inf)
         held = least if isfinite(least) else 0.0
-        self._under = Circumstances(
+        self._sweeper.prepare(
             rate, slew, lambda: self._neighbours.set_excitation(mode='idle', slew=held)
         )
-        self._under.ready()
         try:
             yield
         finally:
@@ -92,7 +91,7 @@ class LiveActuator(CancellableClient):
 
     def run(self, experiment: PlannedExperiment, bag: Path) -> bool:
         """Run an experiment and record it in a new bag; return whether it was at rest before."""
-        return self._sweeper.run(experiment, bag, self._under)
+        return self._sweeper.run(experiment, bag)
 
     def apply(self, model: ModelFile) -> str:
         """Load a model into the running nodes."""

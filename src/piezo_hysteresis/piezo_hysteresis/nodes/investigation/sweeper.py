@@ -7,7 +7,6 @@ import os
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from hashlib import blake2b
 from math import isfinite
 from pathlib import Path
@@ -137,7 +136,7 @@ class SweepGoals:
             self._rest(ended)
             raise
         if not ended.done():
-            self.end()
+            self._end(self._own)
             raise self._lost('the excitation has gone')
         result: RunSweep.Result = ended.result().result
         return result
@@ -160,21 +159,17 @@ class SweepGoals:
 
     def _rest(self, ended: Any) -> None:
         """Wait until a sweep that was stopped has brought the actuator to rest."""
-        self.end()
+        self._end(self._own)
         self._waits.wait(lambda: ended.done() or self._watch.lost, RESTS_WITHIN)
         if not ended.done():
             raise PiezoError(
                 'cancelled, but the excitation does not say that the actuator is at rest'
             )
 
-    def end(self) -> None:
-        """End the running sweep, if any."""
-        own = self._own
-        if own is not None:
-            self._end(own)
-
-    def _end(self, goal: bytes) -> None:
-        self._ender.call_async(CancelGoal.Request(goal_info=_identity(goal)))
+    def _end(self, goal: bytes | None) -> None:
+        """End a running sweep, if it is one."""
+        if goal is not None:
+            self._ender.call_async(CancelGoal.Request(goal_info=_identity(goal)))
 
     # --- orphaned goals of an earlier process with this name -----------------------------------
 
@@ -224,15 +219,6 @@ AT_REST = 1e-3
 RESTARTED = 1.5
 
 
-@dataclass(frozen=True)
-class Circumstances:
-    """Conditions of the experiments."""
-
-    rate: float  # ticks per second [Hz]
-    slew: float  # fastest change of the voltage [V/s]
-    ready: Callable[[], None]  # makes the excitation ready for sweeps
-
-
 class Sweeper:
     """Runs experiments by the action ``run_sweep``, which records them."""
 
@@ -240,7 +226,12 @@ class Sweeper:
         self._client, self._node, self._reached = client, client.node, reached
         self._goals, self._newest = SweepGoals(client, name), b''
 
-    def run(self, experiment: PlannedExperiment, bag: Path, under: Circumstances) -> bool:
+    def prepare(self, rate: float, slew: float, ready: Callable[[], None]) -> None:
+        """Note the ticks per second [Hz], the fastest change [V/s], and what precedes a sweep."""
+        self._rate, self._slew, self._ready = rate, slew, ready
+        ready()
+
+    def run(self, experiment: PlannedExperiment, bag: Path) -> bool:
         """Run an experiment into a new bag; repeat it after a restart of excitation or actuator.
 
         Returns whether the first attempt succeeded, so that the actuator was at rest before.
@@ -248,8 +239,8 @@ class Sweeper:
         tries, first_loss = 0, 0.0
         while True:
             try:
-                under.ready()
-                return self._once(experiment, bag, under, tries > 0) and tries == 0
+                self._ready()
+                return self._once(experiment, bag, tries > 0) and tries == 0
             except Unanswered as lost:
                 tries += 1
                 now = time.monotonic()
@@ -259,20 +250,18 @@ class Sweeper:
                 self._node.get_logger().warning(f'{lost}; the experiment is run again')
                 self._client.waited(lambda: False, LOOK)
 
-    def _once(
-        self, experiment: PlannedExperiment, bag: Path, under: Circumstances, again: bool
-    ) -> bool:
+    def _once(self, experiment: PlannedExperiment, bag: Path, again: bool) -> bool:
         shutil.rmtree(bag, ignore_errors=True)
         inlet = self._receive()
         try:
             if again:
-                self._come_to_rest(AT_REST * experiment.amplitude, under)
+                self._come_to_rest(AT_REST * experiment.amplitude)
             result = self._sweep(experiment, bag)
         finally:
             self._node.destroy_subscription(inlet)
         if not result.names:
             raise Unanswered('the excitation missed some of the record')
-        return bool(result.samples <= (experiment.seconds + RESTARTED) * under.rate)
+        return bool(result.samples <= (experiment.seconds + RESTARTED) * self._rate)
 
     def _receive(self) -> Subscription:
         """Store the newest state; it determines how the actuator comes to rest."""
@@ -308,7 +297,7 @@ class Sweeper:
             raise (Unanswered if away else PiezoError)(result.message)
         return result
 
-    def _come_to_rest(self, at_rest: float, under: Circumstances) -> None:
+    def _come_to_rest(self, at_rest: float) -> None:
         """Bring an actuator to rest that lost its excitation in motion.
 
         A free-running actuator returns by itself; one in lock-step stays where it was, unless it
@@ -322,7 +311,7 @@ class Sweeper:
         if now[0] != before[0]:
             self._client.waited(lambda: abs((self._reached_last() or now)[1]) <= at_rest, AWAY)
         elif self._reached() >= now[0] and abs(now[1]) > at_rest:
-            slow = abs(now[1]) / (BELOW * under.slew) if isfinite(under.slew) else BACK
+            slow = abs(now[1]) / (BELOW * self._slew) if isfinite(self._slew) else BACK
             back = max(BACK, slow)
             lines = {'times': [0.0, back], 'values': [now[1], 0.0]}
             goal = RunSweep.Goal(frequencies=[0.0], amplitudes=[abs(now[1])], seconds=back)
