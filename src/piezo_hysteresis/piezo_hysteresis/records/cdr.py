@@ -14,7 +14,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import BoolArray, IntArray
 from piezo_hysteresis.errors import RecordError
-from piezo_hysteresis.records.definitions import stored_types
+from piezo_hysteresis.records.definitions import store_of
 from piezo_hysteresis.records.storage import Topic
 
 Rows = np.ndarray[Any, Any]
@@ -34,7 +34,7 @@ def fixed_fields(topic: Topic) -> Fields:
     from rosbags.interfaces import Nodetype
 
     msgtype = topic.msgtype
-    fields = stored_types(topic)[msgtype][1]
+    fields = store_of(topic).fielddefs[msgtype][1]
     kinds = [(name, node[0], node[1]) for name, node in fields]
     if not kinds or kinds[0][2] != 'std_msgs/msg/Header':
         raise RecordError(f'the stored definition of {msgtype} does not begin with a header')

@@ -75,8 +75,9 @@ def definition_of(msgtype: str) -> tuple[str, str]:
     return text, store.hash_rihs01(msgtype)
 
 
-def stored_types(topic: Topic) -> Any:
-    """Return the types that a bag's own definition of a topic holds, as rosbags describes them."""
+@cache
+def store_of(topic: Topic) -> Any:
+    """Return the type store of a bag's own definition of a topic."""
     from rosbags.typesys import (
         Stores,
         TypesysError,
@@ -100,7 +101,7 @@ def stored_types(topic: Topic) -> Any:
         raise RecordError(reason) from None
     if topic.type_hash not in ('', type_hash):
         raise RecordError(f'the stored definition of {topic.msgtype} does not agree with its hash')
-    return types
+    return store
 
 
 def _register_from_prefixes(store: Any, msgtype: str) -> None:

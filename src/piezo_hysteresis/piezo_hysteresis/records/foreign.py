@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.bag_content import blocks_of
 from piezo_hysteresis.records.columns import UNITS
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.definitions import stored_types, typestore
+from piezo_hysteresis.records.definitions import store_of, typestore
 from piezo_hysteresis.records.record import Record, RecordInfo
 from piezo_hysteresis.records.sampling import Track, records_of
 from piezo_hysteresis.records.storage import Topic
@@ -188,23 +187,12 @@ def _decode(topic: Topic, payload: bytes, path: Path) -> Any:
             'convert it to mcap with `ros2 bag convert` where the type is installed'
         )
     try:
-        return _store(topic).deserialize_cdr(payload, topic.msgtype)
+        store = store_of(topic) if topic.definition else typestore()
+        return store.deserialize_cdr(payload, topic.msgtype)
     except (SerdeError, KeyError, ValueError, IndexError, AssertionError, struct.error) as error:
         raise RecordError(
             f'{path}: a message of {topic.name} ({topic.msgtype}) cannot be read ({error!r})'
         ) from None
-
-
-@cache
-def _store(topic: Topic) -> Any:
-    """Return a type store for a topic: of the definition in the bag, else of Jazzy."""
-    from rosbags.typesys import Stores, get_typestore
-
-    if not topic.definition:
-        return typestore()
-    store = get_typestore(Stores.EMPTY)
-    store.register(stored_types(topic))
-    return store
 
 
 def _value(message: Any, signal: Signal, topic: Topic) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.damage import DamageLog
-from piezo_hysteresis.records.definitions import MARKER, stored_types, typestore
+from piezo_hysteresis.records.definitions import MARKER, store_of, typestore
 from piezo_hysteresis.records.record import RecordInfo
 from piezo_hysteresis.records.storage import MessageBlock, Topic
 
@@ -59,23 +58,17 @@ def decode_markers(path: Path, topic: Topic, block: MessageBlock, log: DamageLog
     return markers
 
 
-@cache
 def _store(topic: Topic) -> Any:
     """Return a type store that reads markers as the bag defines them.
 
     Fields may have been added to ours, but none may be missing.
     """
-    from rosbags.typesys import Stores, get_typestore
-
     if not topic.definition:
         return typestore()
-    theirs = stored_types(topic)
-    ours = typestore().fielddefs[MARKER][1]
-    if not all(field in theirs[MARKER][1] for field in ours):
+    theirs, ours = store_of(topic), typestore().fielddefs[MARKER][1]
+    if not all(field in theirs.fielddefs[MARKER][1] for field in ours):
         raise RecordError('the stored definition of the markers lacks agreed fields')
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register({MARKER: theirs[MARKER]})
-    return store
+    return theirs
 
 
 def sample_text(sample: int) -> str:
