@@ -101,14 +101,15 @@ def test_a_lag_is_eliminated_if_a_delay_implies_a_start_with_a_step(
 def test_a_search_without_time_lists_nothing_unlikely_or_at_a_bound(
     scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit],
 ) -> None:
-    evaluator, start, _, both = scene
+    evaluator, start, delay, both = scene
     ended = copy(evaluator)
     ended.deadline = Deadline(1e-9)
     lag = both.added[0]
 
-    def names(fit: CandidateFit, share: float) -> list[str]:
+    def names(fit: CandidateFit, share: float, *rivals: CandidateFit) -> list[str]:
         middle = replace(fit, added=fit.added[:1])
-        unlikely = SelectionRound(start, (middle,), (share,), GAIN, 2)
+        shares = (share, *(0.0 for _ in rivals))
+        unlikely = SelectionRound(start, (middle, *rivals), shares, GAIN, 2)
         last = SelectionRound(middle, (fit,), (1.0,), GAIN, 2)
         steps = (Step(unlikely, middle), Step(last, fit))
         found = eliminated(SelectionResult(ended, start, fit, steps))
@@ -117,6 +118,10 @@ def test_a_search_without_time_lists_nothing_unlikely_or_at_a_bound(
 
     assert names(both, 0.6) == ['amplifier_lag', 'transport_delay']
     assert names(both, 0.0) == ['transport_delay']
+    # a rival that leaves clearly less, whatever its probability, was not compared to the end
+    assert names(both, 0.6, delay) == ['amplifier_lag', 'transport_delay']
+    less = replace(delay, errors=tuple(0.1 * each for each in both.errors))
+    assert names(both, 0.6, less) == ['transport_delay']
     (time,) = lag.names.values()
     high = next(q.high for q in both.model.parameters if q.name == time)
     assert names(replace(both, values=both.values | {time: high}), 0.6) == ['transport_delay']

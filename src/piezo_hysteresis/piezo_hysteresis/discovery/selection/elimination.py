@@ -92,14 +92,15 @@ def without_unfinished(
     """Remove the effects that a search ended by its time limit has not settled.
 
     Such an effect has hardly any probability, is not significant against a fit that may not have
-    ended, or has parameters at the end of their range.
+    ended, has parameters at the end of their range, or leaves clearly more than a rival.
     """
     kept = list(steps)
     for step in steps:
         name = step.fit.effect
         likely = step.round.probabilities()[name] >= _UNLIKELY
         sure = step.round.gain.p_value < evaluator.policy.chance
-        if likely and sure and not _ends_at_a_bound(final, name):
+        leads = not step.round.lost_clearly(evaluator.policy)
+        if likely and sure and leads and not _ends_at_a_bound(final, name):
             continue
         bare = _without(evaluator, final, start, name, compared=False)
         if bare is None:

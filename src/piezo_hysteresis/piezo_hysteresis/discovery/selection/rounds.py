@@ -127,6 +127,11 @@ class SelectionRound:
         limit = policy.alternative_within * self.best.square
         return all(fit.effect == self.best.effect or fit.square > limit for fit in self.finalists)
 
+    def lost_clearly(self, policy: SelectionPolicy) -> bool:
+        """Return whether a finalist of another effect has a much smaller sum of squares."""
+        others = [fit.square for fit in self.finalists if fit.effect != self.best.effect]
+        return self.best.square > policy.alternative_within * min(others, default=inf)
+
     def probabilities(self) -> dict[str, float]:
         """Return the probability of each effect, summed over its variants, largest first."""
         found: dict[str, float] = {}
