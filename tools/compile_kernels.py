@@ -78,8 +78,8 @@ def between_ticks() -> None:
         if block.path_kernel is not None:
             path, values = np.linspace(0.0, 1.0, 24), block.pack(block.defaults())
             block.path_kernel(path, path.copy(), block.initial_state(DT), values, DT, 0.0, 12)
-        if block.restoring is not None:
-            block.restoring(block.pack(block.defaults()), 1e-6, 0.0, 0.0, DT)
+        if block.mode is not None and block.mode.restoring is not None:
+            block.mode.restoring(block.pack(block.defaults()), 1e-6, 0.0, 0.0, DT)
     for names in FOLLOWED:
         model = Model('path', tuple(BLOCKS[name] for name in names))
         late = {'delay': 0.3 * DT} if 'delay' in model.parameter_names else {}

@@ -157,7 +157,8 @@ def sensible(first: Block, second: Block) -> bool:
     if second.name == 'bouc_wen_oscillator' and first.slot is not Slot.INPUT:
         return False  # it takes a force
     # a forward Euler step is right to first order only: behind what moves that is what shows
-    return not (second.step_bound and first.between in (InterSample.LINEAR, InterSample.INNER))
+    euler = 'forward euler' in second.description.lower()
+    return not (euler and first.between in (InterSample.LINEAR, InterSample.INNER))
 
 
 PAIRS = [

@@ -45,10 +45,8 @@ def noise(size: float, seed: int = 0) -> FloatArray:
     return size * np.random.default_rng(seed).standard_normal(1000)
 
 
-def scored(
-    name: str, variant: str, explained: float, refines: dict[str, str] | None = None
-) -> ScreeningScore:
-    effect = SimpleNamespace(name=name, variant=variant, refines=refines or {})
+def scored(name: str, variant: str, explained: float, refines: str = '') -> ScreeningScore:
+    effect = SimpleNamespace(name=name, variant=variant, refines=refines)
     return ScreeningScore(cast(Any, SimpleNamespace(effect=effect)), (), explained)
 
 
@@ -68,7 +66,7 @@ def test_an_effect_of_many_variants_leaves_room_for_others() -> None:
 
 def test_a_richer_way_is_never_the_first_of_an_effect() -> None:
     scores = [
-        scored('sensor', 'spline', 0.9, {'bend': 'cubic'}),
+        scored('sensor', 'spline', 0.9, 'cubic'),
         scored('sensor', 'cubic', 0.5),
         scored('drift', 'a', 0.4),
     ]

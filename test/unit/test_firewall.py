@@ -104,7 +104,7 @@ def test_no_start_or_default_is_the_truth_of_a_preset() -> None:
             if 'damping' in row.name and dampings & {row.default, row.scale}:
                 wrong.append(f'{block.name}.{row.name}')
     for effect in EFFECTS:
-        for values in (effect.start, *effect.alternatives):
+        for values in effect.starts:
             for name, value in values.items():
                 if value in (modes if 'frequency' in name else dampings if 'damp' in name else ()):
                     wrong.append(f'{effect.name} ({effect.variant}): {name}')

@@ -1,10 +1,12 @@
 """Exact zero-order hold of one second-order system of unit DC gain."""
 
 from math import cos, cosh, exp, sin, sinh, sqrt
+from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.blocks.base import System
+from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import InterSample, System
 from piezo_hysteresis.jit import jit
 
 
@@ -51,3 +53,30 @@ def hold(omega: float, damping_ratio: float, dt: float) -> tuple[float, float, f
         c = 0.5 * (slow + fast)
         w = 0.5 * (slow - fast) / root
     return c + s * w, w, -omega * omega * w, c - s * w
+
+
+def series_mode(law: Any) -> dict[str, Any]:
+    """Return kernel and system of a mode; ``law(p)`` is omega [rad/s] and the damping ratio."""
+
+    @jit
+    def kernel(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+    ) -> None:
+        """Return the position; state is (position [m], velocity [m/s]) at the next sample."""
+        omega, ratio = law(p)
+        a11, a12, a21, a22 = hold(omega, ratio, dt)
+        b1, b2 = 1.0 - a11, -a21
+        position, velocity = state[0], state[1]
+        for k in range(x.size):
+            # sampled before the new hold acts: y[k] depends on the inputs up to k - 1
+            y[k] = position
+            moved = a11 * position + a12 * velocity + b1 * x[k]
+            velocity = a21 * position + a22 * velocity + b2 * x[k]
+            position = moved
+        state[0] = position
+        state[1] = velocity
+
+    def system(p: FloatArray) -> System:
+        return mode_system(*law(p))
+
+    return {'kernel': kernel, 'system': system, 'between': InterSample.LINEAR}

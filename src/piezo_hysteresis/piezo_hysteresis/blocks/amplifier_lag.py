@@ -47,12 +47,10 @@ def _block(name: str, parameter: str, slot: Slot, what: str, description: str) -
             ),
         ),
         kernel=kernel,
-        state_size=1,
         description=description,
         source='first-order low pass',
         between=InterSample.LINEAR,
         system=system,
-        monotonic=True,
     )
 
 
@@ -83,9 +81,7 @@ EFFECTS = tuple(
         variant=block.name,
         block=block,
         neutral={block.parameters[0].name: 0.0},
-        start={block.parameters[0].name: 5e-4},
-        alternatives=({block.parameters[0].name: 5e-3},),
-        first=block.slot is Slot.SENSOR,
+        starts=({block.parameters[0].name: 5e-4}, {block.parameters[0].name: 5e-3}),
         physics=physics,
         experiment=(
             'Drives above 100 Hz, where a lag takes amplitude and a delay only phase; or measure '

@@ -45,8 +45,7 @@ def check(values: Mapping[str, float]) -> str:
 
 BLOCK = Block(
     name='autoregressive',
-    part=InverseRole.RECURSION,
-    predictor=('', 'c1', 'c2'),
+    role=InverseRole.RECURSION,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter('c1', '1', 0.47, -3.0, 3.0, 'Weight of the displacement two samples ago.', 0.5),

@@ -39,7 +39,6 @@ def check(values: Mapping[str, float]) -> str:
 
 BLOCK = Block(
     name='autoregressive_free',
-    predictor=('a1', 'a2'),
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter(

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.errors import ModelError
 
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float], None]
-Tuned = Callable[[Mapping[str, float], Mapping[str, float]], dict[str, float]]
 Regressors = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], None]
 Restoring = Callable[[FloatArray, float, float, float, float], tuple[float, float]]
 Along = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, int], None]
@@ -28,11 +28,11 @@ class Slot(StrEnum):
     """Where in the chain a block belongs; the chain is ordered by slot."""
 
     INPUT = 'input'
-    HYSTERESIS = 'hysteresis'
+    HYSTERESIS = 'hysteresis'  # a block whose default output is 0 is added to the others
     STRUCTURE = 'structure'
     SLOW = 'slow'
     SENSOR = 'sensor'
-    ADDED = 'added'
+    ADDED = 'added'  # functions of time: state[0] is the time of the first sample [s]
 
 
 class InterSample(StrEnum):
@@ -45,8 +45,8 @@ class InterSample(StrEnum):
     INSTANT = 'instant'  # a function of the input at the same instant
     PATH = 'path'  # a rate-independent function of the path of the input
     LINEAR = 'linear'  # a linear system with a state, see `Block.system`
-    INNER = 'inner'  # has own dynamics with a held input, see `Block.path_kernel`
-    CLOCK = 'clock'  # adds or multiplies by a function of time
+    INNER = 'inner'  # has own dynamics with a held input: an `InnerMode`, or a limit of the rate
+    CLOCK = 'clock'  # adds or multiplies by a function of time; its last state counts the samples
     DELAY = 'delay'  # the input later
     TICK = 'tick'  # a recursion from tick to tick: samples its input and holds its output
 
@@ -86,6 +86,23 @@ class System(NamedTuple):
     b: FloatArray
     c: FloatArray
     d: float
+
+
+class InnerMode(NamedTuple):
+    """The mode of an INNER block with inertia.
+
+    Attributes
+    ----------
+    pace : callable
+        ``pace(p)`` returns its fastest rate [1/s].
+    restoring : callable or None
+        ``restoring(p, x, before, memory, dt)``, compiled, returns the force on the mode in
+        addition to its linear spring, in metres of static displacement, at `x` [m] after `before`
+        [m], and its memory. None: it has no inverse by the derivatives of the reference.
+    """
+
+    pace: Callable[[FloatArray], float]
+    restoring: Restoring | None = None
 
 
 @dataclass(frozen=True)
@@ -141,68 +158,36 @@ class Block:
         Its position in the chain.
     parameters : tuple of Parameter
         In the order of the kernel.
-    kernel : callable or None
-        ``kernel(x, y, state, p, dt, frequency)``, compiled; `frequency` is the fundamental
-        frequency of the excitation [Hz], 0 if there is none. None if `path_kernel` with one point
-        per tick is equivalent.
-    state_size : callable or int
-        Length of the state, or a function of dt that gives it (delays).
     description : str
         One sentence on the physics of the block.
     source : str
         Paper and equation.
-    check : callable or None
-        ``check(values)`` returns '' or the reason why these parameters are incompatible.
-    phased : bool
-        Whether it follows the phase of a drive that started at time 0; ``state[0]`` is then the
-        time of the first sample [s].
-    clocked : bool
-        Whether ``state[0]`` is the time [s] of the first sample, for blocks that depend on it.
-    in_parallel : bool
-        Whether the block is connected in parallel with the hysteresis of a model and not in
-        series: it has the same input, and its output is added.
-    parts : tuple of Block
-        The parallel blocks of this one; empty for a single block.
+    kernel : callable or None
+        ``kernel(x, y, state, p, dt, frequency)``, compiled; `frequency` is the fundamental
+        frequency of the excitation [Hz], 0 if there is none. It takes one number per tick, held
+        over it, and returns the output at the end of the tick, or with inertia at its start. None
+        if `path_kernel` with one point per tick is equivalent.
+    state_size : callable or int
+        Length of the state, or a function of dt that gives it (delays); that of `system` if given.
     between : InterSample
-        Its intersample behaviour. The kernel takes one number per tick, held over it, and returns
-        the output at the end of the tick, or with inertia at its start.
-    inertia : bool
-        Whether it has inertia: its position at a tick does not depend on the input of that tick.
-    system : callable or None
-        ``system(p)`` returns the continuous system of a LINEAR block, or the gain of a linear
-        INSTANT one; its states are those of the kernel.
+        Its intersample behaviour.
     path_kernel : callable or None
         ``path_kernel(x, y, state, p, dt, frequency, points)``, compiled: the output along a path
         of `points` values per tick, three per step: at its start, middle and end; of a PATH block
         also one value per tick. Required for every INNER block, and for every PATH block that
         depends on ticks or steps.
-    monotonic : bool
-        Whether it approaches a held input monotonically and continuously: a lag (LINEAR), or a
-        rate limit (INNER), whose path has a corner.
-    pace : callable or None
-        ``pace(p)`` returns the fastest rate [1/s] at which an INNER block moves.
-    count : int or None
-        Index of the sample counter in the state of a CLOCK block.
-    joins : callable or None
-        ``joins(p)`` returns how the block interpolates a measured input between ticks: 0 held, 1
-        linear, 2 band-limited.
-    step_bound : bool
-        Whether its step is the sampling interval (forward Euler, first order).
+    system : callable or None
+        ``system(p)`` returns the continuous system of a LINEAR block, or the gain of a linear
+        INSTANT one; its states are those of the kernel.
+    mode : InnerMode or None
+        The mode of an INNER block; None for a limit of the rate, whose path has a corner.
     unknown : tuple of int
         Indices of states that are unknown if a record starts in motion, and whose effect decays:
         the memory of a hysteresis, position and velocity. All states of a LINEAR block are.
-    tuned : callable or None
-        ``tuned(values, mode)`` returns the parameters of a differently parametrised mode for the
-        ``natural_frequency`` [Hz] and ``damping_ratio`` in `mode`; missing ones are unchanged.
-    part : Part or None
+    check : callable or None
+        ``check(values)`` returns '' or the reason why these parameters are incompatible.
+    role : InverseRole or None
         Its role in an inverse in closed form.
-    predictor : tuple of str
-        Parameters that multiply the measurements one, two, ... samples ago in a prediction; '' is
-        the factor 1.
-    restoring : callable or None
-        ``restoring(p, x, before, memory, dt)``, compiled, returns the force on a mode in addition
-        to its linear spring, in metres of static displacement, at `x` [m] after `before` [m], and
-        its memory.
     regressors : callable or None
         ``regressors(x, rows, state, p)``, compiled: the regressors of the output, if every
         parameter but the first is a weight.
@@ -211,30 +196,53 @@ class Block:
     name: str
     slot: Slot
     parameters: tuple[Parameter, ...]
-    state_size: int | Callable[[float], int]
     description: str
-    kernel: Kernel | None = None
     source: str = ''
-    check: Callable[[Mapping[str, float]], str] | None = None
-    clocked: bool = False
-    phased: bool = False
-    in_parallel: bool = False
-    parts: tuple[Block, ...] = ()
+    kernel: Kernel | None = None
+    state_size: int | Callable[[float], int] = 0
     between: InterSample = InterSample.TICK
-    inertia: bool = False
-    system: Callable[[FloatArray], System] | None = None
     path_kernel: Along | None = None
-    monotonic: bool = False
-    pace: Callable[[FloatArray], float] | None = None
-    count: int | None = None
-    joins: Callable[[FloatArray], float] | None = None
-    step_bound: bool = False
+    system: Callable[[FloatArray], System] | None = None
+    mode: InnerMode | None = None
     unknown: tuple[int, ...] = ()
-    tuned: Tuned | None = None
-    part: InverseRole | None = None
-    predictor: tuple[str, ...] = ()
-    restoring: Restoring | None = None
+    check: Callable[[Mapping[str, float]], str] | None = None
+    role: InverseRole | None = None
     regressors: Regressors | None = None
+
+    @cached_property
+    def _usual(self) -> System | None:
+        """Linear system at the defaults; its structure is that at all parameters."""
+        if self.system is None:
+            return None
+        return self.system(np.array([each.default for each in self.parameters]))
+
+    @cached_property
+    def inertia(self) -> bool:
+        """Whether it has inertia: its position at a tick does not depend on that tick's input."""
+        if self.between is InterSample.INNER:
+            return self.mode is not None
+        own = self._usual
+        return own is not None and own.b.size > 1 and own.d == 0.0 and float(own.c @ own.b) == 0.0
+
+    @cached_property
+    def monotonic(self) -> bool:
+        """Whether it approaches a held input monotonically and continuously: a lag, a limit."""
+        if self.between is InterSample.INNER:
+            return self.mode is None
+        own = self._usual
+        return own is not None and own.b.size == 1 and own.d == 0.0
+
+    @property
+    def in_parallel(self) -> bool:
+        """Whether its output is added to that of the hysteresis, which has the same input."""
+        return self.slot is Slot.HYSTERESIS and not any(
+            each.default for each in self.parameters if not each.follows_range
+        )
+
+    @property
+    def is_tone(self) -> bool:
+        """Whether it adds a function of the time of the record, independent of the drive."""
+        return self.slot is Slot.ADDED and self.between is InterSample.CLOCK
 
     def initial_state(self, dt: float, start: float = 0.0) -> FloatArray:
         """Return the state of the block at rest, shape (state_size,).
@@ -244,11 +252,13 @@ class Block:
         dt : float
             Sampling interval [s].
         start : float
-            Time of the first sample [s]; used by clocked and phased blocks only.
+            Time of the first sample [s]; used by ADDED blocks only.
         """
         size = self.state_size if isinstance(self.state_size, int) else self.state_size(dt)
+        if self._usual is not None:
+            size = self._usual.b.size
         state = np.zeros(size)
-        if self.clocked or self.phased:
+        if self.slot is Slot.ADDED and size:
             state[0] = start
         return state
 
@@ -264,27 +274,17 @@ class Block:
         """
         if self.between is InterSample.LINEAR:
             return tuple(range(self.initial_state(dt).size))
-        if self.between is InterSample.PATH and not memory:
-            return ()
-        places, first = [], 0
-        for part in self.parts:
-            places += [first + place for place in part.unknown_states(dt, memory=memory)]
-            first += part.initial_state(dt).size
-        return (*self.unknown, *places)
+        return () if self.between is InterSample.PATH and not memory else self.unknown
 
     @property
     def has_memory(self) -> bool:
         """Whether it has a memory that follows from the extremes of its input before a record."""
-        if self.parts:
-            return any(part.has_memory for part in self.parts)
         return self.between is InterSample.PATH
 
     @property
     def needs_levels(self) -> bool:
         """Whether it has a memory that the states `unknown` do not contain."""
-        if self.parts:
-            return any(part.needs_levels for part in self.parts)
-        return self.between is InterSample.PATH and not self.unknown
+        return self.has_memory and not self.unknown
 
     def defaults(self) -> dict[str, float]:
         """Return the default of every parameter."""

@@ -6,7 +6,14 @@ from math import ceil, pi, sqrt
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
+from piezo_hysteresis.blocks.base import (
+    Block,
+    InnerMode,
+    InterSample,
+    InverseRole,
+    Parameter,
+    Slot,
+)
 from piezo_hysteresis.blocks.effect import Effect, Residual
 from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.numerics.linalg import solve_square
@@ -181,9 +188,16 @@ def along(
     state[2] = z
 
 
-def joins(p: FloatArray) -> float:
-    """Return the interpolation order of the force between samples."""
-    return float(p[7])
+_ORDER = 'interpolation'
+
+
+def place_of_order(block: Block) -> int | None:
+    """Return the place of the order by which a block interpolates its input; None if it is held.
+
+    The order is 0 for held, 1 for linear, 2 for band-limited between the samples.
+    """
+    names = [each.name for each in block.parameters]
+    return names.index(_ORDER) if _ORDER in names else None
 
 
 def check(values: Mapping[str, float]) -> str:
@@ -198,7 +212,7 @@ def check(values: Mapping[str, float]) -> str:
 
 BLOCK = Block(
     name='bouc_wen_oscillator',
-    part=InverseRole.OSCILLATOR,
+    role=InverseRole.OSCILLATOR,
     slot=Slot.STRUCTURE,
     parameters=(
         Parameter('mass', 'kg', 0.25, 1e-9, 1e5, 'Moving mass m.', 0.2, powers=(1, -1)),
@@ -221,7 +235,7 @@ BLOCK = Block(
         ),
         Parameter('z_exponent', '1', 1.0, 0.5, 10.0, 'Exponent nu of the hysteresis.', 1.0),
         Parameter(
-            'interpolation', '1', 2.0, 0.0, 2.0,
+            _ORDER, '1', 2.0, 0.0, 2.0,
             'Force between samples: 0 held, 1 linear, 2 band-limited (content up to 0.45 of the '
             'Nyquist frequency).',
         ),
@@ -230,10 +244,8 @@ BLOCK = Block(
     state_size=3 + _TAPS,
     between=InterSample.INNER,
     unknown=(0, 1, 2),
-    inertia=True,
     path_kernel=along,
-    pace=fastest,
-    joins=joins,
+    mode=InnerMode(fastest),
     description=(
         "m x'' + c x' + k x + z = F with z' = z_alpha x' - (z_beta |x'| z + z_gamma x' |z|) "
         '|z/z_s|^(z_exponent - 1), z_s = |z_alpha|/(|z_beta| + |z_gamma|).'
@@ -278,16 +290,17 @@ EFFECTS = tuple(
     Effect(
         name='hysteresis',
         variant=variant,
-        where='of the restoring force',
         block=BLOCK,
-        replaces=('mode',),
-        absorbs=('gain',),
+        replaces=('mode', 'gain'),
         inexactness=0.07,  # one loop represents those of many domains
         convert=from_linear,
         holds={'z_exponent': 1.0, 'interpolation': interpolation},
         neutral={'z_alpha': 0.0},
-        start={'z_alpha': 2e3, 'z_beta': 5e3, 'z_gamma': 0.0},
-        alternatives=({'z_gamma': -5e3}, {'z_gamma': 5e3}),
+        starts=(
+            {'z_alpha': 2e3, 'z_beta': 5e3, 'z_gamma': 0.0},
+            {'z_gamma': -5e3},
+            {'z_gamma': 5e3},
+        ),
         guess=guess,
         physics=(
             'The spring itself has memory: the restoring force lags behind the displacement, so '

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import expm1, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -48,66 +49,46 @@ def element(
     state[place] = crept
 
 
-@jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return ``v + c`` at the end of the tick; state is c [m] there."""
-    element(x, y, state, 0, p[0], p[1], dt)
+def _bank(count: int, law: Any) -> dict[str, Any]:
+    """Return kernel and system of some elements; ``law(p, i)`` is share and time of each."""
+
+    @jit
+    def kernel(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+    ) -> None:
+        """Return ``v`` plus all elements at the end of the tick; state is their outputs [m]."""
+        for i in range(count):
+            share, tau = law(p, i)
+            element(x, y, state, i, share, tau, dt)
+
+    def system(p: FloatArray) -> System:
+        shares, times = np.array([law(p, i) for i in range(count)]).T
+        rates = 1.0 / times
+        return System(np.diag(-rates), rates * shares, np.ones(count), 1.0)
+
+    return {'kernel': kernel, 'system': system, 'between': InterSample.LINEAR}
 
 
-@jit
-def pair_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return ``v + c1 + c2`` at the end of the tick; state is c1, c2 [m] there."""
-    element(x, y, state, 0, p[0], p[1], dt)
-    element(x, y, state, 1, p[2], p[1] * p[3], dt)
+@inline_jit
+def _single(p: FloatArray, i: int) -> tuple[float, float]:
+    return p[0], p[1]
 
 
-@jit
-def logarithmic_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return ``v`` with a bank of two elements per decade; state is their outputs [m]."""
-    for i in range(ELEMENTS):
-        element(x, y, state, i, p[0] / PER_DECADE, p[1] * over_onset(i), dt)
+@inline_jit
+def _pair(p: FloatArray, i: int) -> tuple[float, float]:
+    if i == 0:
+        return p[0], p[1]
+    return p[2], p[1] * p[3]
 
 
-@jit
-def spectrum_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return ``v`` with one element per decade; state is their outputs [m]."""
-    for i in range(p.size):
-        element(x, y, state, i, p[i], SPECTRUM[i], dt)
+@inline_jit
+def _logarithmic(p: FloatArray, i: int) -> tuple[float, float]:
+    return p[0] / PER_DECADE, p[1] * over_onset(i)
 
 
-def _elements(shares: list[float], times: list[float]) -> System:
-    rates = 1.0 / np.asarray(times)
-    return System(np.diag(-rates), rates * np.asarray(shares), np.ones(rates.size), 1.0)
-
-
-def system(p: FloatArray) -> System:
-    """Return the element as a linear system."""
-    return _elements([p[0]], [p[1]])
-
-
-def pair_system(p: FloatArray) -> System:
-    """Return both elements as one linear system."""
-    return _elements([p[0], p[2]], [p[1], p[1] * p[3]])
-
-
-def logarithmic_system(p: FloatArray) -> System:
-    """Return the bank as a linear system."""
-    return _elements(
-        [p[0] / PER_DECADE] * ELEMENTS, [p[1] * over_onset(i) for i in range(ELEMENTS)]
-    )
-
-
-def spectrum_system(p: FloatArray) -> System:
-    """Return the elements of the spectrum as a linear system."""
-    return _elements(list(p), list(SPECTRUM))
+@inline_jit
+def _of_spectrum(p: FloatArray, i: int) -> tuple[float, float]:
+    return p[i], SPECTRUM[i]
 
 
 _ELEMENT = (
@@ -128,10 +109,7 @@ BLOCKS = (
         name='creep',
         slot=Slot.SLOW,
         parameters=_ELEMENT,
-        kernel=kernel,
-        state_size=1,
-        between=InterSample.LINEAR,
-        system=system,
+        **_bank(1, _single),
         description='One Kelvin-Voigt element in series.',
         source='Kelvin-Voigt creep',
     ),
@@ -159,10 +137,7 @@ BLOCKS = (
                 10.0,
             ),
         ),
-        kernel=pair_kernel,
-        state_size=2,
-        between=InterSample.LINEAR,
-        system=pair_system,
+        **_bank(2, _pair),
         description='Two Kelvin-Voigt elements in series, both driven by the displacement.',
         source='Kelvin-Voigt creep',
     ),
@@ -181,10 +156,7 @@ BLOCKS = (
             )
             for i, tau in enumerate(SPECTRUM)
         ),
-        kernel=spectrum_kernel,
-        state_size=len(SPECTRUM),
-        between=InterSample.LINEAR,
-        system=spectrum_system,
+        **_bank(len(SPECTRUM), _of_spectrum),
         description='Kelvin-Voigt elements, one per decade, with independent shares.',
         source='generalised Kelvin-Voigt creep: a spectrum of retardation',
     ),
@@ -203,10 +175,7 @@ BLOCKS = (
             ),
             Parameter('creep_onset', 's', 0.1, 1e-4, 1e3, 'Time at which creep sets in.', 0.1),
         ),
-        kernel=logarithmic_kernel,
-        state_size=ELEMENTS,
-        between=InterSample.LINEAR,
-        system=logarithmic_system,
+        **_bank(ELEMENTS, _logarithmic),
         description=(
             'Creep by creep_per_decade log10(1 + t/creep_onset) after a step, as a bank of '
             'Kelvin-Voigt elements over seven decades from the onset.'
@@ -222,8 +191,7 @@ EFFECTS = tuple(
         repeatable=True,
         block=block,
         neutral=dict.fromkeys(shares, 0.0),
-        start=dict.fromkeys(shares, 0.02),
-        alternatives=alternatives,
+        starts=(dict.fromkeys(shares, 0.02), *alternatives),
         physics=(
             'Domains continue to switch under a constant field, so the displacement keeps growing '
             'after the voltage has stopped, fast at first, then more slowly.'

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Block
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Slot
 
 
 class Residual(NamedTuple):
@@ -73,7 +73,8 @@ class Effect:
     variant : str
         Distinguishes the variants of one effect; usually the name of the block.
     block : Block or None
-        Block added to the chain; None if only parameters are freed.
+        Block added to the chain; None if held parameters of the model become free, those of
+        `starts`.
     neutral : mapping of str to float
         Values without an effect; empty if it refits the parameters of the model.
     physics : str
@@ -84,38 +85,28 @@ class Effect:
         Names of the effects that leave a similar residual.
     required_coverage : tuple of Coverage
         Coverage of the records that its identification requires.
-    where : str
-        Location, if variants have different ones: ``of the input``.
-    replaces : tuple of str
-        Names of blocks of which `block` replaces one; empty if it is added.
-    absorbs : tuple of str
-        Required blocks that are removed together with the replaced one.
-    requires : tuple of str
-        Blocks of which the model must have one; empty for any model.
-    first : bool
-        Whether it is added before the other blocks of its slot instead of after them.
-    frees : tuple of str
-        Held parameters of the model that become free.
+    starts : tuple of mapping
+        Start values of a fit for an input amplitude of 1 V and a displacement amplitude of 130 µm.
+        Each further one completes the first, for several local optima (signs, frequencies).
     holds : mapping of str to float
         Parameters of the block that are not fitted.
     zeros : tuple of str
-        Parameters of the block that only shift its zero: nuisance parameters.
-    fixed_baseline_only : bool
-        Whether it is only offered for fixed baselines: if the baseline is fitted, its offset and
-        gain absorb the zero of the effect, and another variant has fewer parameters.
-    refines : mapping of str to str
-        Maps parameters of the block to those of the variant that is its special case, if there is
-        one: a model with the block is not extended by that variant.
+        Parameters of the block for the displacement about which it acts. It is only offered for
+        fixed baselines: if the baseline is fitted, its offset and gain absorb them. Those of a
+        static block are nuisance parameters.
+    replaces : tuple of str
+        Names of blocks: `block` takes the place of the first, the others are removed; empty if it
+        is added, as `first` states.
+    requires : tuple of str
+        Blocks of which the model must have one; empty for any model.
+    repeatable : bool
+        Whether a model may have it several times (modes, tones, creep elements).
+    refines : str
+        The variant that is its special case, if there is one: a model with the block is not
+        extended by that variant.
     inexactness : float
         Relative error of the law of the effect [1]. The residual after the effect is at least this
         large, so that a smaller one is not named.
-    repeatable : bool
-        Whether a model may have it several times (modes, tones, creep elements).
-    start : mapping of str to float
-        Start values of a fit for an input amplitude of 1 V and a displacement amplitude of 130 µm.
-    alternatives : tuple of mapping
-        Further start values, each completing `start`, for several local optima (signs,
-        frequencies).
     guess : callable or None
         ``guess(residual)`` returns better start values of some parameters, or several such
         mappings for several local optima.
@@ -135,20 +126,14 @@ class Effect:
     experiment: str
     mistaken_for: tuple[str, ...] = ()
     required_coverage: tuple[Coverage, ...] = ()
-    where: str = ''
-    replaces: tuple[str, ...] = ()
-    absorbs: tuple[str, ...] = ()
-    requires: tuple[str, ...] = ()
-    first: bool = False
-    frees: tuple[str, ...] = ()
+    starts: tuple[Mapping[str, float], ...] = ({},)
     holds: Mapping[str, float] = field(default_factory=dict)
     zeros: tuple[str, ...] = ()
-    fixed_baseline_only: bool = False
-    refines: Mapping[str, str] = field(default_factory=dict)
-    inexactness: float = 0.02
+    replaces: tuple[str, ...] = ()
+    requires: tuple[str, ...] = ()
     repeatable: bool = False
-    start: Mapping[str, float] = field(default_factory=dict)
-    alternatives: tuple[Mapping[str, float], ...] = ()
+    refines: str = ''
+    inexactness: float = 0.02
     guess: Guess | None = None
     convert: Convert | None = None
     absent: Callable[[Mapping[str, float]], bool] | None = None
@@ -157,3 +142,19 @@ class Effect:
     def refits(self) -> bool:
         """Whether it has no own parameters but refits those of the model."""
         return not self.neutral
+
+    @property
+    def frees(self) -> tuple[str, ...]:
+        """Held parameters of the model that become free."""
+        return tuple(self.starts[0]) if self.block is None else ()
+
+    @property
+    def first(self) -> bool:
+        """Whether it is added before the other blocks of its slot instead of after them.
+
+        A sensor errs before its offset is added, and friction acts on the drive of a mode.
+        """
+        if self.block is None or self.block.role is InverseRole.ZERO:
+            return False
+        slot, between = self.block.slot, self.block.between
+        return slot is Slot.SENSOR or (slot is Slot.STRUCTURE and between is InterSample.PATH)

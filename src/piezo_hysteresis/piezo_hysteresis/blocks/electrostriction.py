@@ -40,11 +40,9 @@ BLOCKS = (
             ),
         ),
         kernel=kernel,
-        state_size=0,
         between=InterSample.INSTANT,
         description='Square law of the voltage in parallel with piezo effect and hysteresis.',
         source='strain of the square of the field',
-        in_parallel=True,
     ),
     Block(
         name='square_law',
@@ -55,7 +53,6 @@ BLOCKS = (
             ),
         ),
         kernel=input_kernel,
-        state_size=0,
         between=InterSample.INSTANT,
         description='Square law of the amplifier, before the hysteresis.',
         source='amplifier whose gain depends on the voltage',
@@ -73,8 +70,10 @@ EFFECTS = tuple(
         variant=block.name,
         block=block,
         neutral={block.parameters[0].name: 0.0},
-        start={block.parameters[0].name: block.parameters[0].scale},
-        alternatives=({block.parameters[0].name: -block.parameters[0].scale},),
+        starts=(
+            {block.parameters[0].name: block.parameters[0].scale},
+            {block.parameters[0].name: -block.parameters[0].scale},
+        ),
         physics=physics,
         experiment=(
             'Two amplitudes: mean and second harmonic fall to a quarter at half the amplitude '

@@ -62,7 +62,6 @@ BLOCKS = (
         parameters=_parameters(3, ('c3', 'c4', 'al1', 'al2')),
         kernel=kernel3,
         state_size=5,
-        phased=True,
         description=(
             'Third harmonic by the printed recursion; in steady state one record determines two '
             'of its four parameters.'
@@ -76,7 +75,6 @@ BLOCKS = (
         parameters=_parameters(5, ('c5', 'c6', 'al3', 'al4')),
         kernel=kernel5,
         state_size=5,
-        phased=True,
         description=(
             'Fifth harmonic by the printed recursion; in steady state one record determines two '
             'of its four parameters.'

@@ -110,10 +110,8 @@ EFFECTS = tuple(
         name='friction',
         variant=block.name,
         block=block,
-        first=True,
         neutral={block.name: 0.0},
-        start={block.name: 1e-6},
-        alternatives=({block.name: 5e-6},),
+        starts=({block.name: 1e-6}, {block.name: 5e-6}),
         physics=physics,
         experiment=(
             'A small-amplitude record: the dead zone keeps its width in metres, so its share of '

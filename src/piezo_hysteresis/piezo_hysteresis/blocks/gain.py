@@ -24,11 +24,10 @@ def system(p: FloatArray) -> System:
 
 BLOCK = Block(
     name='gain',
-    part=InverseRole.GAIN,
+    role=InverseRole.GAIN,
     slot=Slot.HYSTERESIS,
     parameters=(LINEAR_GAIN,),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     system=system,
     description='Linear gain without memory.',

@@ -40,7 +40,6 @@ BLOCK = Block(
     kernel=kernel,
     state_size=1,
     between=InterSample.CLOCK,
-    count=0,
     description='Stroke that shrinks since the start of the record.',
     source='fatigue, depolarisation, self-heating',
 )
@@ -51,8 +50,11 @@ EFFECTS = (
         variant='gain_decay',
         block=BLOCK,
         neutral={'gain_loss': 0.0},
-        start={'gain_loss': 0.02},
-        alternatives=({'gain_loss_time': 1.0}, {'gain_loss_time': 1e3, 'gain_loss': 0.5}),
+        starts=(
+            {'gain_loss': 0.02},
+            {'gain_loss_time': 1.0},
+            {'gain_loss_time': 1e3, 'gain_loss': 0.5},
+        ),
         physics=(
             'The ceramic depolarises, heats up or fatigues, so the displacement per volt '
             'decreases.'

@@ -7,8 +7,8 @@ That law is the compensator; solved for the displacement at every sample it is a
 from collections.abc import Mapping
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen import exact_step
 from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
-from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import inline_jit, jit
 
 KNOTS = 10  # slopes for which Xiao 2014 identifies parameters
@@ -215,7 +215,7 @@ def _knots() -> tuple[Parameter, ...]:
 BLOCKS = (
     Block(
         name='inverse_bouc_wen',
-        part=InverseRole.SELECTOR,
+        role=InverseRole.SELECTOR,
         slot=Slot.HYSTERESIS,
         parameters=PARAMETERS,
         kernel=kernel,
@@ -231,7 +231,7 @@ BLOCKS = (
     ),
     Block(
         name='inverse_selector',
-        part=InverseRole.SELECTOR,
+        role=InverseRole.SELECTOR,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(

@@ -90,10 +90,8 @@ BLOCK = Block(
     kernel=kernel,
     state_size=2,
     between=InterSample.CLOCK,
-    count=1,
     description='Tone of fixed frequency, locked to the time of the record and not to the drive.',
     source='mains, pumps, fans',
-    clocked=True,
 )
 
 EFFECTS = (
@@ -103,8 +101,11 @@ EFFECTS = (
         repeatable=True,
         block=BLOCK,
         neutral={'hum_sine': 0.0, 'hum_cosine': 0.0},
-        start={'hum_frequency': 50.0, 'hum_sine': 1e-7, 'hum_cosine': 1e-7},
-        alternatives=({'hum_frequency': 60.0}, {'hum_frequency': 100.0}),
+        starts=(
+            {'hum_frequency': 50.0, 'hum_sine': 1e-7, 'hum_cosine': 1e-7},
+            {'hum_frequency': 60.0},
+            {'hum_frequency': 100.0},
+        ),
         guess=guess,
         physics=(
             'Mains, a pump or a fan couples into the sensor or the mount at a frequency '

@@ -5,7 +5,7 @@ from math import ceil, exp, inf, pi, sqrt
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
+from piezo_hysteresis.blocks.base import Block, InnerMode, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Effect
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.jit import inline_jit, jit
@@ -233,7 +233,6 @@ def restoring(
 
 BLOCK = Block(
     name='nonlinear_mode',
-    restoring=restoring,
     slot=Slot.STRUCTURE,
     parameters=(
         *MODE.parameters,
@@ -271,9 +270,8 @@ BLOCK = Block(
     state_size=3,
     between=InterSample.INNER,
     unknown=(0, 1, 2),
-    inertia=True,
     path_kernel=along,
-    pace=pace,
+    mode=InnerMode(pace, restoring),
     description=(
         "x''/w^2 + 2 zeta x'/w + x + mode_cubic x^3 + mode_friction b = v, b after Dahl, or "
         'with a breakaway above 1 after LuGre; a softening spring goes slack, never outwards.'
@@ -327,8 +325,7 @@ _IN_MODE = {
         inexactness=0.07,  # Dahl's loop and a cubic spring approximate contacts of many kinds
         holds=_HOLDS[name],
         neutral=_NEUTRAL[name],
-        start=_OWN[name],
-        alternatives=_ALTERNATIVES[name],
+        starts=(_OWN[name], *_ALTERNATIVES[name]),
         physics=_PHYSICS[name],
         experiment=_EXPERIMENTS[name],
         mistaken_for=_MISTAKEN[name],
@@ -343,18 +340,13 @@ EFFECTS = (
         variant='breaking_away',
         inexactness=0.02,
         holds={'mode_cubic': 0.0},
-        start={**_OWN['friction'], 'breakaway': 1.2, 'stribeck_speed': 1e-3},
+        starts=(
+            {**_OWN['friction'], 'breakaway': 1.2, 'stribeck_speed': 1e-3},
+            *_ALTERNATIVES['friction'],
+        ),
     ),
     *(
-        replace(
-            effect,
-            variant='in_nonlinear_mode',
-            block=None,
-            replaces=(),
-            holds={},
-            frees=tuple(_OWN[name]),
-            requires=('nonlinear_mode',),
-        )
+        replace(effect, variant='in_nonlinear_mode', block=None, replaces=(), holds={})
         for name, effect in _IN_MODE.items()
     ),
 )

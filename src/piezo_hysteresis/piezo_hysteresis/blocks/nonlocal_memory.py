@@ -61,7 +61,6 @@ def _block(name: str, prefix: str, count: int) -> Block:
         between=InterSample.PATH,
         description=f'Bank of {count} play operators in parallel with the hysteresis.',
         source='Prandtl-Ishlinskii bank as a correction of Bouc-Wen',
-        in_parallel=True,
     )
 
 
@@ -87,7 +86,7 @@ EFFECTS = tuple(
         ),
         holds={block.parameters[0].name: 1.0},
         neutral={each.name: 0.0 for each in block.parameters[1:]},
-        start={each.name: 1e-5 / len(block.parameters) for each in block.parameters[1:]},
+        starts=({each.name: 1e-5 / len(block.parameters) for each in block.parameters[1:]},),
         physics=(
             'The memory of the ceramic contains every reversal that no larger one has '
             'erased; that of Bouc-Wen is one number. Inner loops therefore close in the '

@@ -41,7 +41,6 @@ BLOCKS = tuple(
         ),
         kernel=kernel,
         state_size=2,
-        phased=True,
         description=(
             f'Harmonic of order {order} with the phase of the drive; nothing where the drive has '
             'no fundamental frequency.'
@@ -57,7 +56,7 @@ EFFECTS = tuple(
         variant=block.name,
         block=block,
         neutral={parameter.name: 0.0 for parameter in block.parameters},
-        start={parameter.name: 1e-6 for parameter in block.parameters},
+        starts=({parameter.name: 1e-6 for parameter in block.parameters},),
         physics=(
             'An oscillation at an odd multiple of the drive that the model does not produce. '
             'The papers describe it by exogenous sines; usually a harmonic excites a mode.'

@@ -17,11 +17,10 @@ def kernel(
 
 BLOCK = Block(
     name='offset',
-    part=InverseRole.ZERO,
+    role=InverseRole.ZERO,
     slot=Slot.SENSOR,
     parameters=(Parameter('offset', 'm', 0.0, -1.0, 1.0, 'Reading of the sensor at zero.', 1e-5),),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     description='Constant offset of the displacement.',
     source='missing in Fujii 2018; without it the free run is off by 16 to 160 um',

@@ -7,7 +7,7 @@ In a chain they are one block whose name is theirs joined by ``|``:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,9 +19,36 @@ from piezo_hysteresis.errors import ModelError
 SEPARATOR = '|'
 
 
+@dataclass(frozen=True)
+class ParallelBlock(Block):
+    """Several blocks with the same input, whose outputs are added."""
+
+    parts: tuple[Block, ...] = ()
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether one of them has."""
+        return any(part.has_memory for part in self.parts)
+
+    @property
+    def needs_levels(self) -> bool:
+        """Whether one of them does."""
+        return any(part.needs_levels for part in self.parts)
+
+    def unknown_states(self, dt: float, *, memory: bool = True) -> tuple[int, ...]:
+        """Return those of all, in the state of the sum."""
+        if self.between is InterSample.PATH and not memory:
+            return ()
+        places, first = list[int](), 0
+        for part in self.parts:
+            places += [first + place for place in part.unknown_states(dt, memory=memory)]
+            first += part.initial_state(dt).size
+        return tuple(places)
+
+
 def parts_of(block: Block) -> tuple[Block, ...]:
     """Return the parallel blocks of `block`; a single block is returned itself."""
-    if not block.parts:
+    if not isinstance(block, ParallelBlock):
         return (block,)
     known: tuple[Block, ...] | None = block.__dict__.get('_single')
     if known is not None:
@@ -95,7 +122,7 @@ def parallel_block(*blocks: Block) -> Block:
                 return reason
         return ''
 
-    return Block(
+    return ParallelBlock(
         name=SEPARATOR.join(part.name for part in parts),
         slot=parts[0].slot,
         parameters=tuple(parameter for part in parts for parameter in part.parameters),
@@ -106,7 +133,5 @@ def parallel_block(*blocks: Block) -> Block:
         check=check,
         parts=parts,
         between=_together(parts),
-        inertia=any(part.inertia for part in parts),
         path_kernel=along if any(part.path_kernel is not None for part in parts) else None,
-        step_bound=any(part.step_bound for part in parts),
     )

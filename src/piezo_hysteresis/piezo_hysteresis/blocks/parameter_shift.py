@@ -13,5 +13,4 @@ PARAMETER_SHIFT = Effect(
     ),
     experiment='The records from which the model was identified, once more.',
     mistaken_for=('gain_decay', 'sensor_nonlinearity', 'creep'),
-    fixed_baseline_only=True,
 )

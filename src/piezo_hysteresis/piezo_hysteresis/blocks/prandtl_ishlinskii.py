@@ -63,13 +63,13 @@ def _block(
     half_widths: Sequence[float],
     answer: Kernel,
     weighed: Regressors,
-    part: InverseRole | None = None,
+    role: InverseRole | None = None,
 ) -> Block:
     """Return a bank of plays; the default weights of all banks have the same sum."""
     count = len(half_widths)
     return Block(
         name=name,
-        part=part,
+        role=role,
         slot=Slot.HYSTERESIS,
         parameters=(
             Parameter(

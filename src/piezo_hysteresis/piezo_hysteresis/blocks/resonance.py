@@ -10,8 +10,7 @@ from piezo_hysteresis.blocks._second_order import hold, mode_system
 from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot, System
 from piezo_hysteresis.blocks.effect import Coverage, Effect, Residual
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
-from piezo_hysteresis.blocks.mode import kernel as mode_kernel
-from piezo_hysteresis.blocks.mode import system as series_system
+from piezo_hysteresis.blocks.mode import SERIES
 from piezo_hysteresis.jit import jit
 from piezo_hysteresis.numerics.harmonics import windowed
 
@@ -143,7 +142,6 @@ _RESONANCE = Block(
     slot=Slot.STRUCTURE,
     parameters=(_FREQUENCY, _DAMPING, _SHARE),
     kernel=kernel,
-    state_size=2,
     between=InterSample.LINEAR,
     system=system,
     description='A further mode that carries a share of the static displacement.',
@@ -154,11 +152,7 @@ _SERIES = Block(
     name='series_mode',
     slot=Slot.STRUCTURE,
     parameters=(_FREQUENCY, _DAMPING),
-    kernel=mode_kernel,
-    state_size=2,
-    between=InterSample.LINEAR,
-    inertia=True,
-    system=series_system,
+    **SERIES,
     description='One mode of unit DC gain that carries the whole displacement.',
     source='Zhou 2021 (3) instead of the autoregression of Fujii 2018 (3)',
 )
@@ -168,9 +162,7 @@ _PAIR = Block(
     slot=Slot.STRUCTURE,
     parameters=(*MODE.parameters, _FREQUENCY, _DAMPING, _SHARE),
     kernel=pair_kernel,
-    state_size=4,
     between=InterSample.LINEAR,
-    inertia=True,
     system=pair_system,
     description='Two parallel modes that share the static displacement.',
     source='Zhou 2021 (3), two of them driven by the same force',
@@ -209,9 +201,9 @@ EFFECTS = (
         repeatable=True,
         block=_RESONANCE,
         neutral={'resonance_share': 0.0},
-        start={'resonance_share': 1.0, 'resonance_damping': 0.02},
-        alternatives=tuple(
-            {'resonance_frequency': each} for each in (30.0, 100.0, 200.0, 400.0, 800.0)
+        starts=(
+            {'resonance_share': 1.0, 'resonance_damping': 0.02},
+            *({'resonance_frequency': each} for each in (30.0, 100.0, 200.0, 400.0, 800.0)),
         ),
         guess=guess,
         absent=_is_no_mode,
@@ -230,7 +222,7 @@ EFFECTS = (
         replaces=('autoregressive',),
         convert=static_gain,
         neutral={'resonance_frequency': 1e4, 'resonance_damping': 0.3},
-        start={'resonance_frequency': 100.0, 'resonance_damping': 0.02},
+        starts=({'resonance_frequency': 100.0, 'resonance_damping': 0.02},),
         guess=poles,
         absent=_is_no_mode,
         physics=(
@@ -248,7 +240,7 @@ EFFECTS = (
         block=_PAIR,
         replaces=('mode',),
         neutral={'resonance_share': 0.0},
-        start={'resonance_share': 0.1, 'resonance_damping': 0.04},
+        starts=({'resonance_share': 0.1, 'resonance_damping': 0.04},),
         guess=guess,
         absent=_is_no_mode,
         physics=(

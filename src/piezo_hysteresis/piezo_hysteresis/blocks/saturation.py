@@ -30,7 +30,6 @@ BLOCK = Block(
         ),
     ),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     description='Hard limits of the voltage.',
     source='output range of the amplifier',
@@ -69,8 +68,8 @@ EFFECTS = (
         variant='saturation',
         block=BLOCK,
         neutral={'saturation_high': 1e5, 'saturation_low': 1e5},
-        start={'saturation_high': 0.9, 'saturation_low': 0.9},
-        alternatives=(
+        starts=(
+            {'saturation_high': 0.9, 'saturation_low': 0.9},
             {'saturation_high': 0.7, 'saturation_low': 0.7},
             {'saturation_low': 1e5},
             {'saturation_high': 1e5},

@@ -54,7 +54,6 @@ BLOCK = Block(
         ),
     ),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     description='Polynomial of third order about its own middle, before the offset.',
     source='calibration curve of the sensor',
@@ -65,11 +64,9 @@ EFFECTS = (
         name='sensor_nonlinearity',
         variant='sensor_curve',
         block=BLOCK,
-        first=True,
         neutral={'curve_quadratic': 0.0, 'curve_cubic': 0.0},
-        start={'curve_quadratic': 50.0, 'curve_cubic': 0.0},
+        starts=({'curve_quadratic': 50.0, 'curve_cubic': 0.0},),
         zeros=('curve_centre',),
-        fixed_baseline_only=True,
         guess=guess,
         physics=(
             'The reading is a nonlinear function of the true displacement about the middle '

@@ -42,7 +42,6 @@ BLOCK = Block(
     kernel=kernel,
     state_size=1,
     between=InterSample.CLOCK,
-    count=0,
     description='Gain that changes steadily since the start of the record, before the offset.',
     source='drift of the electronics of a sensor',
 )
@@ -52,10 +51,9 @@ EFFECTS = (
         name='gain_decay',
         variant='sensor_gain_drift',
         block=BLOCK,
-        first=True,
         neutral={'gain_rate': 0.0},
-        start={'gain_rate': 1e-3},
-        fixed_baseline_only=True,
+        starts=({'gain_rate': 1e-3},),
+        zeros=('gain_centre',),
         guess=guess,
         physics=(
             'The gain of the sensor, or of the actuator about a bias, falls or rises steadily: '

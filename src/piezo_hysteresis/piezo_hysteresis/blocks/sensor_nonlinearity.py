@@ -25,7 +25,6 @@ BLOCK = Block(
         Parameter('sensor_cubic', '1/m^2', 0.0, -1e13, 1e13, 'Cubic error of the reading.', 1e6),
     ),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     description='Polynomial of third order in the displacement, before the offset.',
     source='calibration curve of the sensor',
@@ -36,10 +35,9 @@ EFFECTS = (
         name='sensor_nonlinearity',
         variant='sensor_nonlinearity',
         block=BLOCK,
-        first=True,
         neutral={'sensor_quadratic': 0.0, 'sensor_cubic': 0.0},
-        start={'sensor_quadratic': 50.0, 'sensor_cubic': 0.0},
-        alternatives=(
+        starts=(
+            {'sensor_quadratic': 50.0, 'sensor_cubic': 0.0},
             {'sensor_quadratic': -50.0},
             {'sensor_quadratic': 0.0, 'sensor_cubic': 1e6},
             {'sensor_quadratic': 0.0, 'sensor_cubic': -1e6},

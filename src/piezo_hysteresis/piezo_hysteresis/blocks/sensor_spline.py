@@ -62,7 +62,6 @@ BLOCK = Block(
         _bend('far_bend_low', 'below -0.6', 1e7),
     ),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     description='Cubic spline of five pieces in the displacement, before the offset.',
     source='calibration table of the sensor, as a regression spline (Smith 1979)',
@@ -75,12 +74,10 @@ EFFECTS = (
         name='sensor_nonlinearity',
         variant='sensor_spline',
         block=BLOCK,
-        first=True,
         holds={'spline_range': 130e-6},
         neutral={'spline_quadratic': 0.0, 'spline_cubic': 0.0, **dict.fromkeys(_BENDS, 0.0)},
-        start={'spline_quadratic': 50.0, 'spline_cubic': 0.0},
-        alternatives=({'spline_quadratic': -50.0},),
-        refines={'spline_quadratic': 'sensor_quadratic', 'spline_cubic': 'sensor_cubic'},
+        starts=({'spline_quadratic': 50.0, 'spline_cubic': 0.0}, {'spline_quadratic': -50.0}),
+        refines='sensor_nonlinearity',
         physics=(
             'The reading is a nonlinear function of the true displacement with local bends, '
             'as in a calibration table; a polynomial of third order describes only a part '

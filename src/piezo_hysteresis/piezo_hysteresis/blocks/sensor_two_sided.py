@@ -53,7 +53,6 @@ BLOCK = Block(
         Parameter('side_centre', 'm', 0.0, -1.0, 1.0, 'Displacement where both meet.', 1e-5),
     ),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     description='A parabola on each side of its own middle, before the offset.',
     source='calibration curve of the sensor',
@@ -64,12 +63,9 @@ EFFECTS = (
         name='sensor_nonlinearity',
         variant='sensor_two_sided',
         block=BLOCK,
-        first=True,
         neutral={'side_even': 0.0, 'side_odd': 0.0},
-        start={'side_even': 50.0, 'side_odd': 0.0},
-        alternatives=({'side_even': 0.0, 'side_odd': 50.0},),
+        starts=({'side_even': 50.0, 'side_odd': 0.0}, {'side_even': 0.0, 'side_odd': 50.0}),
         zeros=('side_centre',),
-        fixed_baseline_only=True,
         guess=guess,
         physics=(
             'The gain of the sensor changes in proportion to the distance from the middle '

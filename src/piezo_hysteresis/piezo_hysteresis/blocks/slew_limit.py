@@ -76,7 +76,6 @@ BLOCK = Block(
     source='amplifier with limited current',
     between=InterSample.INNER,
     path_kernel=along,
-    monotonic=True,
 )
 
 
@@ -92,8 +91,7 @@ EFFECTS = (
         variant='slew_limit',
         block=BLOCK,
         neutral={'slew_rate': NO_LIMIT},
-        start={'slew_rate': 100.0},
-        alternatives=({'slew_rate': 30.0}, {'slew_rate': 200.0}),
+        starts=({'slew_rate': 100.0}, {'slew_rate': 30.0}, {'slew_rate': 200.0}),
         guess=guess,
         physics=(
             'The amplifier charges the capacitance of the actuator with a limited current; fast '

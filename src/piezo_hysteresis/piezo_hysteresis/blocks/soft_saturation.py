@@ -32,7 +32,6 @@ BLOCK = Block(
         Parameter('knee', '1', 10.0, 1.0, 50.0, 'Sharpness of the knee; the larger the harder.'),
     ),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     description='Limits of the voltage that are approached over a knee.',
     source='knee of a power amplifier (Rapp 1991), a limit for either sign',
@@ -44,8 +43,12 @@ EFFECTS = (
         variant='soft_saturation',
         block=BLOCK,
         neutral={'soft_high': 1e5, 'soft_low': 1e5, 'knee': 10.0},
-        start={'soft_high': 2.0, 'soft_low': 2.0, 'knee': 2.0},
-        alternatives=({'soft_high': 4.0, 'soft_low': 4.0}, {'soft_low': 1e5}, {'soft_high': 1e5}),
+        starts=(
+            {'soft_high': 2.0, 'soft_low': 2.0, 'knee': 2.0},
+            {'soft_high': 4.0, 'soft_low': 4.0},
+            {'soft_low': 1e5},
+            {'soft_high': 1e5},
+        ),
         physics=(
             'The gain of the amplifier decreases before it reaches its rails, or the polarisation '
             'of the ceramic approaches its limit: the drive is rounded, and the loop follows it.'

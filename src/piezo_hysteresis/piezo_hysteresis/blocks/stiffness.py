@@ -43,7 +43,6 @@ BLOCK = Block(
         ),
     ),
     kernel=kernel,
-    state_size=0,
     between=InterSample.INSTANT,
     description='Static balance x + cubic_stiffness x^3 = v of a spring with a cubic term.',
     source='Duffing spring, quasi-static',
@@ -55,8 +54,7 @@ EFFECTS = (
         variant='stiffness',
         block=BLOCK,
         neutral={'cubic_stiffness': 0.0},
-        start={'cubic_stiffness': 1e6},
-        alternatives=({'cubic_stiffness': -1e6},),
+        starts=({'cubic_stiffness': 1e6}, {'cubic_stiffness': -1e6}),
         physics=(
             'The guidance or the load is a spring whose stiffness changes with the displacement, '
             'equally in both directions.'

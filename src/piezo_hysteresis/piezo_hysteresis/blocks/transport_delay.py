@@ -66,8 +66,7 @@ EFFECTS = (
         variant='transport_delay',
         block=BLOCK,
         neutral={'delay': 0.0},
-        start={'delay': 2e-3},
-        alternatives=({'delay': 5e-4}, {'delay': 5e-3}),
+        starts=({'delay': 2e-3}, {'delay': 5e-4}, {'delay': 5e-3}),
         physics=(
             'Bus, converter or driver delay the command: the phase lag grows in proportion '
             'to the frequency at unchanged amplitude.'

@@ -161,8 +161,7 @@ def _turning(run: Alone) -> Alone:
 
 def _with_time(block: Block, dt: float, steps: int, ahead: float) -> Alone:
     """Return a time-dependent block along a path."""
-    assert block.count is not None
-    count, run = block.count, of_block(block, dt / steps)
+    count, run = block.initial_state(dt).size - 1, of_block(block, dt / steps)
 
     @inline_jit
     def follow(

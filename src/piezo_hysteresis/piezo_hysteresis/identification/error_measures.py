@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import InterSample, Slot
 from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.identification.fit_data import FitData, targets_of
 from piezo_hysteresis.identification.initial_conditions.revision import (
@@ -106,14 +107,23 @@ def one_step(model: Model, values: Mapping[str, float], error: FloatArray) -> Fl
     A chain with the autoregression of the papers predicts from past measurements by Fujii 2018
     (3). Every other chain adds its increment to the last measurement.
     """
-    names = next((block.predictor for block in model.blocks if block.predictor), ())
-    factors = [values[name] if name else 1.0 for name in names] or [1.0]
+    factors = _of_past(model, values) or [1.0]
     past = np.concatenate([np.full(len(factors), error[0]), error])
     left = error.copy()
     with np.errstate(over='ignore', invalid='ignore'):
         for lag, factor in enumerate(factors, start=1):
             left -= factor * past[len(factors) - lag :][: error.size]
     return left
+
+
+def _of_past(model: Model, values: Mapping[str, float]) -> list[float]:
+    """Return the factors of the last outputs of a recursion: its free response to each alone."""
+    for block in model.blocks:
+        if block.slot is Slot.STRUCTURE and block.between is InterSample.TICK:
+            p = np.array([values[q.name] for q in block.parameters])
+            each = np.eye(block.initial_state(1.0).size)
+            return [float(block.respond(np.zeros(1), p, 1.0, state=last)[0]) for last in each]
+    return []
 
 
 def errors_in(model: Model, values: Mapping[str, float], found: Prediction) -> RecordErrors:

@@ -11,7 +11,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import Block
 from piezo_hysteresis.blocks.base import InverseRole, Slot
-from piezo_hysteresis.blocks.bouc_wen_exact import kernel as bouc_wen
+from piezo_hysteresis.blocks.bouc_wen import exact_kernel
 from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS, SELECTOR, SINGLE
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.fit import FitResult, pooled_noise, result_at, target_weights
@@ -129,7 +129,9 @@ def fit_inverse(
 
     def residual(p: FloatArray) -> FloatArray:
         answer = np.empty(x.size)
-        bouc_wen(x, answer, np.zeros(2), np.array([p[0], p[1], 0.0, p[2], p[3] * p[2]]), 1.0, 0.0)
+        exact_kernel(
+            x, answer, np.zeros(2), np.array([p[0], p[1], 0.0, p[2], p[3] * p[2]]), 1.0, 0.0
+        )
         missed = (answer - u)[warm_up:]
         return np.asarray(missed if from_rest else missed - missed.mean())
 
@@ -209,7 +211,7 @@ _LOOSE = 0.1
 
 def law_of(model: Model) -> Block | None:
     """Return the inverse block of a chain, from displacement to voltage, as in Xiao 2014."""
-    return next((block for block in model.blocks if block.part is InverseRole.SELECTOR), None)
+    return next((block for block in model.blocks if block.role is InverseRole.SELECTOR), None)
 
 
 def _selects(model: Model) -> bool:

@@ -163,7 +163,7 @@ def with_mean_zero(
     anywhere; a compensator needs that of the records.
     """
     zeros = model.zero_names - set(model.held)
-    last = model.blocks[-1].part is InverseRole.ZERO
+    last = model.blocks[-1].role is InverseRole.ZERO
     if not views or len(zeros) != 1 or not last or not all(view.own_zero for view in views):
         return dict(values)
     runs = predictions(model, values, views, sampling_offset, checked=False)

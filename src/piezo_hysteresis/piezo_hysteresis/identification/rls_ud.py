@@ -14,9 +14,9 @@ from typing import ClassVar
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen import exact_step
 from piezo_hysteresis.blocks._plays import COUNT, play
 from piezo_hysteresis.blocks._second_order import hold
-from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.mode import BLOCK as MODE
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError

@@ -11,7 +11,7 @@ from math import inf
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks.base import Tuned
+from piezo_hysteresis.blocks.mass_spring import Restated, restated
 from piezo_hysteresis.identification.fit_data import WAY_IN, FitData
 from piezo_hysteresis.identification.free_run import read, samples_late
 from piezo_hysteresis.identification.objective import SAMPLING_OFFSET, Objective, projected
@@ -291,12 +291,12 @@ def _within(value: float, limits: tuple[float, float] | None) -> bool:
     return limits is None or limits[0] <= value <= limits[1]
 
 
-def _stated_otherwise(model: Model, scanned: Sequence[str]) -> Tuned | None:
+def _stated_otherwise(model: Model, scanned: Sequence[str]) -> Restated | None:
     """Return the parameters of a scanned mode that has no parameter for its frequency."""
     for block in model.blocks:
         names = [q.name for q in block.parameters if q.name in scanned]
-        if block.tuned is not None and names:
-            return block.tuned
+        if names and (found := restated(block)) is not None:
+            return found
     return None
 
 

@@ -44,7 +44,7 @@ def drop_unidentifiable(
     clock = more.get('sampling_offset', True)
     for block in found.model.blocks:
         uncertain = _uncertain(block, found)
-        if block.slot is Slot.HYSTERESIS or block.part is InverseRole.ZERO or not uncertain:
+        if block.slot is Slot.HYSTERESIS or block.role is InverseRole.ZERO or not uncertain:
             continue
         less = _refitted(found.model.without(block), found, clock)
         if not _explains(found, less):

@@ -96,7 +96,7 @@ class Model:
     @property
     def zero_names(self) -> frozenset[str]:
         """Names of the parameters that move the zero of the displacement only."""
-        zeros = (self.names_of(block) for block in self.blocks if block.part is InverseRole.ZERO)
+        zeros = (self.names_of(block) for block in self.blocks if block.role is InverseRole.ZERO)
         return frozenset(name for names in zeros for name in names.values())
 
     @property
@@ -169,8 +169,8 @@ class Model:
         first, rate = 0, 0.0
         for block in self.blocks:
             last = first + len(block.parameters)
-            if block.pace is not None:
-                rate = max(rate, float(block.pace(packed[first:last])))
+            if block.mode is not None:
+                rate = max(rate, float(block.mode.pace(packed[first:last])))
             first = last
         return rate
 

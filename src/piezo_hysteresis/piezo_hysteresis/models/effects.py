@@ -205,10 +205,10 @@ def applicable(model: Model, effect: Effect) -> bool:
     present = set(model.block_names)
     if effect.requires and not present & set(effect.requires):
         return False
-    if effect.replaces and not present & set(effect.replaces):
-        return False
     alone = {block.name for block in model.blocks}
-    if not set(effect.absorbs) <= alone or not set(effect.frees) <= set(model.held):
+    if not (present.issuperset(effect.replaces[:1]) and alone.issuperset(effect.replaces[1:])):
+        return False
+    if not set(effect.frees) <= set(model.held):
         return False
     if effect.block is None:
         return True
@@ -246,7 +246,7 @@ def add_effect(
     if not applicable(model, effect):
         raise ModelError(
             f'model {model.name} cannot take up {effect.name} ({effect.variant}): it has it '
-            f'already or lacks {", ".join((*effect.requires, *effect.replaces)) or "A0"}'
+            f'already or lacks {", ".join((*effect.requires, *effect.replaces, *effect.frees))}'
         )
     ratios = (input_amplitude / REFERENCE_INPUT, displacement_amplitude / REFERENCE_DISPLACEMENT)
     # the name that `named` takes: an effect has several blocks, creep one of one or two elements
@@ -265,8 +265,8 @@ def add_effect(
 
     added = tuple(each for each in larger.free_names if each not in model.free_names)
     defaults = larger.defaults()
-    base = {each: defaults[each] for each in added} | named(effect.start)
-    starts = tuple(base | named(each) for each in ({}, *effect.alternatives))
+    base = {each: defaults[each] for each in added} | named(effect.starts[0])
+    starts = (base, *(base | named(each) for each in effect.starts[1:]))
     neutral = {renamed[k]: v for k, v in effect.neutral.items()}
     return Candidate(effect, larger, added, neutral, starts, renamed)
 
@@ -277,9 +277,9 @@ def _with_block(
     assert effect.block is not None
     block = suited(effect.block, ratios)
     if effect.replaces:
-        replaced = next(each for each in effect.replaces if each in model.block_names)
+        replaced, *others = effect.replaces
         larger = model.with_replaced(replaced, block, name)
-        for each in effect.absorbs:
+        for each in others:
             larger = larger.without_block(each)
     else:
         larger = model.with_block(block, name, first=effect.first)

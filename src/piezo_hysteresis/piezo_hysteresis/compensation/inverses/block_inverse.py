@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen import exact_step
 from piezo_hysteresis.blocks.base import Block
-from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, take
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import inline_jit, jit, scratch

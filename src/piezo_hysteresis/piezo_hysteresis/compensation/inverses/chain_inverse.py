@@ -286,8 +286,8 @@ def _take_structure(
     The coefficients of several blocks are added: exact for one, accurate to second order in
     frequency over natural frequency for more. `held` is the lead that compensates the hold [s].
     """
-    if block.restoring is not None:
-        stages.restoring, stages.values = block.restoring, own
+    if block.mode is not None and block.mode.restoring is not None:
+        stages.restoring, stages.values = block.mode.restoring, own
     # the direct feedthrough past a mode has no lag
     share = 1.0 - block.system(own).d if block.system is not None and not block.inertia else 1.0
     k1, k2 = _inverse_of(block, own, values)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen import exact_step
 from piezo_hysteresis.blocks._plays import bank
-from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.jit import inline_jit
 
 CLAMPED, STROKE, U, H = range(4)

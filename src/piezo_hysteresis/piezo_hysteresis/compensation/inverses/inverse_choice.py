@@ -61,8 +61,8 @@ class _Anatomy(NamedTuple):
 def _anatomy(model: Model) -> _Anatomy:
     blocks = [block for block in model.blocks if block.slot is not Slot.ADDED]
     delays = [block for block in blocks if block.between is InterSample.DELAY]
-    zeros = [place for place, block in enumerate(blocks) if block.part is InverseRole.ZERO]
-    core = tuple(b.part for b in blocks if b.part is not InverseRole.ZERO and b not in delays)
+    zeros = [place for place, block in enumerate(blocks) if block.role is InverseRole.ZERO]
+    core = tuple(b.role for b in blocks if b.role is not InverseRole.ZERO and b not in delays)
     return _Anatomy(core, bool(delays), zeros in ([], [len(blocks) - 1]))
 
 
@@ -160,7 +160,7 @@ _FOR: dict[str, tuple[tuple[InverseRole, ...], ...]] = {
 
 def _called(part: InverseRole) -> str:
     """Return the names of the blocks with a given role."""
-    return ' or '.join(block.name for block in BLOCKS.values() if block.part is part)
+    return ' or '.join(block.name for block in BLOCKS.values() if block.role is part)
 
 
 def _by_law(

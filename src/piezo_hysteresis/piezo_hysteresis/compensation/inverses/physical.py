@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks._bouc_wen import exact_step
 from piezo_hysteresis.blocks._plays import COUNT
-from piezo_hysteresis.blocks.bouc_wen_exact import exact_step
 from piezo_hysteresis.blocks.inverse_bouc_wen import KNOTS
 from piezo_hysteresis.common.wording import choices
 from piezo_hysteresis.compensation.inverses import hysteresis_inverse as hysteresis

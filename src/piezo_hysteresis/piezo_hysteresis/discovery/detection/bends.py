@@ -42,7 +42,6 @@ BENDS = frozenset(
         if effect.name in CURVES | RIVALS
         and effect.block is not None
         and effect.block.between is InterSample.INSTANT
-        and not effect.block.state_size
     }
 )
 # Amplitudes that are calculated, relative to the largest one of the records. Chosen.

@@ -360,7 +360,7 @@ class Evaluator(ABC):
 
         A model that already contains a tone keeps the data unchanged.
         """
-        if any(block.clocked for block in fit.model.blocks):
+        if any(block.is_tone for block in fit.model.blocks):
             return self
         names = {view.name for view in self.views}
         others = [view for view in self.data.held_out if view.name not in names]

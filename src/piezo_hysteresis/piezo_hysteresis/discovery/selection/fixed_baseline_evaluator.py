@@ -20,6 +20,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.blocks.base import InterSample
 from piezo_hysteresis.discovery.data.dataset import Dataset
 from piezo_hysteresis.discovery.selection import rules
 from piezo_hysteresis.discovery.selection.baseline import (
@@ -327,9 +328,14 @@ class FixedBaselineEvaluator(Evaluator):
     def counted(self, fit: CandidateFit) -> int:
         """Return the number of fitted parameters.
 
-        The zero positions of an effect are nuisance parameters and do not count.
+        The zero positions of a static effect are nuisance parameters and do not count.
         """
-        zeros = sum(len(effect_of(added).zeros) for added in fit.added)
+        every = (effect_of(added) for added in fit.added)
+        zeros = sum(
+            len(each.zeros)
+            for each in every
+            if each.block is not None and each.block.between is InterSample.INSTANT
+        )
         return len(self.free_of(fit)) - zeros + self._states(fit)
 
     def _states(self, fit: CandidateFit) -> int:

@@ -149,9 +149,7 @@ class FreeEvaluator(Evaluator):
 
     def candidates(self, spec: ModelSpec) -> tuple[Candidate, ...]:
         """Return the model extended by each effect that can be fitted jointly with it."""
-        return tuple(
-            each for each in super().candidates(spec) if not each.effect.fixed_baseline_only
-        )
+        return tuple(each for each in super().candidates(spec) if not each.effect.zeros)
 
     def free_of(self, spec: ModelSpec) -> tuple[str, ...]:
         """Return the names of the fitted parameters: all that the model does not hold."""

@@ -35,10 +35,8 @@ def refined_candidates(evaluator: Evaluator, before: CandidateFit) -> tuple[Cand
 
 def _is_had(candidate: Candidate, before: ModelSpec) -> bool:
     """Return whether the model already has a refined variant of the candidate."""
-    block = candidate.effect.block
-    own = {q.name for q in block.parameters} if block is not None else set()
     return any(
-        effect.refines and set(effect.refines.values()) <= own
+        effect.refines == candidate.effect.variant
         for added in before.added
         if added.effect == candidate.effect.name
         for effect in described(added.effect)

@@ -140,7 +140,7 @@ class Screen:
         block = candidate.effect.block
         zero = sum(self._fit.values[name] for name in self._fit.model.zero_names)
         # an effect that depends on time is most visible in records with little motion
-        count = len(sizes) if block is not None and block.clocked else _GUESSES
+        count = len(sizes) if block is not None and block.is_tone else _GUESSES
         guesses: list[dict[str, float]] = []
         for place in np.argsort(sizes)[::-1][:count]:
             view, y = self._views[place], self._simulated[place]

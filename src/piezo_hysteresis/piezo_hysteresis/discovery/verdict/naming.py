@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from piezo_hysteresis.blocks.base import InverseRole
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.discovery.detection.bends import LARGEST_CLASS, Similar
 from piezo_hysteresis.discovery.detection.statements import in_prefixes
@@ -32,6 +33,8 @@ MENTIONED = POLICY.alternative
 # lightly damped mode amplifies at least twelve times, 1 / (1 - (1 - 0.04)^2), and a harmonic of
 # one per cent reaches an eighth of the drive. Chosen; it affects only this sentence.
 NEAR_MODE = 0.04
+# The physical quantity of a hysteresis, by what its block is.
+_PLACES = {InverseRole.EXACT: 'of the input', InverseRole.OSCILLATOR: 'of the restoring force'}
 
 
 def named_effects(
@@ -333,4 +336,5 @@ def with_chance(effect: NamedEffect, found: Collection[str]) -> str:
 def _where(effect: NamedEffect) -> str:
     """Return the physical quantity of a variant, if the variants of the effect differ in it."""
     found = (each for each in described(effect.name) if each.variant == effect.variant)
-    return next((each.where for each in found), '')
+    role = next((each.block.role for each in found if each.block is not None), None)
+    return '' if role is None else _PLACES.get(role, '')

@@ -8,12 +8,13 @@ from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, Kernel
+from piezo_hysteresis.blocks.parallel import ParallelBlock
 from piezo_hysteresis.jit import inline_jit, jit, scratch
 
 
 def kernel_of(block: Block, dt: float, points: int = 0) -> Kernel:  # dt [s]
     """Return the kernel of a block, for a path of `points` values per tick if it supports one."""
-    if block.parts:
+    if isinstance(block, ParallelBlock):
         return _parallel_sum(block.parts, dt, points)
     if block.kernel is not None and (not points or block.path_kernel is None):
         return block.kernel

@@ -73,8 +73,8 @@ class TickStage:
     def initial_state(self, dt: float, start: float) -> FloatArray:
         """Return the memory at rest."""
         state = self.block.initial_state(dt, start)
-        if self.ahead and self.block.count is not None:
-            state[self.block.count] += 1.0
+        if self.ahead and self.block.between is InterSample.CLOCK:
+            state[-1] += 1.0
         return state
 
     def respond(

@@ -15,7 +15,7 @@ import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample
-from piezo_hysteresis.blocks.bouc_wen_oscillator import WEIGHTS, interpolate
+from piezo_hysteresis.blocks.bouc_wen_oscillator import WEIGHTS, interpolate, place_of_order
 from piezo_hysteresis.blocks.transport_delay import shift
 from piezo_hysteresis.common.cached_property import cached_property
 from piezo_hysteresis.jit import jit, scratch
@@ -123,12 +123,11 @@ def moments(
     block: Block, state: FloatArray, ticks: int, steps: int, ahead: float
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield indices of start, middle and end of each step of a path, with a state of that time."""
-    assert block.count is not None
     for place in range(3):
         memory = state.copy()
-        memory[block.count] = (state[block.count] + ahead) * steps + 0.5 * place
+        memory[-1] = (state[-1] + ahead) * steps + 0.5 * place
         yield slice(place, None, 3), memory
-    state[block.count] += ticks
+    state[-1] += ticks
 
 
 @jit
@@ -186,7 +185,8 @@ class PathRun:
 
     @cached_property
     def _joining(self) -> PlacedBlock | None:
-        return next((part for part in self._moving if part.block.joins is not None), None)
+        places = (part for part in self._moving if place_of_order(part.block) is not None)
+        return next(places, None)
 
     @cached_property
     def _groups(self) -> tuple[tuple[tuple[PlacedBlock, ...], bool, bool], ...]:
@@ -297,7 +297,8 @@ class PathRun:
     def order(self, p: FloatArray) -> float:
         """Return the interpolation order of a measured input between ticks; 0 if it is held."""
         part = self._joining
-        return 0.0 if part is None or part.block.joins is None else part.block.joins(p[part.span])
+        place = None if part is None else place_of_order(part.block)
+        return 0.0 if part is None or place is None else float(p[part.span][place])
 
     def respond(
         self,
@@ -374,7 +375,7 @@ class PathClock(NamedTuple):
 
 def _pace(parts: Sequence[PlacedBlock], p: FloatArray) -> float:
     """Return the fastest rate of some parts [1/s]; 0 for parts without own dynamics."""
-    inner = [part.block.pace(p[part.span]) for part in parts if part.block.pace is not None]
+    inner = [part.block.mode.pace(p[part.span]) for part in parts if part.block.mode is not None]
     return max([fastest(systems_of(parts, p)), *inner])
 
 
