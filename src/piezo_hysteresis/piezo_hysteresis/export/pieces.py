@@ -266,13 +266,13 @@ def late(run: Run, ticks: int, ring: slice) -> Run:
 def _held(stage: LinearStage, own: FloatArray, dt: float) -> Run:
     whole, hold = stage.hold(own, dt)
     ring = stage.delays * ring_size(dt) + 1 if stage.delays else 0
-    phi, gamma, row, gain = hold
+    phi, gamma, rows, gains = hold
 
     @inline_jit
     def run(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, frequency: float
     ) -> None:
-        run_held(x, y, state[ring:], phi, gamma, row, gain)
+        run_held(x, y, state[ring:], phi, gamma, rows, gains)
 
     return late(run, whole, slice(0, ring)) if ring else run
 

@@ -22,7 +22,7 @@ from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
 from piezo_hysteresis.models.simulation.state_layout import PlacedBlock, delay_of
 from piezo_hysteresis.models.simulation.state_space import (
-    Hold,
+    LinearStep,
     hold_of,
     in_series,
     run_free,
@@ -154,15 +154,15 @@ class LinearStage:
         known: tuple[object, FloatArray] | None = self.__dict__.get('_released')
         if known is None or known[0] != key:
             hold = self.hold(p, dt)[1]
-            known = key, np.empty((hold.row.size, count))
-            run_free(known[1], hold.phi, hold.row)
+            known = key, np.empty((hold.rows.size, count))
+            run_free(known[1], hold.phi, hold.rows[0])
             self.__dict__['_released'] = known
         return known[1]
 
-    def hold(self, p: FloatArray, dt: float) -> tuple[int, Hold]:
+    def hold(self, p: FloatArray, dt: float) -> tuple[int, LinearStep]:
         """Return the delay in ticks and the recursion, cached for the last few parameters."""
         key = (p.tobytes(), dt)
-        last: dict[object, tuple[int, Hold]] = self.__dict__.setdefault('_last', {})
+        last: dict[object, tuple[int, LinearStep]] = self.__dict__.setdefault('_last', {})
         known = last.get(key)
         if known is not None:
             return known

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,21 +19,15 @@ _AT_ONCE = 1e8  # ratio of step to time constant from which a lag is treated as 
 
 
 class LinearStep(NamedTuple):
-    """One step of a linear system with states x and input (start, middle, end) of a parabola."""
+    """One step of a linear system with n states for an input of m points.
+
+    Three points, at start, middle and end, define a parabola; one is held.
+    """
 
     phi: FloatArray  # (n, n)
-    gamma: FloatArray  # (n, 3)
-    rows: FloatArray  # (3, n)
-    gains: FloatArray  # (3, 3)
-
-
-class Hold(NamedTuple):
-    """One tick of a linear system with a held input, sampled at some instant in it."""
-
-    phi: FloatArray  # (n, n)
-    gamma: FloatArray  # (n,)
-    row: FloatArray
-    gain: float
+    gamma: FloatArray  # (n, m)
+    rows: FloatArray  # (m, n)
+    gains: FloatArray  # (m, m)
 
 
 def in_series(systems: Sequence[System]) -> System:
@@ -114,7 +108,7 @@ def step_of(system: System, h: float) -> LinearStep:
     )
 
 
-def hold_of(system: System, dt: float, part: float) -> Hold:
+def hold_of(system: System, dt: float, part: float) -> LinearStep:
     """Return the exact hold over `dt` [s], sampled after `part` of it."""
     system = settled(system, dt)
     n = system.b.size
@@ -123,11 +117,11 @@ def hold_of(system: System, dt: float, part: float) -> Hold:
     wide[:n, n] = dt * system.b
     full = _exponential(wide)
     there = _exponential(part * wide)[:n]
-    return Hold(
+    return LinearStep(
         np.ascontiguousarray(full[:n, :n].T),
-        np.ascontiguousarray(full[:n, n]),
-        system.c @ there[:, :n],
-        float(system.c @ there[:, n] + system.d),
+        np.ascontiguousarray(full[:n, n:]),
+        (system.c @ there[:, :n])[None],
+        np.array([[float(system.c @ there[:, n] + system.d)]]),
     )
 
 
@@ -154,78 +148,124 @@ def nonzero(phi: FloatArray, places: FloatArray, shares: FloatArray, counts: Flo
         counts[i] = count
 
 
-@jit
-def run_held(
-    x: FloatArray,
-    y: FloatArray,
-    state: FloatArray,
-    phi: FloatArray,
-    gamma: FloatArray,
-    row: FloatArray,
-    gain: float,
-) -> None:
-    """Return the output for a held input, one value per tick; `state` in place."""
-    n = state.size
-    places, shares, counts, states = scratch((n, n)), scratch((n, n)), scratch(n), scratch((2, n))
-    nonzero(phi, places, shares, counts)
-    for i in range(n):
-        states[0, i] = state[i]
-    for k in range(x.size):
-        now, new = states[k & 1], states[1 - (k & 1)]
-        u = x[k]
-        total = gain * u
+def _recursion(points: int) -> Any:
+    """Return the kernel of a linear system with one input, `points` per step."""
+    end = points - 1
+
+    @jit
+    def run(
+        x: FloatArray,
+        y: FloatArray,
+        state: FloatArray,
+        phi: FloatArray,
+        gamma: FloatArray,
+        rows: FloatArray,
+        gains: FloatArray,
+    ) -> None:
+        """Return the output; `state` in place."""
+        n, side, gain = state.size, 0, gains[end, 0]
+        places, shares = scratch((n, n)), scratch((n, n))
+        counts, states = scratch(n), scratch((2, n))
+        nonzero(phi, places, shares, counts)
         for i in range(n):
-            total += row[i] * now[i]
-            moved = gamma[i] * u
-            for r in range(int(counts[i])):
-                moved += shares[i, r] * now[int(places[i, r])]
-            new[i] = moved
-        y[k] = total
-    for i in range(n):
-        state[i] = states[x.size & 1, i]
-
-
-@jit
-def run_held_four(
-    x: FloatArray,
-    y: FloatArray,
-    state: FloatArray,
-    phi: FloatArray,
-    gamma: FloatArray,
-    row: FloatArray,
-    gain: float,
-) -> None:
-    """Return the outputs for several held inputs, `x` and `y` of shape (m, n).
-
-    The states, shape (m, s), are updated in place. Four recursions are interleaved, because a
-    single one mostly waits for its own last value. The results are bitwise those of `run_held`.
-    """
-    n, last = row.size, x.shape[0] - 1
-    places, shares, counts = scratch((n, n)), scratch((n, n)), scratch(n)
-    states, u, total, moved = np.empty((2, n, 4)), scratch(4), scratch(4), scratch(4)
-    nonzero(phi, places, shares, counts)
-    for begin in range(0, last + 1, 4):
-        for lane in range(4):
-            states[0, :, lane] = state[min(begin + lane, last)]
-        for k in range(x.shape[1]):
-            now, new = states[k & 1], states[1 - (k & 1)]
-            for lane in range(4):
-                u[lane] = x[min(begin + lane, last), k]
-                total[lane] = gain * u[lane]
+            states[0, i] = state[i]
+        for k in range(0, x.size, points):
+            now, new = states[side], states[1 - side]
+            side = 1 - side
+            first, middle, last = x[k], x[k + points // 2], x[k + end]
+            for r in range(end):
+                total = gains[r, 0] * first + gains[r, 1] * middle + gains[r, 2] * last
+                for i in range(n):
+                    total += rows[r, i] * now[i]
+                y[k + r] = total
+            total = gain * first
+            if end > 0:
+                total = total + gains[end, 1] * middle + gains[end, 2] * last
             for i in range(n):
-                for lane in range(4):
-                    total[lane] += row[i] * now[i, lane]
-                    moved[lane] = gamma[i] * u[lane]
+                total += rows[end, i] * now[i]
+                moved = gamma[i, 0] * first
+                if end > 0:
+                    moved = moved + gamma[i, 1] * middle + gamma[i, 2] * last
                 for r in range(int(counts[i])):
-                    share, j = shares[i, r], int(places[i, r])
-                    for lane in range(4):
-                        moved[lane] += share * now[j, lane]
-                for lane in range(4):
-                    new[i, lane] = moved[lane]
+                    moved += shares[i, r] * now[int(places[i, r])]
+                new[i] = moved
+            y[k + end] = total
+        for i in range(n):
+            state[i] = states[side, i]
+
+    return run
+
+
+def _interleaved(points: int) -> Any:
+    """Return the kernel for several inputs, `x` and `y` of shape (m, n), states of shape (m, s).
+
+    Four recursions are interleaved, because a single one mostly waits for its own last value. The
+    results are bitwise those of `_recursion`.
+    """
+    end = points - 1
+
+    @jit
+    def run(
+        x: FloatArray,
+        y: FloatArray,
+        state: FloatArray,
+        phi: FloatArray,
+        gamma: FloatArray,
+        rows: FloatArray,
+        gains: FloatArray,
+    ) -> None:
+        """Return the outputs; `state` in place."""
+        n, last, u = phi.shape[0], x.shape[0] - 1, scratch((points, 4))
+        places, shares, counts = scratch((n, n)), scratch((n, n)), scratch(n)
+        states, total, moved = np.empty((2, n, 4)), scratch(4), scratch(4)
+        nonzero(phi, places, shares, counts)
+        for begin in range(0, last + 1, 4):
             for lane in range(4):
-                y[min(begin + lane, last), k] = total[lane]
-        for lane in range(4):
-            state[min(begin + lane, last)] = states[x.shape[1] & 1, :, lane]
+                states[0, :, lane] = state[min(begin + lane, last)]
+            side = 0
+            for k in range(0, x.shape[1], points):
+                now, new = states[side], states[1 - side]
+                side = 1 - side
+                for lane in range(4):
+                    for r in range(points):
+                        u[r, lane] = x[min(begin + lane, last), k + r]
+                for r in range(points):
+                    for lane in range(4):
+                        total[lane] = gains[r, 0] * u[0, lane]
+                    for s in range(1, points):
+                        for lane in range(4):
+                            total[lane] += gains[r, s] * u[s, lane]
+                    if r == end:  # with the states
+                        break
+                    for i in range(n):
+                        for lane in range(4):
+                            total[lane] += rows[r, i] * now[i, lane]
+                    for lane in range(4):
+                        y[min(begin + lane, last), k + r] = total[lane]
+                for i in range(n):
+                    for lane in range(4):
+                        total[lane] += rows[end, i] * now[i, lane]
+                        moved[lane] = gamma[i, 0] * u[0, lane]
+                    for s in range(1, points):
+                        for lane in range(4):
+                            moved[lane] += gamma[i, s] * u[s, lane]
+                    for r in range(int(counts[i])):
+                        share, j = shares[i, r], int(places[i, r])
+                        for lane in range(4):
+                            moved[lane] += share * now[j, lane]
+                    for lane in range(4):
+                        new[i, lane] = moved[lane]
+                for lane in range(4):
+                    y[min(begin + lane, last), k + end] = total[lane]
+            for lane in range(4):
+                state[min(begin + lane, last)] = states[side, :, lane]
+
+    return run
+
+
+# A held input has one point per step, a path three: at the start, in the middle and at the end.
+run_held, run_path = _recursion(1), _recursion(3)
+run_held_four, run_path_four = _interleaved(1), _interleaved(3)
 
 
 @jit
@@ -244,90 +284,3 @@ def run_free(rows: FloatArray, phi: FloatArray, row: FloatArray) -> None:
                 new[int(places[i, r])] += shares[i, r] * seen[i]
         for j in range(q):
             seen[j] = new[j]
-
-
-@jit
-def run_path(
-    x: FloatArray,
-    y: FloatArray,
-    state: FloatArray,
-    phi: FloatArray,
-    gamma: FloatArray,
-    rows: FloatArray,
-    gains: FloatArray,
-) -> None:
-    """Return the output along a path, three points per step; `state` in place."""
-    n, side = state.size, 0
-    places, shares, counts, states = scratch((n, n)), scratch((n, n)), scratch(n), scratch((2, n))
-    nonzero(phi, places, shares, counts)
-    for i in range(n):
-        states[0, i] = state[i]
-    for k in range(0, x.size, 3):
-        now, new = states[side], states[1 - side]
-        side = 1 - side
-        u0, u1, u2 = x[k], x[k + 1], x[k + 2]
-        for r in range(3):
-            total = gains[r, 0] * u0 + gains[r, 1] * u1 + gains[r, 2] * u2
-            for i in range(n):
-                total += rows[r, i] * now[i]
-            y[k + r] = total
-        for i in range(n):
-            moved = gamma[i, 0] * u0 + gamma[i, 1] * u1 + gamma[i, 2] * u2
-            for r in range(int(counts[i])):
-                moved += shares[i, r] * now[int(places[i, r])]
-            new[i] = moved
-    for i in range(n):
-        state[i] = states[side, i]
-
-
-@jit
-def run_path_four(
-    x: FloatArray,
-    y: FloatArray,
-    memory: FloatArray,
-    phi: FloatArray,
-    gamma: FloatArray,
-    rows: FloatArray,
-    gains: FloatArray,
-) -> None:
-    """Return the outputs along several paths, `x`, `y` of shape (m, n); `memory` in place.
-
-    Four are interleaved as in `run_held_four`; the results are bitwise those of `run_path`.
-    """
-    last, n = memory.shape[0] - 1, memory.shape[1]
-    places, shares, counts = scratch((n, n)), scratch((n, n)), scratch(n)
-    states, u, total, moved = np.empty((2, n, 4)), scratch((3, 4)), scratch(4), scratch(4)
-    nonzero(phi, places, shares, counts)
-    for begin in range(0, last + 1, 4):
-        for i in range(n):
-            for lane in range(4):
-                states[0, i, lane] = memory[min(begin + lane, last), i]
-        side = 0
-        for k in range(0, x.shape[1], 3):
-            now, new = states[side], states[1 - side]
-            side = 1 - side
-            for lane in range(4):
-                for r in range(3):
-                    u[r, lane] = x[min(begin + lane, last), k + r]
-            for r in range(3):
-                g0, g1, g2 = gains[r, 0], gains[r, 1], gains[r, 2]
-                for lane in range(4):
-                    total[lane] = g0 * u[0, lane] + g1 * u[1, lane] + g2 * u[2, lane]
-                for i in range(n):
-                    for lane in range(4):
-                        total[lane] += rows[r, i] * now[i, lane]
-                for lane in range(4):
-                    y[min(begin + lane, last), k + r] = total[lane]
-            for i in range(n):
-                g0, g1, g2 = gamma[i, 0], gamma[i, 1], gamma[i, 2]
-                for lane in range(4):
-                    moved[lane] = g0 * u[0, lane] + g1 * u[1, lane] + g2 * u[2, lane]
-                for r in range(int(counts[i])):
-                    share, j = shares[i, r], int(places[i, r])
-                    for lane in range(4):
-                        moved[lane] += share * now[j, lane]
-                for lane in range(4):
-                    new[i, lane] = moved[lane]
-        for i in range(n):
-            for lane in range(4):
-                memory[min(begin + lane, last), i] = states[side, i, lane]
