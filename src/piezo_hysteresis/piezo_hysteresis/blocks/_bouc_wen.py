@@ -1,13 +1,13 @@
 """The Bouc-Wen hysteresis: parameters, steps over a monotone move, and the kernels of all blocks.
 
-A block is a law (what its parameters are), a step (how far h moves with the voltage) and, if it
-depends on the rate, what the rate changes. Blocks of the same hysteresis use the same names for
-the same quantities, so that one can replace another with the same values.
+Blocks of the same hysteresis (Euler step, exact step, with exponent, ...) use the same names for
+the same quantities, so that one can replace another with the same values. Kernels hold the numbers
+of a law as scalars: as one tuple, their generated derivatives take up to twice as long.
 """
 
 from collections.abc import Mapping
 from math import ceil, expm1, log1p
-from typing import Any, TypeAlias
+from typing import Any
 
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Along, Kernel, Parameter
@@ -37,9 +37,6 @@ PARAMETERS = (
         1.0,
     ),
 )  # fmt: skip
-
-Coefficients: TypeAlias = tuple[float, ...]
-"""The coefficients of a step, A, A0, beta and gamma first."""
 
 
 def check(values: Mapping[str, float]) -> str:
@@ -100,25 +97,6 @@ def exact_step(h: float, du: float, a: float, a0: float, beta: float, gamma: flo
     return decay(h, c, kp, travel)
 
 
-@inline_jit
-def euler(h: float, last: float, du: float, law: Coefficients) -> float:
-    """Return h after the Euler step from the voltage `last`."""
-    return euler_step(h, du, law[0], law[1], law[2], law[3])
-
-
-@inline_jit
-def exact(h: float, last: float, du: float, law: Coefficients) -> float:
-    """Return h after the exact step from the voltage `last`."""
-    return exact_step(h, du, law[0], law[1], law[2], law[3])
-
-
-@inline_jit
-def biased(h: float, last: float, du: float, law: Coefficients) -> float:
-    """Return h of Fang 2019: A0 is that of the voltage over a bias, in the middle of the step."""
-    leaning = law[1] * (last + 0.5 * du - law[4])
-    return exact_step(h, du * law[5], law[0], leaning, law[2], law[3])
-
-
 # --- steps with an exponent ----------------------------------------------------------
 
 # Longest step in units of the memory 1/(n (beta + |gamma|)), and that of the fourth-order method.
@@ -139,102 +117,122 @@ def exponent_factor(h: float, height: float, exponent: float) -> float:
 
 
 @inline_jit
-def slope(h: float, way: float, law: Coefficients) -> float:
-    """Return dh/d|u| while u moves up (`way` 1) or down (-1)."""
-    lost = exponent_factor(h, law[5], law[4]) * (law[3] * abs(h) * way + law[2] * h)
-    return law[0] * way + law[1] - lost
+def full_height(a: float, a0: float, beta: float, gamma: float) -> float:
+    """Return the saturation level of h [m], the same for every exponent."""
+    rate = beta + gamma
+    return (abs(a) + abs(a0)) / rate if rate > 0.0 else 0.0
 
 
 @inline_jit
-def long_strides(h: float, du: float, law: Coefficients, strides: int) -> float:
+def slope(
+    h: float, way: float, p: tuple[float, float, float, float], height: float, exponent: float
+) -> float:
+    """Return dh/d|u| while u moves up (`way` 1) or down (-1); `p` is (A, A0, beta, gamma)."""
+    lost = exponent_factor(h, height, exponent) * (p[3] * abs(h) * way + p[2] * h)
+    return p[0] * way + p[1] - lost
+
+
+@inline_jit
+def long_strides(
+    h: float, du: float, p: tuple[float, float, float, float], height: float, exponent: float,
+    strides: int,
+) -> float:  # fmt: skip
     """Return h after `du` in steps of a Runge-Kutta method of fourth order."""
     way = 1.0 if du > 0.0 else -1.0
     d = abs(du) / strides
     for done in range(strides):
-        k1 = slope(h, way, law)
-        if abs(k1) * (strides - done) * d < 1e-12 * law[5]:  # saturated: h is constant
+        k1 = slope(h, way, p, height, exponent)
+        if abs(k1) * (strides - done) * d < 1e-12 * height:  # saturated: h is constant
             break
-        k2 = slope(h + 0.5 * d * k1, way, law)
-        k3 = slope(h + 0.5 * d * k2, way, law)
-        k4 = slope(h + d * k3, way, law)
+        k2 = slope(h + 0.5 * d * k1, way, p, height, exponent)
+        k3 = slope(h + 0.5 * d * k2, way, p, height, exponent)
+        k4 = slope(h + d * k3, way, p, height, exponent)
         h += d / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     return h
 
 
 @jit
-def power(h: float, last: float, du: float, law: Coefficients) -> float:
-    """Return h after a move, for any exponent.
+def power_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Return ``A1 u - h``; state is (last voltage [V], h [m]).
 
     Well above exponent 1 the decay is smooth and the method is of fourth order. Otherwise, and if
     fast decay would need many steps, the decay rate is frozen at the middle of short steps, each
     of which is exact: second order, always stable, and the exact step for exponent 1.
     """
-    a, a0, beta, gamma, exponent, height = law[0], law[1], law[2], law[3], law[4], law[5]
-    rate = law[6]
-    strides = max(1, ceil(min(abs(du) * rate * _STRIDE / _LONG_STRIDE, _MOST_STRIDES)))
-    # beyond its height h decays too fast for long steps
-    if exponent > _SMOOTH and strides < _MOST_STRIDES and abs(h) <= _BEYOND * height:
-        return long_strides(h, du, law, strides)
-    strides = 1
-    if exponent != 1.0:
-        strides = max(1, ceil(min(abs(du) * rate, _MOST_STRIDES)))
-    d = du / strides
-    for _ in range(strides):
+    a1, a, a0, beta, gamma, exponent = p[0], p[1], p[2], p[3], p[4], p[5]
+    height = full_height(a, a0, beta, gamma)
+    rate = (beta + abs(gamma)) * exponent / _STRIDE
+    last, h = state[0], state[1]
+    for k in range(x.size):
+        du = x[k] - last
+        last = x[k]
+        strides = max(1, ceil(min(abs(du) * rate * _STRIDE / _LONG_STRIDE, _MOST_STRIDES)))
+        # beyond its height h decays too fast for long steps
+        if exponent > _SMOOTH and strides < _MOST_STRIDES and abs(h) <= _BEYOND * height:
+            h = long_strides(h, du, (a, a0, beta, gamma), height, exponent, strides)
+            y[k] = a1 * last - h
+            continue
+        strides = 1
+        if exponent != 1.0:
+            strides = max(1, ceil(min(abs(du) * rate, _MOST_STRIDES)))
+        d = du / strides
+        for _ in range(strides):
+            now = exponent_factor(h, height, exponent)
+            middle = h
+            if exponent < 1.0:  # the decay is steepest at h = 0 but finite there
+                loss = gamma * abs(h) * d + beta * abs(d) * h
+                middle = h + 0.5 * (a * d + a0 * abs(d) - now * loss)
+                now = exponent_factor(middle, height, exponent)
+            elif exponent > 1.0:
+                middle = exact_step(h, 0.5 * d, a, a0, beta * now, gamma * now)
+                now = exponent_factor(middle, height, exponent)
+            before = h
+            h = exact_step(h, d, a, a0, beta * now, gamma * now)
+            if abs(h - before) * strides < 1e-12 * height:
+                break
+        y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
+
+
+@jit
+def power_euler_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Return ``A1 u - h`` by the Euler step; state is (last voltage [V], h [m])."""
+    a1, a, a0, beta, gamma, exponent = p[0], p[1], p[2], p[3], p[4], p[5]
+    height = full_height(a, a0, beta, gamma)
+    last, h = state[0], state[1]
+    for k in range(x.size):
+        du = x[k] - last
+        last = x[k]
+        rate = (beta + abs(gamma)) * abs(du)
         now = exponent_factor(h, height, exponent)
-        middle = h
-        if exponent < 1.0:  # the decay is steepest at h = 0 but finite there
-            loss = gamma * abs(h) * d + beta * abs(d) * h
-            middle = h + 0.5 * (a * d + a0 * abs(d) - now * loss)
-            now = exponent_factor(middle, height, exponent)
-        elif exponent > 1.0:
-            middle = exact_step(h, 0.5 * d, a, a0, beta * now, gamma * now)
-            now = exponent_factor(middle, height, exponent)
-        before = h
-        h = exact_step(h, d, a, a0, beta * now, gamma * now)
-        if abs(h - before) * strides < 1e-12 * height:
-            break
-    return h
+        if now * rate > 1.0 and exponent != 1.0:
+            now = 1.0 / rate  # a coarse step may reduce h to zero, not further
+        h = euler_step(h, du, a, a0, now * beta, now * gamma)
+        y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
 
 
-@inline_jit
-def power_euler(h: float, last: float, du: float, law: Coefficients) -> float:
-    """Return h after the Euler step, for any exponent."""
-    rate = (law[2] + abs(law[3])) * abs(du)
-    now = exponent_factor(h, law[5], law[4])
-    if now * rate > 1.0 and law[4] != 1.0:
-        now = 1.0 / rate  # a coarse step may reduce h to zero, not further
-    return euler_step(h, du, law[0], law[1], now * law[2], now * law[3])
+# --- kernels of a step, without and with a rate ---------------------------------------
 
 
-# --- laws and kernels ----------------------------------------------------------------
-
-
-@inline_jit
-def plain_law(p: FloatArray) -> Coefficients:
-    """Return A, A0, beta and gamma."""
-    return p[1], p[2], p[3], p[4]
-
-
-@inline_jit
-def power_law(p: FloatArray) -> Coefficients:
-    """Return these, the exponent, the saturation of h [m], the same for every one, and a rate."""
-    rate = p[3] + p[4]
-    height = (abs(p[1]) + abs(p[2])) / rate if rate > 0.0 else 0.0
-    return p[1], p[2], p[3], p[4], p[5], height, (p[3] + abs(p[4])) * p[5] / _STRIDE
-
-
-def steady_kernel(step: Any, law_of: Any) -> Kernel:
-    """Return the kernel of a law without rate, for ``step(h, last, du, law)``."""
+def steady_kernel(step: Any) -> Kernel:
+    """Return the kernel for ``step(h, du, A, A0, beta, gamma)``, which returns h after a move."""
 
     @jit
     def kernel(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
     ) -> None:
         """Return ``A1 u - h``; state is (last voltage [V], h [m])."""
-        a1, law = p[0], law_of(p)
+        a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
         last, h = state[0], state[1]
         for k in range(x.size):
-            h = step(h, last, x[k] - last, law)
+            h = step(h, x[k] - last, a, a0, beta, gamma)
             last = x[k]
             y[k] = a1 * last - h
         state[0] = last
@@ -250,31 +248,34 @@ def filtered_rate(rate: float, du: float, dt: float, memory: float) -> float:
     return now if memory == 0.0 else rate - (now - rate) * expm1(-dt / memory)
 
 
-def rated_kernel(step: Any, with_rate: Any, memory: int) -> Along:
-    """Return the kernel along a path of a law that depends on the rate.
+@inline_jit
+def rate_factor(rate: float, corner: float, exponent: float) -> float:
+    """Return ``(1 + rate/corner)^exponent``: 1 when slow, a power law when fast."""
+    return 1.0 if exponent == 0.0 else float((1.0 + rate / corner) ** exponent)
 
-    ``with_rate(p, rate)`` returns the law and by what h is wider, as share times growth; `memory`
-    is the place of the time constant of the rate.
-    """
+
+# The state is (last voltage [V], h [m], filtered rate [V/s]); the rate of a tick is the difference
+# from the previous voltage over the interval.
+
+
+def decaying_kernel(step: Any) -> Along:
+    """Return the kernel of a law whose decay depends on the rate, for its step."""
 
     @jit
     def along(
         x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float,
         frequency: float, points: int,
     ) -> None:  # fmt: skip
-        """Return ``A1 u - w h``; state is (last voltage [V], h [m], filtered rate [V/s]).
-
-        The rate of a tick is the difference from the previous voltage over the interval.
-        """
-        a1 = p[0]
+        """Return ``A1 u - h``, beta and gamma multiplied by ``(1 + rate/corner)^exponent``."""
+        a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
         last, h, rate = state[0], state[1], state[2]
         for tick in range(0, x.size, points):
-            rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[memory])
-            law, share, growth = with_rate(p, rate)
+            rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[7])
+            factor = rate_factor(rate, p[5], p[6])
             for k in range(tick, tick + points):
-                h = step(h, last, x[k] - last, law)
+                h = step(h, x[k] - last, a, a0, beta * factor, gamma * factor)
                 last = x[k]
-                y[k] = a1 * last - (1.0 + share * growth) * h
+                y[k] = a1 * last - h
         state[0] = last
         state[1] = h
         state[2] = rate
@@ -282,32 +283,55 @@ def rated_kernel(step: Any, with_rate: Any, memory: int) -> Along:
     return along
 
 
-@inline_jit
-def rate_factor(rate: float, corner: float, exponent: float) -> float:
-    """Return ``(1 + rate/corner)^exponent``: 1 when slow, a power law when fast."""
-    return 1.0 if exponent == 0.0 else float((1.0 + rate / corner) ** exponent)
+def widening_kernel(memory: int) -> Along:
+    """Return the kernel of a loop that widens, its time constant being the parameter `memory`.
+
+    It widens with a power of the rate, the parameter before that, or, without one, its logarithm.
+    """
+    of_power = memory > 7
+
+    @jit
+    def along(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float,
+        frequency: float, points: int,
+    ) -> None:  # fmt: skip
+        """Return ``A1 u - w h``."""
+        a1, a, a0, beta, gamma = p[0], p[1], p[2], p[3], p[4]
+        last, h, rate = state[0], state[1], state[2]
+        for tick in range(0, x.size, points):
+            rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[memory])
+            growth = (rate / p[6]) ** p[7] if of_power else log1p(rate / p[6])
+            for k in range(tick, tick + points):
+                h = exact_step(h, x[k] - last, a, a0, beta, gamma)
+                last = x[k]
+                y[k] = a1 * last - (1.0 + p[5] * growth) * h
+        state[0] = last
+        state[1] = h
+        state[2] = rate
+
+    return along
 
 
-@inline_jit
-def faster_decay(p: FloatArray, rate: float) -> tuple[Coefficients, float, float]:
-    """Multiply beta and gamma by ``(1 + rate/corner)^exponent``."""
-    factor = rate_factor(rate, p[5], p[6])
-    return (p[1], p[2], p[3] * factor, p[4] * factor), 0.0, 0.0
+@jit
+def modified_along(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float,
+    points: int,
+) -> None:  # fmt: skip
+    """Return ``A1 u - h`` of Fang 2019.
 
-
-@inline_jit
-def faster_growth(p: FloatArray, rate: float) -> tuple[Coefficients, float, float]:
-    """Multiply all growth of h by that factor; epsilon and bias make A0."""
-    return (p[1], p[4], p[2], p[3], p[5], rate_factor(rate, p[6], p[7])), 0.0, 0.0
-
-
-@inline_jit
-def wider_by_logarithm(p: FloatArray, rate: float) -> tuple[Coefficients, float, float]:
-    """Widen the loop with the logarithm of the rate."""
-    return plain_law(p), p[5], log1p(rate / p[6])
-
-
-@inline_jit
-def wider_by_power(p: FloatArray, rate: float) -> tuple[Coefficients, float, float]:
-    """Widen the loop with a power of the rate."""
-    return plain_law(p), p[5], (rate / p[6]) ** p[7]
+    Exact except for the voltage in the bias term, which is that in the middle of the step.
+    """
+    a1, a, beta, gamma, epsilon, bias = p[0], p[1], p[2], p[3], p[4], p[5]
+    last, h, rate = state[0], state[1], state[2]
+    for tick in range(0, x.size, points):
+        rate = filtered_rate(rate, x[tick + points - 1] - last, dt, p[8])
+        eta = rate_factor(rate, p[6], p[7])
+        for k in range(tick, tick + points):
+            du = x[k] - last
+            leaning = epsilon * (last + 0.5 * du - bias)
+            last = x[k]
+            h = exact_step(h, du * eta, a, leaning, beta, gamma)
+            y[k] = a1 * last - h
+    state[0] = last
+    state[1] = h
+    state[2] = rate

@@ -1,5 +1,7 @@
 """Banks of play operators with equally spaced thresholds."""
 
+from typing import Any
+
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import inline_jit, jit
 
@@ -35,3 +37,32 @@ def bank(x: float, state: FloatArray, weights: FloatArray, spacing: float, first
     for j in range(weights.size):
         total += weights[j] * state[j]
     return total
+
+
+def bank_of(first: float, more: int, straight: int) -> dict[str, Any]:
+    """Return kernel and regressors of a bank with thresholds from `first` parts of the range.
+
+    The range has as many parts as there are plays, and `more`; with `straight` 1 the bank has a
+    weight of the input itself.
+    """
+    begin = 1 + straight  # place of the first weight
+
+    @jit
+    def kernel(
+        x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+    ) -> None:
+        """Return ``w0 u + sum w_j play_j(u)``; state is the outputs of the plays [V]."""
+        weights = p[begin:]
+        spacing = p[0] / (weights.size + more)
+        for k in range(x.size):
+            total = bank(x[k], state, weights, spacing, first)
+            y[k] = p[1] * x[k] + total if straight else total
+
+    @jit
+    def regressors(x: FloatArray, rows: FloatArray, state: FloatArray, p: FloatArray) -> None:
+        """Fill `rows` with the input, if it has a weight, and the plays."""
+        if straight:
+            rows[0] = x
+        plays(x, rows[straight:], state, p[0] / (state.size + more), first)
+
+    return {'kernel': kernel, 'regressors': regressors}

@@ -4,13 +4,10 @@ from collections.abc import Mapping
 
 from piezo_hysteresis.blocks._bouc_wen import (
     PARAMETERS,
-    biased,
     check,
-    euler,
-    exact,
-    faster_growth,
-    plain_law,
-    rated_kernel,
+    euler_step,
+    exact_step,
+    modified_along,
     steady_kernel,
 )
 from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
@@ -47,7 +44,7 @@ EULER = Block(
     role=InverseRole.EULER,
     slot=Slot.HYSTERESIS,
     parameters=PARAMETERS,
-    kernel=steady_kernel(euler, plain_law),
+    kernel=steady_kernel(euler_step),
     state_size=2,
     between=InterSample.PATH,
     unknown=(1,),
@@ -57,7 +54,7 @@ EULER = Block(
     check=check,
 )
 
-exact_kernel = steady_kernel(exact, plain_law)
+exact_kernel = steady_kernel(exact_step)
 
 EXACT = Block(
     name='bouc_wen_exact',
@@ -89,7 +86,7 @@ MODIFIED = Block(
     state_size=3,
     between=InterSample.PATH,
     unknown=(1, 2),
-    path_kernel=rated_kernel(biased, faster_growth, 8),
+    path_kernel=modified_along,
     description=(
         'Bouc-Wen hysteresis with a bias term and a factor eta = (1 + |du/dt|/rate_corner)^'
         'rate_exponent on the whole growth of h.'

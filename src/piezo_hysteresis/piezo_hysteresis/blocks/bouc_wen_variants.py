@@ -3,16 +3,12 @@
 from piezo_hysteresis.blocks._bouc_wen import (
     PARAMETERS,
     check,
-    euler,
-    exact,
-    faster_decay,
-    power,
-    power_euler,
-    power_law,
-    rated_kernel,
-    steady_kernel,
-    wider_by_logarithm,
-    wider_by_power,
+    decaying_kernel,
+    euler_step,
+    exact_step,
+    power_euler_kernel,
+    power_kernel,
+    widening_kernel,
 )
 from piezo_hysteresis.blocks.base import Along, Block, InterSample, Kernel, Parameter, Slot
 from piezo_hysteresis.blocks.bouc_wen import RATE_PARAMETERS
@@ -80,14 +76,14 @@ POWERS = (
         (_EXPONENT,),
         _OF_EXPONENT,
         'Tatebatake 2017 (1), Zhou 2021 (1): beta_paper = beta h_sat^(1-n), gamma_paper likewise',
-        kernel=steady_kernel(power, power_law),
+        kernel=power_kernel,
     ),
     _block(
         'bouc_wen_power_euler',
         (_EXPONENT,),
         f'{_OF_EXPONENT} Forward Euler step.',
         'Zhou 2021 (1), Fujii 2018 (3)',
-        kernel=steady_kernel(power_euler, power_law),
+        kernel=power_euler_kernel,
     ),
 )
 RATES = (
@@ -96,14 +92,14 @@ RATES = (
         RATE_PARAMETERS,
         _OF_RATE,
         'our reading of Fang 2019: constant below a corner, dependent on the rate above it',
-        path_kernel=rated_kernel(exact, faster_decay, 7),
+        path_kernel=decaying_kernel(exact_step),
     ),
     _block(
         'bouc_wen_rate_euler',
         RATE_PARAMETERS,
         f'{_OF_RATE} Forward Euler step.',
         'as bouc_wen_rate, with the step of Fujii 2018 (3)',
-        path_kernel=rated_kernel(euler, faster_decay, 7),
+        path_kernel=decaying_kernel(euler_step),
     ),
 )
 LOGARITHM = _block(
@@ -112,7 +108,7 @@ LOGARITHM = _block(
     '; h is multiplied by 1 + widening log(1 + |du/dt|/widening_corner), the rate smoothed over '
     'widening_memory.',
     'coercive field of ferroelectrics, which grows with the logarithm of the field rate',
-    path_kernel=rated_kernel(exact, wider_by_logarithm, 7),
+    path_kernel=widening_kernel(7),
 )
 POWER = _block(
     'bouc_wen_power_widening',
@@ -120,7 +116,7 @@ POWER = _block(
     '; h is multiplied by 1 + power_widening (|du/dt|/power_reference)^widening_power, the rate '
     'smoothed over power_memory.',
     'coercive field of ferroelectrics over frequency (Ishibashi and Orihara): a power law',
-    path_kernel=rated_kernel(exact, wider_by_power, 8),
+    path_kernel=widening_kernel(8),
 )
 
 BLOCKS = (*POWERS, *RATES, LOGARITHM, POWER)

@@ -49,6 +49,11 @@ def element(
     state[place] = crept
 
 
+def _system(shares: FloatArray, times: FloatArray) -> System:
+    rates = 1.0 / times
+    return System(np.diag(-rates), rates * shares, np.ones(rates.size), 1.0)
+
+
 def _bank(count: int, law: Any) -> dict[str, Any]:
     """Return kernel and system of some elements; ``law(p, i)`` is share and time of each."""
 
@@ -62,9 +67,7 @@ def _bank(count: int, law: Any) -> dict[str, Any]:
             element(x, y, state, i, share, tau, dt)
 
     def system(p: FloatArray) -> System:
-        shares, times = np.array([law(p, i) for i in range(count)]).T
-        rates = 1.0 / times
-        return System(np.diag(-rates), rates * shares, np.ones(count), 1.0)
+        return _system(*np.array([law(p, i) for i in range(count)]).T)
 
     return {'kernel': kernel, 'system': system, 'between': InterSample.LINEAR}
 
@@ -86,9 +89,13 @@ def _logarithmic(p: FloatArray, i: int) -> tuple[float, float]:
     return p[0] / PER_DECADE, p[1] * over_onset(i)
 
 
-@inline_jit
-def _of_spectrum(p: FloatArray, i: int) -> tuple[float, float]:
-    return p[i], SPECTRUM[i]
+@jit
+def spectrum_kernel(
+    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
+) -> None:
+    """Return ``v`` with one element per decade; its times have no derivative."""
+    for i in range(p.size):
+        element(x, y, state, i, p[i], SPECTRUM[i], dt)
 
 
 _ELEMENT = (
@@ -156,7 +163,9 @@ BLOCKS = (
             )
             for i, tau in enumerate(SPECTRUM)
         ),
-        **_bank(len(SPECTRUM), _of_spectrum),
+        kernel=spectrum_kernel,
+        between=InterSample.LINEAR,
+        system=lambda p: _system(p, np.asarray(SPECTRUM)),
         description='Kelvin-Voigt elements, one per decade, with independent shares.',
         source='generalised Kelvin-Voigt creep: a spectrum of retardation',
     ),

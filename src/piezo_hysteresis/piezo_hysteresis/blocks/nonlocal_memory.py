@@ -1,29 +1,10 @@
 """Bank of plays in parallel with the hysteresis: memory of more than the last reversal."""
 
-from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._plays import bank, plays
+from piezo_hysteresis.blocks._plays import bank_of
 from piezo_hysteresis.blocks.base import Block, InterSample, Parameter, Slot
 from piezo_hysteresis.blocks.effect import Coverage, Effect
-from piezo_hysteresis.jit import jit
 
 _COARSE, _FINE = 9, 39
-
-
-@jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return ``sum m_j play_j(u)``; state is the outputs of the plays [V]."""
-    spacing = p[0] / p.size
-    weights = p[1:]
-    for k in range(x.size):
-        y[k] = bank(x[k], state, weights, spacing, 1.0)
-
-
-@jit
-def regressors(x: FloatArray, rows: FloatArray, state: FloatArray, p: FloatArray) -> None:
-    """Fill `rows` with the plays."""
-    plays(x, rows, state, p[0] / p.size, 1.0)
 
 
 def _block(name: str, prefix: str, count: int) -> Block:
@@ -55,8 +36,7 @@ def _block(name: str, prefix: str, count: int) -> Block:
                 for j in range(1, count + 1)
             ),
         ),
-        kernel=kernel,
-        regressors=regressors,
+        **bank_of(1.0, 1, 0),
         state_size=count,
         between=InterSample.PATH,
         description=f'Bank of {count} play operators in parallel with the hysteresis.',

@@ -1,59 +1,14 @@
 """Prandtl-Ishlinskii hysteresis: a weighted bank of play operators."""
 
 from collections.abc import Sequence
+from typing import Any
 
-from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.blocks._plays import COUNT, bank, plays
-from piezo_hysteresis.blocks.base import (
-    Block,
-    InterSample,
-    InverseRole,
-    Kernel,
-    Parameter,
-    Regressors,
-    Slot,
-)
-from piezo_hysteresis.jit import jit
+from piezo_hysteresis.blocks._plays import COUNT, bank_of
+from piezo_hysteresis.blocks.base import Block, InterSample, InverseRole, Parameter, Slot
 
 # Plays of the fine bank. Its thresholds are at the middles of as many equal parts of the range:
 # the smallest one, half a part, determines the curve after each reversal.
 FINE = 20
-
-
-@jit
-def kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return ``w0 u + sum w_j play_j(u)``; state is the outputs of the plays [V]."""
-    weights = p[2:]
-    spacing = p[0] / (weights.size + 1)
-    for k in range(x.size):
-        y[k] = p[1] * x[k] + bank(x[k], state, weights, spacing, 1.0)
-
-
-@jit
-def fine_kernel(
-    x: FloatArray, y: FloatArray, state: FloatArray, p: FloatArray, dt: float, frequency: float
-) -> None:
-    """Return the same as `kernel`, with the thresholds of the fine bank."""
-    weights = p[2:]
-    spacing = p[0] / weights.size
-    for k in range(x.size):
-        y[k] = p[1] * x[k] + bank(x[k], state, weights, spacing, 0.5)
-
-
-@jit
-def regressors(x: FloatArray, rows: FloatArray, state: FloatArray, p: FloatArray) -> None:
-    """Fill `rows` with the input and the plays of `kernel`."""
-    rows[0] = x
-    plays(x, rows[1:], state, p[0] / (state.size + 1), 1.0)
-
-
-@jit
-def fine_regressors(x: FloatArray, rows: FloatArray, state: FloatArray, p: FloatArray) -> None:
-    """Fill `rows` with the input and the plays of `fine_kernel`."""
-    rows[0] = x
-    plays(x, rows[1:], state, p[0] / state.size, 0.5)
 
 
 def _block(
@@ -61,8 +16,7 @@ def _block(
     prefix: str,
     weight: str,
     half_widths: Sequence[float],
-    answer: Kernel,
-    weighed: Regressors,
+    kernels: dict[str, Any],
     role: InverseRole | None = None,
 ) -> Block:
     """Return a bank of plays; the default weights of all banks have the same sum."""
@@ -97,8 +51,7 @@ def _block(
                 for j, half_width in enumerate(half_widths, 1)
             ),
         ),
-        kernel=answer,
-        regressors=weighed,
+        **kernels,
         state_size=count,
         between=InterSample.PATH,
         description=(
@@ -114,8 +67,7 @@ BLOCKS = (
         'pi',
         'w',
         [j / (COUNT + 1) for j in range(1, COUNT + 1)],
-        kernel,
-        regressors,
+        bank_of(1.0, 1, 1),
         InverseRole.PLAYS,
     ),
     _block(
@@ -123,7 +75,6 @@ BLOCKS = (
         'fine_pi',
         'fine_w',
         [(j + 0.5) / FINE for j in range(FINE)],
-        fine_kernel,
-        fine_regressors,
+        bank_of(0.5, 0, 1),
     ),
 )
