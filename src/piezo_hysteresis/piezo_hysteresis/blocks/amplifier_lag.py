@@ -78,7 +78,6 @@ _SENSOR = 'The electronics of the sensor are a low pass: the reading lags, the a
 EFFECTS = tuple(
     Effect(
         name='amplifier_lag',
-        variant=block.name,
         block=block,
         neutral={block.parameters[0].name: 0.0},
         starts=({block.parameters[0].name: 5e-4}, {block.parameters[0].name: 5e-3}),

@@ -132,7 +132,6 @@ EFFECTS = (
     *(
         Effect(
             name='hysteresis_exponent',
-            variant=block.name,
             block=block,
             replaces=(replaced,),
             neutral={'exponent': 1.0},
@@ -153,7 +152,6 @@ EFFECTS = (
     *(
         Effect(
             name='rate_dependence',
-            variant=block.name,
             block=block,
             replaces=(replaced,),
             inexactness=0.07,  # one rate law represents those of many relaxations
@@ -179,7 +177,6 @@ EFFECTS = (
     ),
     Effect(
         name='rate_dependence',
-        variant='bouc_wen_widening',
         block=LOGARITHM,
         replaces=('bouc_wen_exact',),
         inexactness=0.07,  # one law of the rate stands for those of many relaxations
@@ -199,7 +196,6 @@ EFFECTS = (
     ),
     Effect(
         name='rate_dependence',
-        variant='bouc_wen_power_widening',
         block=POWER,
         replaces=('bouc_wen_exact',),
         inexactness=0.07,  # one law of the rate stands for those of many relaxations

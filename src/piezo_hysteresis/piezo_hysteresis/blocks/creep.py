@@ -196,7 +196,6 @@ BLOCKS = (
 EFFECTS = tuple(
     Effect(
         name='creep',
-        variant=block.name,
         repeatable=True,
         block=block,
         neutral=dict.fromkeys(shares, 0.0),

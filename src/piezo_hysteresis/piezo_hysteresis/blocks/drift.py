@@ -71,7 +71,6 @@ BLOCKS = (
 EFFECTS = tuple(
     Effect(
         name='drift',
-        variant=block.name,
         block=block,
         neutral={parameter: 0.0},
         starts=({parameter: 1e-6}, {parameter: -1e-6}),

@@ -70,8 +70,6 @@ class Effect:
     ----------
     name : str
         Name in verdicts, such as ``creep``.
-    variant : str
-        Distinguishes the variants of one effect; usually the name of the block.
     block : Block or None
         Block added to the chain; None if held parameters of the model become free, those of
         `starts`.
@@ -90,6 +88,8 @@ class Effect:
         Each further one completes the first, for several local optima (signs, frequencies).
     holds : mapping of str to float
         Parameters of the block that are not fitted.
+    variant : str
+        Distinguishes the variants of one effect; by default the name of the block.
     zeros : tuple of str
         Parameters of the block for the displacement about which it acts. It is only offered for
         fixed baselines: if the baseline is fitted, its offset and gain absorb them. Those of a
@@ -119,7 +119,6 @@ class Effect:
     """
 
     name: str
-    variant: str
     block: Block | None
     neutral: Mapping[str, float]
     physics: str
@@ -128,6 +127,7 @@ class Effect:
     required_coverage: tuple[Coverage, ...] = ()
     starts: tuple[Mapping[str, float], ...] = ({},)
     holds: Mapping[str, float] = field(default_factory=dict)
+    variant: str = ''
     zeros: tuple[str, ...] = ()
     replaces: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
@@ -137,6 +137,10 @@ class Effect:
     guess: Guess | None = None
     convert: Convert | None = None
     absent: Callable[[Mapping[str, float]], bool] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.variant:
+            object.__setattr__(self, 'variant', (self.block or self).name)
 
     @property
     def refits(self) -> bool:

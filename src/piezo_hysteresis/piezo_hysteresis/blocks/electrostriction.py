@@ -67,7 +67,6 @@ _PHYSICS = (
 EFFECTS = tuple(
     Effect(
         name='electrostriction',
-        variant=block.name,
         block=block,
         neutral={block.parameters[0].name: 0.0},
         starts=(

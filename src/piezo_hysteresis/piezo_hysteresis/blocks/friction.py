@@ -108,7 +108,6 @@ BLOCKS = (
 EFFECTS = tuple(
     Effect(
         name='friction',
-        variant=block.name,
         block=block,
         neutral={block.name: 0.0},
         starts=({block.name: 1e-6}, {block.name: 5e-6}),

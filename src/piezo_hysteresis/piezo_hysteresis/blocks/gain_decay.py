@@ -47,7 +47,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='gain_decay',
-        variant='gain_decay',
         block=BLOCK,
         neutral={'gain_loss': 0.0},
         starts=(

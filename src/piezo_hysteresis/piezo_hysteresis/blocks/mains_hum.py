@@ -97,7 +97,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='mains_hum',
-        variant='mains_hum',
         repeatable=True,
         block=BLOCK,
         neutral={'hum_sine': 0.0, 'hum_cosine': 0.0},

@@ -52,7 +52,6 @@ BLOCKS = (
 EFFECTS = tuple(
     Effect(
         name='nonlocal_memory',
-        variant=block.name,
         block=block,
         inexactness=0.07,  # few plays approximate a continuous memory
         requires=(

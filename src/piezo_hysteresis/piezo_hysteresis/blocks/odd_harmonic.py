@@ -125,7 +125,6 @@ BLOCKS = (*EXOGENOUS, *HARMONICS)
 EFFECTS = tuple(
     Effect(
         name='odd_harmonic',
-        variant=block.name,
         block=block,
         neutral={parameter.name: 0.0 for parameter in block.parameters},
         starts=({parameter.name: 1e-6 for parameter in block.parameters},),

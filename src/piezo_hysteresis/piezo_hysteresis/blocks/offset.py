@@ -29,7 +29,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='offset',
-        variant='offset',
         block=BLOCK,
         neutral={'offset': 0.0},
         physics='The zero of the sensor is not the position at rest.',

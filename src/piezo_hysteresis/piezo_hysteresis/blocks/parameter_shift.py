@@ -4,7 +4,6 @@ from piezo_hysteresis.blocks.effect import Effect
 
 PARAMETER_SHIFT = Effect(
     name='parameter_shift',
-    variant='parameter_shift',
     block=None,
     neutral={},
     physics=(

@@ -197,7 +197,6 @@ def _is_no_mode(values: Mapping[str, float]) -> bool:
 EFFECTS = (
     Effect(
         name='resonance',
-        variant='resonance',
         repeatable=True,
         block=_RESONANCE,
         neutral={'resonance_share': 0.0},
@@ -217,7 +216,6 @@ EFFECTS = (
     ),
     Effect(
         name='resonance',
-        variant='series_mode',
         block=_SERIES,
         replaces=('autoregressive',),
         convert=static_gain,
@@ -236,7 +234,6 @@ EFFECTS = (
     ),
     Effect(
         name='resonance',
-        variant='mode_pair',
         block=_PAIR,
         replaces=('mode',),
         neutral={'resonance_share': 0.0},

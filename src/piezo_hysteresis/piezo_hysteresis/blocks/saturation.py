@@ -65,7 +65,6 @@ def _limit(voltage: FloatArray, missing: FloatArray, reached: float) -> float:
 EFFECTS = (
     Effect(
         name='saturation',
-        variant='saturation',
         block=BLOCK,
         neutral={'saturation_high': 1e5, 'saturation_low': 1e5},
         starts=(

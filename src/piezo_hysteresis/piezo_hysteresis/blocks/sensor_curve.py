@@ -62,7 +62,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='sensor_nonlinearity',
-        variant='sensor_curve',
         block=BLOCK,
         neutral={'curve_quadratic': 0.0, 'curve_cubic': 0.0},
         starts=({'curve_quadratic': 50.0, 'curve_cubic': 0.0},),

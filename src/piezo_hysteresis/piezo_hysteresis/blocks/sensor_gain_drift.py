@@ -49,7 +49,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='gain_decay',
-        variant='sensor_gain_drift',
         block=BLOCK,
         neutral={'gain_rate': 0.0},
         starts=({'gain_rate': 1e-3},),

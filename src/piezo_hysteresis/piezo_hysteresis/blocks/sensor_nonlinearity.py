@@ -33,7 +33,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='sensor_nonlinearity',
-        variant='sensor_nonlinearity',
         block=BLOCK,
         neutral={'sensor_quadratic': 0.0, 'sensor_cubic': 0.0},
         starts=(

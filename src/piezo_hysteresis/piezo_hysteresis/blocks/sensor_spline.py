@@ -72,7 +72,6 @@ _BENDS = ('bend_high', 'bend_low', 'far_bend_high', 'far_bend_low')
 EFFECTS = (
     Effect(
         name='sensor_nonlinearity',
-        variant='sensor_spline',
         block=BLOCK,
         holds={'spline_range': 130e-6},
         neutral={'spline_quadratic': 0.0, 'spline_cubic': 0.0, **dict.fromkeys(_BENDS, 0.0)},

@@ -61,7 +61,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='sensor_nonlinearity',
-        variant='sensor_two_sided',
         block=BLOCK,
         neutral={'side_even': 0.0, 'side_odd': 0.0},
         starts=({'side_even': 50.0, 'side_odd': 0.0}, {'side_even': 0.0, 'side_odd': 50.0}),

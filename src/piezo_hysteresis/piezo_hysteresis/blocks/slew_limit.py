@@ -88,7 +88,6 @@ def guess(seen: Residual) -> dict[str, float]:
 EFFECTS = (
     Effect(
         name='slew_limit',
-        variant='slew_limit',
         block=BLOCK,
         neutral={'slew_rate': NO_LIMIT},
         starts=({'slew_rate': 100.0}, {'slew_rate': 30.0}, {'slew_rate': 200.0}),

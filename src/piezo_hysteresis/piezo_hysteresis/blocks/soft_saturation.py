@@ -40,7 +40,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='saturation',
-        variant='soft_saturation',
         block=BLOCK,
         neutral={'soft_high': 1e5, 'soft_low': 1e5, 'knee': 10.0},
         starts=(

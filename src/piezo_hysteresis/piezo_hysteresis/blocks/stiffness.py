@@ -51,7 +51,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='stiffness',
-        variant='stiffness',
         block=BLOCK,
         neutral={'cubic_stiffness': 0.0},
         starts=({'cubic_stiffness': 1e6}, {'cubic_stiffness': -1e6}),

@@ -63,7 +63,6 @@ BLOCK = Block(
 EFFECTS = (
     Effect(
         name='transport_delay',
-        variant='transport_delay',
         block=BLOCK,
         neutral={'delay': 0.0},
         starts=({'delay': 2e-3}, {'delay': 5e-4}, {'delay': 5e-3}),
