@@ -119,6 +119,18 @@ def test_a_second_mode_gets_its_own_names() -> None:
     assert values['resonance_share_2'] == twice.starts[0]['resonance_share_2']
 
 
+def test_a_sensor_errs_before_its_offset_and_friction_acts_on_the_drive_of_the_mode() -> None:
+    model = models.named('bouc_wen_mode')
+    behind = {'sensor_nonlinearity': 'offset', 'amplifier_lag': 'offset', 'friction': 'mode'}
+    for effect in EFFECTS:
+        other = behind.get(effect.name)
+        if other is None or effect.replaces or not models.applicable(model, effect):
+            continue
+        assert effect.block is not None
+        chain = models.add_effect(model, effect).model.block_names
+        assert chain.index(effect.block.name) < chain.index(other), effect.variant
+
+
 def test_an_effect_is_not_added_twice_and_unknown_names_are_refused() -> None:
     (asymmetry,) = models.described('asymmetry')
     free = models.add_effect(models.named('classical'), asymmetry)

@@ -98,7 +98,7 @@ class InnerMode(NamedTuple):
     restoring : callable or None
         ``restoring(p, x, before, memory, dt)``, compiled, returns the force on the mode in
         addition to its linear spring, in metres of static displacement, at `x` [m] after `before`
-        [m], and its memory. None: it has no inverse by the derivatives of the reference.
+        [m], and its memory. None if the spring is linear, or the block has an inverse of its own.
     """
 
     pace: Callable[[FloatArray], float]
