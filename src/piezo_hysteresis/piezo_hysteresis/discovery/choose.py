@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
+from typing import Any
 
 import numpy as np
 
@@ -188,8 +189,8 @@ def _alike(one: Sequence[FitData], other: Sequence[FitData]) -> bool:
     return [t.begins for t in one] == [t.begins for t in other]
 
 
-def _late(found: FitResult) -> dict[str, float]:
-    return {SAMPLING_OFFSET: found.sampling_offset}
+def _values(found: FitResult) -> dict[str, float]:
+    return {**found.values, SAMPLING_OFFSET: found.sampling_offset}
 
 
 def _attempted(
@@ -264,17 +265,17 @@ class ForwardSelection:
 
     def memory(self, name: str) -> Trial:
         """Fit a named model without starting values."""
-        chain = suited(named(name), self._records)
-        return self._evaluated(
-            output_error(
-                chain,
-                self._training,
-                folded=False,
-                begins=self._choices.start,
-                zero=self._choices.zero,
-                count=2,
-                workers=self._workers,
-            )
+        return self._evaluated(self._searched(suited(named(name), self._records), count=2))
+
+    def _searched(self, model: Model, **how: Any) -> FitResult:
+        return output_error(
+            model,
+            self._training,
+            folded=False,
+            begins=self._choices.start,
+            zero=self._choices.zero,
+            workers=self._workers,
+            **how,
         )
 
     def larger(self, before: Trial, effect: str) -> Trial | None:
@@ -304,16 +305,7 @@ class ForwardSelection:
         block = named_block(name)
         model = before.fit.model.with_block(block)
         known, neutral = before.values(), {each.name: 0.0 for each in block.parameters}
-        found = output_error(
-            model,
-            self._training,
-            start=known,
-            folded=False,
-            begins=self._choices.start,
-            zero=self._choices.zero,
-            count=3,
-            workers=self._workers,
-        )
+        found = self._searched(model, start=known, count=3)
         trial = self._evaluated(found, neutral)
         if trial.trained <= before.trained:
             return trial
@@ -342,7 +334,7 @@ class ForwardSelection:
         for alone in (True, False):
             with ThreadPoolExecutor(self._workers) as pool:
                 tried = _one_of_each(list(pool.map(partial(tested, alone=alone), starts)))
-            starts = [(each, {**found.values, **_late(found)}) for each, found in tried]
+            starts = [(each, _values(found)) for each, found in tried]
         best: Trial | None = None
         for candidate, found in simplest_first(tried):
             trial = self._continued(candidate, found, before)
@@ -363,7 +355,7 @@ class ForwardSelection:
             before.fit.targets,
             FITS.final_evaluations,
             candidate.model,
-            {**found.values, **_late(found)},
+            _values(found),
             enough=before.useful_cost,
         )
         return self._scored(again, before.views, candidate.neutral)
@@ -372,7 +364,7 @@ class ForwardSelection:
         self, found: FitResult, seen: Sequence[FitData], neutral: Mapping[str, float]
     ) -> Trial:
         """Continue the fit of a trial until it converges."""
-        values = {**found.values, **_late(found)}
+        values = _values(found)
         # initial conditions may have absorbed a missing effect: also try the original ones
         views = [seen] if _alike(seen, self._plain) else [seen, self._plain]
         tried = [partial(_attempted, each, FITS.final_evaluations) for each in views]
@@ -383,7 +375,7 @@ class ForwardSelection:
             found.model,
             best.targets,
             self._training,
-            {**best.values, **_late(best)},
+            _values(best),
             choices=self._choices,
             max_evaluations=FITS.final_evaluations,
             workers=self._workers,

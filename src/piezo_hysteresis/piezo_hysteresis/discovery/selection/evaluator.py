@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, field, replace
 from math import inf, log
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     errors_of,
     evaluated_on,
     fitted_to,
+    is_another_change,
 )
 from piezo_hysteresis.discovery.selection.policy import SelectionPolicy
 from piezo_hysteresis.discovery.selection.rules import Improvement
@@ -154,8 +155,8 @@ class Evaluator(ABC):
         """Return the mean square beyond the expectation on the fitted views, relative to it."""
 
     @abstractmethod
-    def held_out_excess(self, spec: ModelSpec) -> float:
-        """Return the mean square beyond the expected one on held-out views, in units of it."""
+    def held_out(self, spec: ModelSpec) -> tuple[float, float]:
+        """Return the mean square on held-out views and its excess, over the expected one."""
 
     @abstractmethod
     def has_significant_residual(self, fit: CandidateFit, start: CandidateFit) -> bool:
@@ -172,12 +173,6 @@ class Evaluator(ABC):
     @abstractmethod
     def is_significant(self, before: CandidateFit, after: CandidateFit, tried: int) -> bool:
         """Return whether `after` is significantly better, given `tried` candidates."""
-
-    @abstractmethod
-    def explains_enough(
-        self, before: CandidateFit, after: CandidateFit, start: CandidateFit
-    ) -> bool:
-        """Return whether the last effect of `after` explains enough, also on held-out records."""
 
     @abstractmethod
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
@@ -204,9 +199,30 @@ class Evaluator(ABC):
 
     # --- shared by both evaluators -----------------------------------------------------------
 
+    def explains_enough(
+        self, before: CandidateFit, after: CandidateFit, start: CandidateFit
+    ) -> bool:
+        """Return whether the last effect of `after` explains enough, also on held-out records."""
+        if self.is_another_change(after):
+            return False
+        old, new = self.excess(before), self.excess(after)
+        known = self.discrepancy(before, start)
+        return rules.explains_enough(old, new, known, self.policy) and self.is_confirmed(
+            before, after
+        )
+
+    def is_another_change(self, fit: CandidateFit) -> bool:
+        """Return whether the fitted values of the last added effect describe another change."""
+        return is_another_change(fit)
+
+    def is_confirmed(self, before: CandidateFit, after: CandidateFit) -> bool:
+        """Return whether the held-out records permit the last effect of `after`."""
+        (old, _), (new, _) = map(self.held_out, (before, after))
+        return rules.is_no_worse(old, new, self.policy)
+
     def reduces_gap(self, before: CandidateFit, after: CandidateFit) -> bool:
         """Return whether the effects of `after` reduce the gap on held-out records by enough."""
-        old, new = map(self.held_out_excess, (before, after))
+        (_, old), (_, new) = map(self.held_out, (before, after))
         return rules.reduces_gap_enough(old, new, self.policy)
 
     @property
@@ -296,26 +312,12 @@ class Evaluator(ABC):
         enough: float = inf,
     ) -> CandidateFit | None:
         """Return the model fitted from its own values to `views` (default: all training views)."""
-        views = self.views if views is None else views
-        return self._fitted(spec, views, evaluations, self.clock, enough)
-
-    def _fitted(
-        self,
-        spec: ModelSpec,
-        views: Sequence[FitData],
-        evaluations: int,
-        clock: tuple[float, float] | None,
-        enough: float = inf,
-    ) -> CandidateFit | None:
-        return fitted_to(
+        return self._fitted(
             spec,
-            views,
+            self.views if views is None else views,
             evaluations=evaluations or self.policy.final_evaluations,
             tolerance=self.tolerance(spec),
-            free=self.free_of(spec),
-            clock=clock,
             enough=enough,
-            stopped=lambda: self.deadline.passed,
             workers=self.workers,
         )
 
@@ -323,27 +325,26 @@ class Evaluator(ABC):
         self, spec: ModelSpec, evaluations: int, enough: float = inf, workers: int = 1
     ) -> CandidateFit | None:
         """Return the model fitted to the short views, precise enough for ranking."""
-        return self._fitted_briefly(spec, evaluations, self.clock, enough, workers)
-
-    def _fitted_briefly(
-        self,
-        spec: ModelSpec,
-        evaluations: int,
-        clock: tuple[float, float] | None,
-        enough: float,
-        workers: int,
-    ) -> CandidateFit | None:
-        return fitted_to(
+        return self._fitted(
             spec,
             self.short,
             evaluations=evaluations,
             tolerance=self.policy.first_tolerance,
             enough=enough,
             derivatives=False,
-            free=self.free_of(spec),
-            clock=clock,
-            stopped=lambda: self.deadline.passed,
             workers=workers,
+        )
+
+    def _fitted(
+        self, spec: ModelSpec, views: Sequence[FitData], **how: Any
+    ) -> CandidateFit | None:
+        return fitted_to(
+            spec,
+            views,
+            free=self.free_of(spec),
+            clock=self.clock,
+            stopped=lambda: self.deadline.passed,
+            **how,
         )
 
     def refit(self, fit: CandidateFit, evaluations: int = 0) -> CandidateFit:

@@ -13,8 +13,10 @@ penalty of a parameter; the lower cost counts.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from math import inf
+from typing import Self
 
 import numpy as np
 from scipy.special import chdtrc
@@ -34,7 +36,6 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     errors_of,
     evaluated_on,
     has_zero_time_constant,
-    is_another_change,
     is_at_the_drive,
 )
 from piezo_hysteresis.discovery.selection.evaluator import (
@@ -279,7 +280,7 @@ class FixedBaselineEvaluator(Evaluator):
         fits = [self.sharpened(found)]
         if self._clock_moved(found):
             here = replace(found, sampling_offset=self.late)
-            there = self._fitted(here, self.views, self.policy.first_evaluations, self._still)
+            there = Evaluator.fit(self._still(), here, None, self.policy.first_evaluations)
             fits += [] if there is None else [self.sharpened(there)]
         return min(fits, key=self.score)
 
@@ -299,15 +300,15 @@ class FixedBaselineEvaluator(Evaluator):
         if not self._clock_moved(spec):
             return found
         here = replace(spec, sampling_offset=self.late)
-        there = self._fitted_briefly(here, evaluations, self._still, enough, workers)
+        there = Evaluator.fit_briefly(self._still(), here, evaluations, enough, workers)
         fits = [each for each in (found, there) if each is not None]
         return min(fits, key=lambda each: each.square, default=None)
 
-    @property
-    def _still(self) -> tuple[float, float]:
-        """Bounds within which the sampling offset counts as that of the file [s]."""
-        still = self.policy.still_clock * self.views[0].dt
-        return self.late - still, self.late + still
+    def _still(self) -> Self:
+        """Return the evaluator with a sampling offset that counts as that of the file."""
+        still, other = self.policy.still_clock * self.views[0].dt, copy(self)
+        other.clock = self.late - still, self.late + still
+        return other
 
     def _clock_moved(self, spec: ModelSpec) -> bool:
         still = self.policy.still_clock * self.views[0].dt
@@ -418,19 +419,19 @@ class FixedBaselineEvaluator(Evaluator):
             gain > 0.0 and not missing(after, before) and missing(before, before)
         )
 
-    def explains_enough(
-        self, before: CandidateFit, after: CandidateFit, start: CandidateFit
-    ) -> bool:
-        """Return whether the last effect has a visible time constant and explains enough.
+    def is_another_change(self, fit: CandidateFit) -> bool:
+        """Return whether the last effect is another change: a changed gain, or what has no time.
 
-        The effect must also reduce the gap and must not increase the error on held-out records.
+        A tone at the drive, and creep without a visible time constant, are a gain.
         """
-        if is_another_change(after) or has_zero_time_constant(after, self.views[0].dt):
-            return False
-        if is_at_the_drive(after, self._drives):  # a changed gain
-            return False
-        if not rules.explains_enough(self.excess(before), self.excess(after), 0.0, self.policy):
-            return False
+        return (
+            super().is_another_change(fit)
+            or has_zero_time_constant(fit, self.views[0].dt)
+            or is_at_the_drive(fit, self._drives)
+        )
+
+    def is_confirmed(self, before: CandidateFit, after: CandidateFit) -> bool:
+        """Return whether the last effect reduces the gap, too."""
         return self.reduces_gap(before, after)
 
     def reduces_gap(self, before: CandidateFit, after: CandidateFit) -> bool:
@@ -439,23 +440,20 @@ class FixedBaselineEvaluator(Evaluator):
         A slow drift or a small tone changes the held-out records less than the discrepancy of the
         baseline differs between records. The error on held-out records must not increase.
         """
-        if not super().reduces_gap(before, after) and not rules.reduces_gap_enough(
+        (was, old), (now, new) = map(self.held_out, (before, after))
+        if not rules.reduces_gap_enough(old, new, self.policy) and not rules.reduces_gap_enough(
             self.excess(before), self.excess(after), self.policy
         ):
             return False
-        return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
+        return rules.is_no_worse(was, now, self.policy)
 
-    def held_out_excess(self, spec: ModelSpec) -> float:
-        """Return the mean square beyond the expected one on held-out views, in units of it."""
-        return costs(self._held_out_beyond_known(spec), self.expected_held_out)[1]
-
-    def _held_out(self, spec: ModelSpec) -> float:
-        """Return the mean square error on held-out views, relative to the expected one."""
-        errors = self._held_out_beyond_known(spec)
-        pairs = list(zip(errors, self.expected_held_out, strict=True))
-        if not all(np.all(np.isfinite(error)) for error, _ in pairs):
-            return float('inf')
-        return sum(float(e @ e) / e.size / x.total for e, x in pairs) / max(len(pairs), 1)
+    def held_out(self, spec: ModelSpec) -> tuple[float, float]:
+        """Return the mean square on held-out views and its excess, in units of the expected."""
+        errors, expected = self._held_out_beyond_known(spec), self.expected_held_out
+        if not all(np.all(np.isfinite(error)) for error in errors):
+            return inf, inf
+        squares = [float(e @ e) / e.size / x.total for e, x in zip(errors, expected, strict=True)]
+        return sum(squares) / max(len(squares), 1), costs(errors, expected)[1]
 
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
         """Return the log likelihood ratio in nats and its p-value (Wilks 1938).

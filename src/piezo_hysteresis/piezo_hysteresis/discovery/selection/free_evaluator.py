@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from piezo_hysteresis.discovery.selection.candidate_fit import (
     CandidateFit,
     ModelSpec,
     evaluated_on,
-    is_another_change,
 )
 from piezo_hysteresis.discovery.selection.evaluator import (
     Deadline,
@@ -184,15 +183,17 @@ class FreeEvaluator(Evaluator):
         """Return the mean square above the noise of each record, relative to it."""
         return fit.floors**2 - 1.0
 
-    def shows_a_gap(self, fit: CandidateFit) -> bool:
-        """Return whether the residual of a model on its views exceeds the noise."""
-        return self._shows_a_gap(fit, _excesses(fit))
+    def shows_a_gap(
+        self, fit: CandidateFit, excesses: Sequence[float] | None = None, trace: float = -inf
+    ) -> bool:
+        """Return whether the residual on the views of a fit exceeds the noise and a `trace`.
 
-    def _shows_a_gap(self, fit: CandidateFit, excesses: Sequence[float]) -> bool:
-        excess, excess_deviation = _over_all(fit, excesses), self.data.noise.excess_deviation
-        return rules.shows_a_gap(
-            excess, excesses, fit.excess_deviations, excess_deviation, self.policy
-        )
+        The trace is the excess that inexact laws explain; `excesses` are those of the residual.
+        """
+        by_record = _excesses(fit) if excesses is None else excesses
+        excess, deviation = _over_all(fit, by_record), self.data.noise.excess_deviation
+        found = rules.shows_a_gap(excess, by_record, fit.excess_deviations, deviation, self.policy)
+        return found and excess >= trace
 
     def discrepancy(self, fit: CandidateFit, start: CandidateFit) -> float:
         """Return the excess that the inexact laws of the added effects can leave."""
@@ -201,10 +202,7 @@ class FreeEvaluator(Evaluator):
 
     def has_significant_residual(self, fit: CandidateFit, start: CandidateFit) -> bool:
         """Return whether the residual exceeds the noise and the known inexactness of the laws."""
-        return self._exceeds_noise(fit, _excesses(fit), self._trace(fit, start))
-
-    def _exceeds_noise(self, fit: CandidateFit, excesses: Sequence[float], trace: float) -> bool:
-        return self._shows_a_gap(fit, excesses) and _over_all(fit, excesses) >= trace
+        return self.shows_a_gap(fit, trace=self._trace(fit, start))
 
     def _trace(self, fit: CandidateFit, start: CandidateFit) -> float:
         """Return the excess that the inexact laws of a model explain, up to the negligible one."""
@@ -226,7 +224,7 @@ class FreeEvaluator(Evaluator):
                 float(c @ c) / c.size / noise**2
                 for c, noise in zip(changes, fit.noises, strict=True)
             ]
-            return lambda factor: self._exceeds_noise(
+            return lambda factor: self.shows_a_gap(
                 fit, [max(low, 0.0) + factor**2 * square - 1.0 for square in squares], trace
             )
 
@@ -237,25 +235,10 @@ class FreeEvaluator(Evaluator):
         errors = self.improvement(before, after, 1).ratio
         return rules.is_significant(errors, self.score(before) - self.score(after), self.policy)
 
-    def explains_enough(
-        self, before: CandidateFit, after: CandidateFit, start: CandidateFit
-    ) -> bool:
-        """Return whether the last effect of `after` explains enough, also on held-out records."""
-        if is_another_change(after):
-            return False
-        old, new = self.excess(before), self.excess(after)
-        known = self.discrepancy(before, start)
-        if not rules.explains_enough(old, new, known, self.policy):
-            return False
-        return rules.is_no_worse(self._held_out(before), self._held_out(after), self.policy)
-
-    def held_out_excess(self, spec: ModelSpec) -> float:
-        """Return the mean square above the noise on held-out views, in units of it."""
-        return self._held_out(spec) - 1.0
-
-    def _held_out(self, spec: ModelSpec) -> float:
-        """Return the mean square error on held-out views, relative to that of the noise."""
-        return evaluated_on(spec, self.data.held_out).floors ** 2
+    def held_out(self, spec: ModelSpec) -> tuple[float, float]:
+        """Return the mean square on held-out views and its excess, in units of the noise."""
+        square = evaluated_on(spec, self.data.held_out).floors ** 2
+        return square, square - 1.0
 
     def improvement(self, before: CandidateFit, after: CandidateFit, tried: int) -> Improvement:
         """Return the size and significance of the improvement from the residual spectrum."""

@@ -122,11 +122,18 @@ def zeros_apart(choices: RecordAssumptions, data: Dataset) -> RecordAssumptions:
 def unsearched(data: Dataset, given: ModelFile, how: SearchOptions) -> SelectionResult:
     """Return the baseline of a file, evaluated on records without a search."""
     base, seen = held_data(data, given, how)
-    policy = how.policy(HELD)
-    evaluator = FixedBaselineEvaluator(
-        seen, how.seed, how.workers, base, given, policy, how.deadline
-    )
-    return SelectionResult(evaluator, base, base)
+    return SelectionResult(_evaluator_of(seen, base, given, how), base, base)
+
+
+def _evaluator_of(
+    seen: Dataset,
+    base: CandidateFit,
+    given: ModelFile,
+    how: SearchOptions,
+    choices: RecordAssumptions | None = None,
+) -> FixedBaselineEvaluator:
+    policy, end = how.policy(HELD), how.deadline
+    return FixedBaselineEvaluator(seen, how.seed, how.workers, base, given, policy, end, choices)
 
 
 def _find_held(
@@ -147,16 +154,8 @@ def _find_held(
         ):
             break
         base, seen = held_data(data, given, how, searched=searched)
-        evaluator = FixedBaselineEvaluator(
-            seen,
-            how.seed,
-            how.workers,
-            base,
-            given,
-            policy,
-            how.deadline,
-            how.choices if searched else None,
-        )
+        choices = how.choices if searched else None
+        evaluator = _evaluator_of(seen, base, given, how, choices)
         still = evaluator.evaluated(replace(base, sampling_offset=evaluator.late))
         base = min(base, still, key=evaluator.score)
         each = with_headlines_only(search(evaluator, base, progress))
