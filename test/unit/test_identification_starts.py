@@ -92,6 +92,23 @@ def test_a_part_that_closes_by_chance_does_not_begin_settled() -> None:
     assert seen.begins.kind != 'settled'
 
 
+def test_a_sample_that_depends_on_the_input_before_the_record_has_no_error() -> None:
+    """Three samples of 160 µm made the known discrepancy of a file nine times too large."""
+    k = np.arange(-800, 800)
+    voltage, zero = 1.8 + 1.8 * np.sin(2.0 * np.pi * k / 200.0), 4e-6
+    model = named('classical')
+    packed = model.pack(model.defaults())
+    y = model.respond(voltage, packed, DT)
+    early = 2  # samples by which the displacement is read later than the response
+    record = Record('a', DT, voltage[800:], y[800 - early - 1 : -early - 1] + zero)
+    target = replace(whole(record, begins=RecordStart('estimate')), own_zero=True)
+    found = Prediction(model, packed, target, -early * DT)
+    step = float(np.max(np.abs(np.diff(y))))
+    assert np.max(np.abs(found.error)) < 1e-3 * step
+    np.testing.assert_array_equal(found.displacement[: early + 1], record.displacement[:3])
+    assert found.zero == pytest.approx(zero, rel=1e-3)
+
+
 @pytest.mark.parametrize('begin', ['step', 'settled', 'ring'])
 def test_the_first_period_shows_how_a_periodic_record_begins(begin: str) -> None:
     """A transient is neither the steady cycle nor a row of spikes; a spike in it is one."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -63,14 +64,26 @@ class Prediction:
     @property
     def zero(self) -> float:
         """Mean of the measured displacement beyond the response [m]."""
-        view = self.target
+        view, first = self.target, self.nuisances.first
+        if first:
+            valid = np.ones(view.measured.size) if view.valid is None else view.valid.copy()
+            valid[list(first)] = 0.0
+            view = replace(view, valid=valid)
         with _quiet():
             return float(np.mean(view.kept(view.measured - view.pick(self.response))))
 
     @cached_property
     def _placed(self) -> FloatArray:
-        """Response in the zero of the record, lead-in included [m]."""
-        return self.response + self.zero if self.target.own_zero else self.response
+        """Response in the zero of the record, lead-in included [m].
+
+        A sample that depends on the unknown input before the record is itself a nuisance
+        parameter: its best fit is the measured one.
+        """
+        placed = self.response + self.zero if self.target.own_zero else self.response
+        if first := list(self.nuisances.first):
+            placed = placed.copy()
+            placed[self.target.compared][first] = self.target.measured[first]
+        return placed
 
     @property
     def displacement(self) -> FloatArray:

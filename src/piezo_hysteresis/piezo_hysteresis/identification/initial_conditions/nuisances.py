@@ -46,6 +46,7 @@ class Nuisances:
     pull: FloatArray = field(default_factory=lambda: np.empty(0))  # (q,)
     levels: tuple[float, ...] = ()  # estimated levels before the record [V]
     explained: BestFit | None = None  # least squares on the weighted rows
+    first: tuple[int, ...] = ()  # compared samples with a parameter each, see `_first_samples`
 
 
 def nuisances_of(
@@ -72,27 +73,24 @@ def nuisances_of(
         return Nuisances(np.empty((0, error.size)), np.empty(0), motion)
     states, most = start_rows(motion)
     rows = [target.pick(shifted(row, late)) for row in (*states, *level_rows(motion))]
-    rows += _first_samples(target, late)
+    first = _first_samples(target, late)
+    rows += [np.eye(1, error.size, place)[0] for place in first]
     stroke = float(np.ptp(target.measured)) or 1.0
     noise = target.noise if isfinite(target.noise) else _UNKNOWN_NOISE * stroke
     prior = [noise] * len(rows)
     if target.own_zero:
         rows.append(np.ones(error.size))
         prior.append(0.0)
-    nuisances = Nuisances(np.array(rows).reshape(len(rows), error.size), np.array(prior), motion)
+    stacked = np.array(rows).reshape(len(rows), error.size)
+    nuisances = Nuisances(stacked, np.array(prior), motion, first=first)
     return _settled(nuisances, most, left, factors)
 
 
-def _first_samples(target: FitData, late: float) -> list[FloatArray]:
-    """Return a row for each sample that depends on the input held before the record."""
-    rows = []
-    for sample in range(target.origin, target.origin + max(ceil(-late), 0)):
-        place, off = divmod(sample - target.first, target.stride)
-        if place >= 0 and off == 0:
-            row = np.zeros(target.measured.size)
-            row[place] = 1.0
-            rows.append(row)
-    return rows
+def _first_samples(target: FitData, late: float) -> tuple[int, ...]:
+    """Return the compared samples that depend on the input held before the record."""
+    driven = range(target.origin, target.origin + max(ceil(-late), 0))
+    pairs = (divmod(sample - target.first, target.stride) for sample in driven)
+    return tuple(place for place, off in pairs if place >= 0 and off == 0)
 
 
 def _settled(

@@ -117,7 +117,7 @@ class InitialConditionSelector:
         return self._square(self._predicted(target))
 
     def _square(self, found: Prediction) -> float:
-        return square_of(found.valid_error if self._by_run else found.residual)
+        return square_of(_run_error(found) if self._by_run else found.residual)
 
     def best_start(self, target: FitData, zero: str) -> FitData:
         """Return the target with the start of the smallest residual, or with its initial guess."""
@@ -263,7 +263,7 @@ class InitialConditionSelector:
         if target.begins.kind != 'estimate':
             return target
         found = self._predicted(target)
-        least = square_of(found.valid_error)
+        least = square_of(_run_error(found))
         if least <= _MISLEADS * square_of(found.residual):
             return target
         search = self._as_runs()
@@ -433,6 +433,19 @@ class InitialConditionSelector:
         limit = kept[0] * (1.0 + self._numbers(kept[1]) * log(samples) / samples)
         plain = [each for each in others if each[1].kind != 'estimate' and each[0] <= limit]
         return min(plain, key=_cost, default=kept)
+
+
+def _run_error(found: Prediction) -> FloatArray:
+    """Return the error of a run with the samples that the input before the record decides.
+
+    A state that the actuator cannot have had leaves a jump behind them.
+    """
+    view, response = found.target, found.target.pick(found.response)
+    with np.errstate(over='ignore', invalid='ignore'):
+        if view.own_zero:
+            response = response + float(np.mean(view.kept(view.measured - response)))
+        error = view.measured - response
+        return error if view.valid is None else error * view.valid
 
 
 def _first_samples(found: Prediction, size: int) -> _Beginning:
