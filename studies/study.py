@@ -25,6 +25,7 @@ WORLDS = {
     'lottery': 'an independent simulation with random recording conditions',
     'foreign': 'effects in actuators from the literature',
     'hidden': 'effects added to measured records of an actuator',
+    'observer': 'what an ideal observer would name of hidden curves and gains',
     'leaderboard': 'measured records: this suite and its peers in free run',
     'investigate': 'the same as simulated, but the experiments are chosen',
     'investigate_foreign': 'the same as foreign, but the experiments are chosen',
