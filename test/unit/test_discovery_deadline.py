@@ -137,7 +137,9 @@ def test_an_effect_of_no_significance_is_not_listed_by_a_search_that_was_cut(
     added = Added('friction', 'output', {})
     final: Any = replace(start, added=(added,))
     won = SimpleNamespace(
-        probabilities=lambda: {'friction': 0.73}, gain=SimpleNamespace(p_value=p_value)
+        probabilities=lambda: {'friction': 0.73},
+        gain=SimpleNamespace(p_value=p_value),
+        lost_clearly=lambda policy: False,
     )
     step: Any = SimpleNamespace(fit=SimpleNamespace(effect='friction'), round=won)
     evaluator: Any = SimpleNamespace(fit=lambda spec, enough: spec, policy=POLICY)
