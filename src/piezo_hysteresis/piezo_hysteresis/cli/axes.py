@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from piezo_hysteresis.cli.shared_options import add_options, statements_of
+from piezo_hysteresis.cli.shared_options import statements_of
 from piezo_hysteresis.cli.verbosity import progress_bar
 
 if TYPE_CHECKING:
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ['add_axes_options', 'axes_records_of', 'read_axes', 'states_axes']
 
+_PATTERN = 'columns, arrays or files of the {}s of all axes by pattern'
+
 
 def add_axes_options(parser: argparse.ArgumentParser, *, patterns: bool = True) -> None:
     """Add ``--axes``, ``--fs``, ``--periodic`` and, unless it has them, the `patterns`.
@@ -23,20 +25,17 @@ def add_axes_options(parser: argparse.ArgumentParser, *, patterns: bool = True) 
     The parser has those of `shared_options.add_statements` as well.
     """
     group = parser.add_argument_group('records of several axes')
-    add_options(group, """
-        --axes N  number of voltages that the records must have
-        --fs HZ  sampling rate of data without a time
-    """)  # fmt: skip
-    group.add_argument(
+    add: Any = group.add_argument
+    add('--axes', type=int, metavar='N', help='number of voltages that the records must have')
+    if patterns:
+        for what, example in (('voltage', "'u*:V'"), ('displacement', "'y*:um'")):
+            add(f'--{what}', metavar='PATTERN[:UNIT]',
+                help=f'{_PATTERN.format(what)}, as {example}')  # fmt: skip
+    add('--fs', type=float, metavar='HZ', help='sampling rate of data without a time')
+    add(
         '--periodic', nargs='?', type=int, const=1, metavar='N',
         help='the records are N whole periods of a steady state (default one)',
     )  # fmt: skip
-    if patterns:
-        for what, example in (('voltage', "'u*:V'"), ('displacement', "'y*:um'")):
-            add_options(group, f"""
-                --{what} PATTERN[:UNIT]  columns, arrays or files of the {what}s of all axes by
-                    pattern, as {example}
-            """)  # fmt: skip
 
 
 def states_axes(arguments: argparse.Namespace) -> bool:

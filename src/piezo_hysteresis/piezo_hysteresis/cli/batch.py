@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from piezo_hysteresis.cli import discover, identify
-from piezo_hysteresis.cli.shared_options import add_options
 from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.process_setup import number_of_workers
@@ -35,10 +34,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         # --workers means processes here: it replaces the option of the repeated verb
         each = verbs.add_parser(name, help=f'{name} each data set', conflict_handler='resolve')
         module.configure(each)
-        add_options(each, """
-            --workers N = 0  processes, 0 for one per core
-            --dask ADDRESS  scheduler of a Dask cluster, such as tcp://host:8786
-        """)  # fmt: skip
+        add = each.add_argument
+        add('--workers', type=int, default=0, metavar='N', help='processes, 0 for one per core')
+        add(
+            '--dask',
+            metavar='ADDRESS',
+            help='scheduler of a Dask cluster, such as tcp://host:8786',
+        )
 
 
 def run(arguments: argparse.Namespace) -> int:

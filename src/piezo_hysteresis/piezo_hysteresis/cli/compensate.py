@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from piezo_hysteresis.cli import compensate_links as links
-from piezo_hysteresis.cli.shared_options import add_options, add_out, add_statements, statements_of
+from piezo_hysteresis.cli.shared_options import add_out, add_statements, statements_of
 from piezo_hysteresis.compensation.controllers import Controllers
 from piezo_hysteresis.compensation.operating_limits import rate_of
 from piezo_hysteresis.compensation.study import PRESET, Run, Study, remarks, track, waveform_of
@@ -38,33 +38,62 @@ _OF_SEVERAL = {'noise', 'seed', 'plant_set', 'periods', 'orders'}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, f"""
-        --model YAML!  model whose inverse is the feedforward
-        --axis NAME = 1  axis of the controller
-        --take-over  {TAKE_OVER}
-        --rounds N = 8  with --on: largest number of learning runs
-        --plant-set NAME=VALUE...  parameters and effects of a preset, such as effects.creep=true
-        --rate HZ  sampling rate [Hz] (default: that of the model data, or 1000)
-        --low V  lowest voltage [V] (default: of the preset or the model)
-        --high V  highest voltage [V] (default: of the preset or the model)
-        --slew V/S  slew rate limit [V/s] (default: of the preset or the model)
-        --noise M = 0  rms of the measurement noise [m]
-        --seed N = 0  seed of the noise
-        --from-seconds S  start of the evaluated part [s] (default: half of the reference)
-        --periods N = 0  of several axes: follow the references N periods tick by tick as well, as
-            nodes do
-    """)  # fmt: skip
-    add_options(parser.add_mutually_exclusive_group(required=True), f"""
-        --plant YAML|preset:NAME  plant: a model, or a preset of `python -m piezo_sim presets`
-        --on ADDRESS  actuator on a motion controller, whose wave is learnt from run to run:
-            {FORMS}
-    """)  # fmt: skip
-    parser.add_argument(
-        '--reference', required=True, action='append', metavar='KIND:...|CSV',
+    add = parser.add_argument
+    add('--model', required=True, metavar='YAML', help='model whose inverse is the feedforward')
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        '--plant',
+        metavar='YAML|preset:NAME',
+        help='plant: a model, or a preset of `python -m piezo_sim presets`',
+    )
+    what.add_argument(
+        '--on',
+        metavar='ADDRESS',
+        help=f'actuator on a motion controller, whose wave is learnt from run to run: {FORMS}',
+    )
+    add('--axis', default='1', help='axis of the controller')
+    add('--take-over', action='store_true', help=TAKE_OVER)
+    add(
+        '--rounds',
+        type=int,
+        default=8,
+        metavar='N',
+        help='with --on: largest number of learning runs',
+    )
+    add(
+        '--plant-set',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='parameters and effects of a preset, such as effects.creep=true',
+    )
+    add(
+        '--reference',
+        required=True,
+        action='append',
+        metavar='KIND:...|CSV',
         help='desired displacement [m]; or a file of time_s, reference_um; of several axes '
         'N=KIND:... for each axis that moves',
-    )  # fmt: skip
+    )
     add_out(parser)
+    add('--rate', type=float, help='sampling rate [Hz] (default: that of the model data, or 1000)')
+    add('--low', type=float, help='lowest voltage [V] (default: of the preset or the model)')
+    add('--high', type=float, help='highest voltage [V] (default: of the preset or the model)')
+    add('--slew', type=float, help='slew rate limit [V/s] (default: of the preset or the model)')
+    add('--noise', type=float, default=0.0, help='rms of the measurement noise [m]')
+    add('--seed', type=int, default=0, help='seed of the noise')
+    add(
+        '--from-seconds',
+        type=float,
+        help='start of the evaluated part [s] (default: half of the reference)',
+    )
+    add(
+        '--periods',
+        type=int,
+        default=0,
+        metavar='N',
+        help='of several axes: follow the references N periods tick by tick as well, as nodes do',
+    )
     add_statements(parser)
     links.configure(parser)
 

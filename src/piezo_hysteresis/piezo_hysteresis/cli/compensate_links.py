@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, get_type_hints
 
-from piezo_hysteresis.cli.shared_options import add_options
 from piezo_hysteresis.compensation.controllers import ATTENUATIONS, Controllers, Feedback
 from piezo_hysteresis.compensation.feedback.feedback_link import (
     FEEDBACKS,
@@ -27,33 +26,81 @@ DEFAULT = AttenuationSettings()
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that select controllers."""
-    add_options(parser.add_argument_group('feedforward'), f"""
-        --law {'|'.join(INVERSES)} = auto  inverse of the model: by structure (auto, exact,
-            numeric, gain) or by a paper
-    """)  # fmt: skip
-    add_options(parser.add_argument_group('attenuation of harmonics'), f"""
-        --attenuation {'|'.join(ATTENUATIONS)} = {DEFAULT.method}  method of the attenuation
-        --orders N... = {','.join(map(str, DEFAULT.orders))}  harmonic orders to attenuate
-        --resonance HZ = {DEFAULT.resonance}  frequency of a mode [Hz]; orders near it are added
-            (afc only)
-        --gain-model YAML  model for the plant gain (default: the inverted model)
-        --attenuation-set NAME=VALUE...  further settings, such as sign_rule=printed,
-            switch_frequency=66, gain=1e4
-    """)  # fmt: skip
-    add_options(parser.add_argument_group('feedback'), f"""
-        --feedback {'|'.join(FEEDBACKS)}  feedback controller (default: pid if --pid is given, else
-            none)
-        --pid KP KI KD  gains of pid and fuzzy_pid [V/m], [V/(m s)], [V s/m]
-        --fuzzy E RATE DKP DKI  large error [m], large error rate [m/s], and largest changes of the
-            gains
-        --fuzzy-tables YAML  rules of fuzzy_pid; config/fuzzy/symmetric.yaml is an example
-        --bandwidth HZ  bandwidth of h_infinity [Hz]
-        --h-infinity-set NAME=VALUE...  other weights of h_infinity: steady_error, peak, control,
-            delay_ticks
-        --transfer-function YAML  plant of h_infinity, from the verb linear (default: that of the
-            model)
-        --together  add a run with attenuation and feedback
-    """)  # fmt: skip
+    forward = parser.add_argument_group('feedforward')
+    forward.add_argument(
+        '--law',
+        choices=INVERSES,
+        default='auto',
+        help='inverse of the model: by structure (auto, exact, numeric, gain) or by a paper',
+    )
+    harmonics = parser.add_argument_group('attenuation of harmonics')
+    add = harmonics.add_argument
+    add(
+        '--attenuation',
+        choices=ATTENUATIONS,
+        default=DEFAULT.method,
+        help='method of the attenuation',
+    )
+    orders = list(DEFAULT.orders)
+    add('--orders', type=int, nargs='+', default=orders, help='harmonic orders to attenuate')
+    add(
+        '--resonance',
+        type=float,
+        default=DEFAULT.resonance,
+        help='frequency of a mode [Hz]; orders near it are added (afc only)',
+    )
+    add(
+        '--gain-model',
+        metavar='YAML',
+        help='model for the plant gain (default: the inverted model)',
+    )
+    add(
+        '--attenuation-set',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='further settings, such as sign_rule=printed, switch_frequency=66, gain=1e4',
+    )
+    feedback = parser.add_argument_group('feedback')
+    add = feedback.add_argument
+    add(
+        '--feedback',
+        choices=FEEDBACKS,
+        help='feedback controller (default: pid if --pid is given, else none)',
+    )
+    add(
+        '--pid',
+        type=float,
+        nargs=3,
+        metavar=('KP', 'KI', 'KD'),
+        help='gains of pid and fuzzy_pid [V/m], [V/(m s)], [V s/m]',
+    )
+    add(
+        '--fuzzy',
+        type=float,
+        nargs=4,
+        metavar=('E', 'RATE', 'DKP', 'DKI'),
+        help='large error [m], large error rate [m/s], and largest changes of the gains',
+    )
+    add(
+        '--fuzzy-tables',
+        metavar='YAML',
+        help='rules of fuzzy_pid; config/fuzzy/symmetric.yaml is an example',
+    )
+    add('--bandwidth', type=float, metavar='HZ', help='bandwidth of h_infinity [Hz]')
+    add(
+        '--h-infinity-set',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='other weights of h_infinity: steady_error, peak, control, delay_ticks',
+    )
+    add(
+        '--transfer-function',
+        metavar='YAML',
+        help='plant of h_infinity, from the verb linear (default: that of the model)',
+    )
+    add('--together', action='store_true', help='add a run with attenuation and feedback')
 
 
 def controllers_of(

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.shared_options import add_options, add_out
+from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.errors import IdentificationError
 
@@ -30,7 +30,12 @@ EXAMPLE = 'demo --data my_record.csv --out out/mine'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, '--data DATA...  your own bags or CSV files, instead of the simulation')
+    parser.add_argument(
+        '--data',
+        nargs='+',
+        metavar='DATA',
+        help='your own bags or CSV files, instead of the simulation',
+    )
     add_out(parser, 'out/demo')
 
 

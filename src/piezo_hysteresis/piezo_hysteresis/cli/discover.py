@@ -13,7 +13,6 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.axes import MODES, add_axes_options, discover_several, states_axes
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
-    add_options,
     add_out,
     add_statements,
     statements_of,
@@ -27,26 +26,62 @@ EXAMPLE = 'discover out/sweep --baseline bouc_wen_mode --out out/found'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, """
-        data DATA...  bags, CSV files, or folders of them
-        --baseline NAME[+BLOCK...]|YAML!  named model, fitted to these data; or model.yaml of other
-            data, kept fixed; of several axes: gain, modes or their model.yaml
-        --reference DATA...  data from before a change: errors of the baseline on them are not
-            reported
-        --repeats DATA...  data with nothing changed, at least two records of one drive: how much
-            they differ is no new effect
-        --seed N = 0  seed of all random choices; the same seed gives the same verdict
-        --workers N = 0  threads, 0 for one per core
-        --warm-up S  initial time excluded from errors [s]
-        --policy NAME=VALUE...  decision thresholds, see docs/reference/policy.md
-        --time-limit S = 180  time after which the search stops with the best model so far and
-            lists the skipped steps [s]; 0 for no limit
-        --actuator NAME  actuator, if a bag holds several
-        --second COLUMN[:UNIT]  column of another sensor, of the charge or of the current: tells a
-            curve of the sensor from one of the actuator
-    """)  # fmt: skip
+    add = parser.add_argument
+    add('data', nargs='+', metavar='DATA', help='bags, CSV files, or folders of them')
+    add(
+        '--baseline',
+        required=True,
+        metavar='NAME[+BLOCK...]|YAML',
+        help='named model, fitted to these data; or model.yaml of other data, kept fixed; of '
+        'several axes: gain, modes or their model.yaml',
+    )
+    add(
+        '--reference',
+        nargs='+',
+        default=(),
+        metavar='DATA',
+        help='data from before a change: errors of the baseline on them are not reported',
+    )
+    add(
+        '--repeats',
+        nargs='+',
+        default=(),
+        metavar='DATA',
+        help='data with nothing changed, at least two records of one drive: how much they differ '
+        'is no new effect',
+    )
     add_out(parser)
+    add(
+        '--seed',
+        type=int,
+        default=0,
+        help='seed of all random choices; the same seed gives the same verdict',
+    )
+    add('--workers', type=int, default=0, metavar='N', help='threads, 0 for one per core')
+    add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
     add_conditions(parser)
+    add(
+        '--policy',
+        nargs='+',
+        default=(),
+        metavar='NAME=VALUE',
+        help='decision thresholds, see docs/reference/policy.md',
+    )
+    add(
+        '--time-limit',
+        type=float,
+        default=180.0,
+        metavar='S',
+        help='time after which the search stops with the best model so far and lists the skipped '
+        'steps [s]; 0 for no limit',
+    )
+    add('--actuator', help='actuator, if a bag holds several')
+    add(
+        '--second',
+        metavar='COLUMN[:UNIT]',
+        help='column of another sensor, of the charge or of the current: tells a curve of the '
+        'sensor from one of the actuator',
+    )
     add_statements(parser)
     add_axes_options(parser)
 

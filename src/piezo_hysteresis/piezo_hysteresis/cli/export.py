@@ -14,7 +14,7 @@ import yaml
 
 from piezo_hysteresis.cli import export_library
 from piezo_hysteresis.cli.data_report import print_survey_notes
-from piezo_hysteresis.cli.shared_options import add_options, add_out
+from piezo_hysteresis.cli.shared_options import add_out
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.records import Record, survey, write_csv
@@ -31,19 +31,26 @@ EXAMPLE = 'export out/sweep --format mat --out matlab'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, 'data DATA...  bag folder, .mcap, .db3 or CSV; or MODEL.yaml')
+    parser.add_argument(
+        'data', nargs='+', metavar='DATA', help='bag folder, .mcap, .db3 or CSV; or MODEL.yaml'
+    )
     add_out(parser)
     _configure_records(parser)
     export_library.configure(parser)
 
 
 def _configure_records(parser: argparse.ArgumentParser) -> None:
-    add_options(parser, f"""
-        --unit m|mm|um|nm = um  unit of the displacement; m keeps every digit
-        --format {'|'.join(('csv', *WRITTEN))} = csv  format of the files
-        --actuator NAME  actuator, if a bag holds several
-        --salvage  keep the readable part of damaged data
-    """)  # fmt: skip
+    parser.add_argument(
+        '--unit', choices=('m', 'mm', 'um', 'nm'), default='um',
+        help='unit of the displacement; m keeps every digit',
+    )  # fmt: skip
+    parser.add_argument(
+        '--format', choices=('csv', *WRITTEN), default='csv', help='format of the files'
+    )
+    parser.add_argument('--actuator', help='actuator, if a bag holds several')
+    parser.add_argument(
+        '--salvage', action='store_true', help='keep the readable part of damaged data'
+    )
 
 
 def _refuse_unknown(arguments: argparse.Namespace, of_model: bool) -> None:

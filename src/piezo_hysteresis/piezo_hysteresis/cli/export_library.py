@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from piezo_hysteresis.cli import compensate_links as chain
-from piezo_hysteresis.cli.shared_options import add_options
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.operating_limits import above_nyquist, operating_limits, rate_of
 from piezo_hysteresis.errors import CompensationError
@@ -17,19 +16,37 @@ _LIMITS = ('low', 'high', 'slew')
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of a library."""
-    group = parser.add_argument_group('C library of a model (MODEL.yaml instead of DATA)')
-    add_options(group, f"""
-        --rate HZ  steps per second [Hz] (default: that of the model data, or 1000)
-        --limits LOW HIGH SLEW  limits of the voltage [V] and its slew [V/s] (default: those of the
-            model data)
-        --energy WATT FARAD SECONDS  limit of the mean power [W], capacitance [F], averaging time
-            [s] (default: none)
-        --target TARGET = {TARGETS[0]}  target: {', '.join(TARGETS)}
-        --name NAME = piezo  name of the library and prefix of its symbols
-        --frequency HZ  frequency of the sine in the example [Hz] (default 23), and of the exported
-            entry of a model identified per frequency
-        --only plant  export only the model, without a compensator
-    """)  # fmt: skip
+    add = parser.add_argument_group(
+        'C library of a model (MODEL.yaml instead of DATA)'
+    ).add_argument
+    add(
+        '--rate',
+        type=float,
+        help='steps per second [Hz] (default: that of the model data, or 1000)',
+    )
+    add(
+        '--limits',
+        type=float,
+        nargs=3,
+        metavar=('LOW', 'HIGH', 'SLEW'),
+        help='limits of the voltage [V] and its slew [V/s] (default: those of the model data)',
+    )
+    add(
+        '--energy',
+        type=float,
+        nargs=3,
+        metavar=('WATT', 'FARAD', 'SECONDS'),
+        help='limit of the mean power [W], capacitance [F], averaging time [s] (default: none)',
+    )
+    add('--target', default=TARGETS[0], metavar='TARGET', help=f'target: {", ".join(TARGETS)}')
+    add('--name', default='piezo', help='name of the library and prefix of its symbols')
+    add(
+        '--frequency',
+        type=float,
+        help='frequency of the sine in the example [Hz] (default 23), and of the exported '
+        'entry of a model identified per frequency',
+    )
+    add('--only', choices=('plant',), help='export only the model, without a compensator')
     chain.configure(parser)
 
 

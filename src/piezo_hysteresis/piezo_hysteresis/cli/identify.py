@@ -15,7 +15,6 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.axes import MODES, add_axes_options, identify_several
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
-    add_options,
     add_out,
     add_statements,
     statements_of,
@@ -27,47 +26,97 @@ from piezo_hysteresis.process_setup import number_of_workers
 
 EXAMPLE = 'identify out/sweep --model bouc_wen_mode --out out/model'
 
+_METHODS = (
+    'output_error (default), rls, rls_ud, pi_bank, pso, pso_modified, de, or of a paper: '
+    'fujii2018, tatebatake2017, zhou2021, xiao2014, fang2019'
+)
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, f"""
-        data DATA...  bags, CSV files, or folders of them
-        --model NAME[+BLOCK...]|YAML  {', '.join(NAMES)}, optionally with blocks after a +; or a
-            model.yaml as start; without it the model that predicts best is selected; modes:
-            several coupled axes
-        --method NAME = output_error  output_error (default), rls, rls_ud, pi_bank, pso,
-            pso_modified, de, or of a paper: fujii2018, tatebatake2017, zhou2021, xiao2014,
-            fang2019
-        --per-frequency  one more set of parameters and one harmonic order for each drive of the
-            records
-        --seed N = 0  seed of the search methods
-        --warm-up S  initial time excluded from errors [s]
-        --frequency HZ  drive frequency [Hz], if the data do not contain it
-        --before V...  extremes of the voltage before each record, which define its remanence [V]
-        --held-out DATA...  held-out data: the discrepancy of the model is estimated from them
-        --hold NAME=VALUE...  parameters to fix (SI)
-        --set NAME=VALUE...  start values (SI)
-        --weights equal|relative  weights of the records: errors in metres, or relative to the
-            displacement
-        --whole  fit all samples instead of averaged periods
-        --no-sampling-offset  do not estimate a clock offset between voltage and displacement
-        --max-evaluations N  largest number of evaluations of a search
-        --swarm NAME=VALUE...  constants of a swarm: population, constriction, inertia,
-            inertia_end, own, common, tolerance
-        --forgetting FACTOR  forgetting factor of a recursive method
-        --no-offset  rls without an offset, as in the paper
-        --p0 FACTOR  rls: factor of the identity as initial P (default 1, as in the papers)
-        --rls-unit m|mm|um|nm  working unit of rls (default mm)
-        --workers N = 1  threads, 0 for one per core; the result does not depend on it
-        --actuator NAME  actuator, if a bag holds several
-    """)  # fmt: skip
-    parser.add_argument(
-        '--variant', choices=('V0', 'V1', 'V2', 'basic'),
+    add = parser.add_argument
+    add('data', nargs='+', metavar='DATA', help='bags, CSV files, or folders of them')
+    add(
+        '--model',
+        metavar='NAME[+BLOCK...]|YAML',
+        help=f'{", ".join(NAMES)}, optionally with blocks after a +; or a model.yaml as start; '
+        'without it the model that predicts best is selected; modes: several coupled axes',
+    )
+    add_out(parser)
+    add('--method', default='output_error', metavar='NAME', help=_METHODS)
+    add(
+        '--per-frequency',
+        action='store_true',
+        help='one more set of parameters and one harmonic order for each drive of the records',
+    )
+    add('--seed', type=int, default=0, help='seed of the search methods')
+    add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
+    add(
+        '--frequency',
+        type=float,
+        metavar='HZ',
+        help='drive frequency [Hz], if the data do not contain it',
+    )
+    add(
+        '--before',
+        nargs='+',
+        type=float,
+        default=[],
+        metavar='V',
+        help='extremes of the voltage before each record, which define its remanence [V]',
+    )
+    add(
+        '--held-out',
+        nargs='+',
+        default=[],
+        metavar='DATA',
+        help='held-out data: the discrepancy of the model is estimated from them',
+    )
+    add_conditions(parser)
+    add('--hold', nargs='+', default=[], metavar='NAME=VALUE', help='parameters to fix (SI)')
+    add('--set', nargs='+', default=[], metavar='NAME=VALUE', help='start values (SI)')
+    add(
+        '--weights',
+        choices=('equal', 'relative'),
+        help='weights of the records: errors in metres, or relative to the displacement',
+    )
+    add('--whole', action='store_true', help='fit all samples instead of averaged periods')
+    add(
+        '--no-sampling-offset',
+        action='store_true',
+        help='do not estimate a clock offset between voltage and displacement',
+    )
+    add('--max-evaluations', type=int, help='largest number of evaluations of a search')
+    add(
+        '--swarm',
+        nargs='+',
+        default=[],
+        metavar='NAME=VALUE',
+        help='constants of a swarm: population, constriction, inertia, inertia_end, own, common, '
+        'tolerance',
+    )
+    add('--forgetting', type=float, help='forgetting factor of a recursive method')
+    add(
+        '--variant',
+        choices=('V0', 'V1', 'V2', 'basic'),
         help='form of rls, by default that of the model: V1 is Fujii 2018 (3), V0 its (10), V2 is '
         'Tatebatake 2017 (10), basic its (18)',
-    )  # fmt: skip
-    add_out(parser)
-    add_conditions(parser)
+    )
+    add('--no-offset', action='store_true', help='rls without an offset, as in the paper')
+    add(
+        '--p0',
+        type=float,
+        help='rls: factor of the identity as initial P (default 1, as in the papers)',
+    )
+    add('--rls-unit', choices=('m', 'mm', 'um', 'nm'), help='working unit of rls (default mm)')
+    add(
+        '--workers',
+        type=int,
+        default=1,
+        metavar='N',
+        help='threads, 0 for one per core; the result does not depend on it',
+    )
+    add('--actuator', help='actuator, if a bag holds several')
     add_statements(parser)
     add_axes_options(parser)
 

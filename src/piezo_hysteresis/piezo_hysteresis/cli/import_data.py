@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.data_report import print_survey_notes, records_table
-from piezo_hysteresis.cli.shared_options import add_options, add_reading, options_of
+from piezo_hysteresis.cli.shared_options import add_reading, options_of
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records import Record, Survey, survey, write_bag
@@ -25,17 +25,29 @@ EXAMPLE = "import lab.csv --time 'Time (s)' --voltage CH1:V --displacement CH2:u
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, """
-        files FILE...  CSV, .mat, .npz, .h5, .xlsx, .parquet, .tdms with columns time_s, voltage_V,
-            displacement_um (or _m, _mm, _nm; force_N); or bags
-        --out BAG!  bag folder to create
-        --storage NAME = mcap  storage of the bag: mcap (sqlite3 is read only)
-        --actuator NAME  name of the actuator: assigned to CSV records, selected from a bag
-        --resample HZ  resample every record to this rate [Hz]; jittering stamps are interpolated
-            first
-        --without-steps  take out jumps of the displacement that stay and that no jump of the input
-            explains (a counter that slipped or was set to zero)
-    """)  # fmt: skip
+    parser.add_argument(
+        'files',
+        nargs='+',
+        metavar='FILE',
+        help='CSV, .mat, .npz, .h5, .xlsx, .parquet, .tdms with columns time_s, voltage_V, '
+        'displacement_um (or _m, _mm, _nm; force_N); or bags',
+    )
+    parser.add_argument('--out', required=True, metavar='BAG', help='bag folder to create')
+    parser.add_argument(
+        '--storage', default='mcap', help='storage of the bag: mcap (sqlite3 is read only)'
+    )
+    parser.add_argument(
+        '--actuator', help='name of the actuator: assigned to CSV records, selected from a bag'
+    )
+    parser.add_argument(
+        '--resample', type=float, metavar='HZ', help='resample every record to this rate [Hz]; '
+        'jittering stamps are interpolated first'
+    )  # fmt: skip
+    parser.add_argument(
+        '--without-steps', action='store_true',
+        help='take out jumps of the displacement that stay and that no jump of the input explains '
+        '(a counter that slipped or was set to zero)',
+    )  # fmt: skip
     add_reading(parser)
 
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezo_hysteresis.cli.shared_options import add_options, ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.common.parameter_table import range_refusal
 from piezo_hysteresis.drivers import Controller, measured, open_controller, write_measured
 from piezo_hysteresis.drivers.addresses import FORMS, TAKE_OVER
@@ -147,29 +147,66 @@ EXAMPLE = 'investigate --model out/model/model.yaml --low -1 --high 1 --slew 50 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, f"""
-        --model YAML  model in use, without the missing effects
-        --out DIR = investigation  result folder, below the folder of the excitation; with --on any
-            path
-        --low V  lowest voltage [V]; requires --high
-        --high V  highest voltage [V] (default: range of the actuator and the validated model)
-        --slew V/S = 0  slew rate limit [V/s] (default: that of the actuator)
-        --max-frequency HZ = 0  highest frequency of a drive [Hz] (default: 100)
-        --stroke UM = 0  largest range of displacement [µm] (default: no limit)
-        --heat V2HZ = 0  largest mean of frequency times amplitude squared [V²Hz] (default: no
-            limit)
-        --budget S = 0  actuator time [s] (default: 200)
-        --sure P = 0  probability from which an effect counts as confirmed (default: 0.9)
-        --seed N = 0  seed of all random choices
-        --workers N = 0  threads, 0 for one per core
-        --no-apply  do not change feedforward and gap monitor
-        --namespace NAME = ''  namespace of the nodes
-        --on ADDRESS  a controller instead of nodes: {FORMS}
-        --axis NAME = 1  axis of the controller
-        --take-over  {TAKE_OVER}
-        --rate HZ  with --on: sampling rate of the experiments [Hz] (default: 1000)
-        --replay FOLDER  repeat an investigation from its bags
-    """)  # fmt: skip
+    add = parser.add_argument
+    add('--model', metavar='YAML', help='model in use, without the missing effects')
+    add(
+        '--out',
+        metavar='DIR',
+        default='investigation',
+        help='result folder, below the folder of the excitation; with --on any path',
+    )
+    add('--low', type=float, metavar='V', help='lowest voltage [V]; requires --high')
+    add(
+        '--high', type=float, metavar='V',
+        help='highest voltage [V] (default: range of the actuator and the validated model)',
+    )  # fmt: skip
+    add(
+        '--slew',
+        type=float,
+        default=0.0,
+        metavar='V/S',
+        help='slew rate limit [V/s] (default: that of the actuator)',
+    )
+    add(
+        '--max-frequency',
+        type=float,
+        default=0.0,
+        metavar='HZ',
+        help='highest frequency of a drive [Hz] (default: 100)',
+    )
+    add(
+        '--stroke',
+        type=float,
+        default=0.0,
+        metavar='UM',
+        help='largest range of displacement [µm] (default: no limit)',
+    )
+    add(
+        '--heat', type=float, default=0.0, metavar='V2HZ',
+        help='largest mean of frequency times amplitude squared [V²Hz] (default: no limit)',
+    )  # fmt: skip
+    add('--budget', type=float, default=0.0, metavar='S', help='actuator time [s] (default: 200)')
+    add(
+        '--sure',
+        type=float,
+        default=0.0,
+        metavar='P',
+        help='probability from which an effect counts as confirmed (default: 0.9)',
+    )
+    add('--seed', type=int, default=0, help='seed of all random choices')
+    add('--workers', type=int, default=0, metavar='N', help='threads, 0 for one per core')
+    add('--no-apply', action='store_true', help='do not change feedforward and gap monitor')
+    add('--namespace', default='', help='namespace of the nodes')
+    add('--on', metavar='ADDRESS', help=f'a controller instead of nodes: {FORMS}')
+    add('--axis', default='1', help='axis of the controller')
+    add('--take-over', action='store_true', help=TAKE_OVER)
+    add(
+        '--rate',
+        type=float,
+        metavar='HZ',
+        help='with --on: sampling rate of the experiments [Hz] (default: 1000)',
+    )
+    add('--replay', metavar='FOLDER', help='repeat an investigation from its bags')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 
 from piezo_hysteresis.cli import verbosity
-from piezo_hysteresis.cli.shared_options import add_options, add_statements, statements_of
+from piezo_hysteresis.cli.shared_options import add_statements, statements_of
 
 _POOR = 10.0  # largest residual of a linear model, in percent of the motion
 
@@ -18,16 +18,19 @@ EXAMPLE = 'linear small.csv --out plant.yaml'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, """
-        data DATA...  bag folders, .mcap/.db3 or CSV files
-        --out YAML!  file of the transfer function
-        --poles N = 3  order of the denominator
-        --zeros N = 1  order of the numerator
-        --method refined|arx = refined  refined: errors of the free run (Steiglitz and McBride);
-            arx: as in Xiao 2014
-        --warm-up S  initial time excluded [s]
-        --actuator NAME  actuator, if a bag holds several
-    """)  # fmt: skip
+    add = parser.add_argument
+    add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
+    add('--out', required=True, metavar='YAML', help='file of the transfer function')
+    add('--poles', type=int, default=3, help='order of the denominator')
+    add('--zeros', type=int, default=1, help='order of the numerator')
+    add(
+        '--method',
+        choices=('refined', 'arx'),
+        default='refined',
+        help='refined: errors of the free run (Steiglitz and McBride); arx: as in Xiao 2014',
+    )
+    add('--warm-up', type=float, metavar='S', help='initial time excluded [s]')
+    add('--actuator', help='actuator, if a bag holds several')
     add_statements(parser)
 
 

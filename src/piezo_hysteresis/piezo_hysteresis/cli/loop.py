@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from piezo_hysteresis.cli.shared_options import add_options, ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 from piezo_hysteresis.common.registry import inside, package_of
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.compensation.inverses.reach import usual_reference
@@ -34,19 +34,38 @@ ONE_AXIS = 'fdk_pzba_00030'
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, f"""
-        --model YAML  model file of identify (default: no compensation)
-        --preset NAME  preset of the simulated actuator (default: {ONE_AXIS}, for one axis)
-        --frequency HZ = 23  frequency of the reference [Hz]
-        --amplitude UM  amplitude of the reference [µm] (default: half of what the model reaches,
-            or 120)
-        --clock lock_step|real_time = lock_step  clock of the simulator
-        --limits LOW HIGH SLEW  limits of the voltage [V] and of its slew [V/s] for a model of
-            several axes
-        --port N = 5006  port of the live page
-        --folder DIR = ~/piezo_hysteresis  folder for sweeps and discoveries
-        --seconds S  run time [s] (default: until Ctrl-C)
-    """)  # fmt: skip
+    add = parser.add_argument
+    add('--model', metavar='YAML', help='model file of identify (default: no compensation)')
+    add('--preset', help=f'preset of the simulated actuator (default: {ONE_AXIS}, for one axis)')
+    add(
+        '--frequency',
+        type=float,
+        default=23.0,
+        metavar='HZ',
+        help='frequency of the reference [Hz]',
+    )
+    add(
+        '--amplitude',
+        type=float,
+        metavar='UM',
+        help='amplitude of the reference [µm] (default: half of what the model reaches, or 120)',
+    )
+    add(
+        '--clock',
+        choices=('lock_step', 'real_time'),
+        default='lock_step',
+        help='clock of the simulator',
+    )
+    add(
+        '--limits',
+        nargs=3,
+        type=float,
+        metavar=('LOW', 'HIGH', 'SLEW'),
+        help='limits of the voltage [V] and of its slew [V/s] for a model of several axes',
+    )
+    add('--port', type=int, default=5006, help='port of the live page')
+    add('--folder', default='~/piezo_hysteresis', help='folder for sweeps and discoveries')
+    add('--seconds', type=float, metavar='S', help='run time [s] (default: until Ctrl-C)')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from piezo_hysteresis.cli.shared_options import add_options, ros_needed
+from piezo_hysteresis.cli.shared_options import ros_needed
 
 EXAMPLE = 'record /piezo/actuator/state --out bag'
 
@@ -18,10 +18,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         'topics', nargs='*', metavar='TOPIC',
         help='topics to record (default: actuator/state, reference and record/marker)',
     )  # fmt: skip
-    add_options(parser, """
-        --out BAG!  bag folder to create
-        --namespace NAME = piezo  namespace of topics without a leading slash
-    """)  # fmt: skip
+    parser.add_argument('--out', required=True, metavar='BAG', help='bag folder to create')
+    parser.add_argument(
+        '--namespace', default='piezo', help='namespace of topics without a leading slash'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

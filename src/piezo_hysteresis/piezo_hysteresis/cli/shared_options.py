@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,97 +15,67 @@ if TYPE_CHECKING:
     from piezo_hysteresis.records.columns import ReadOptions
 
 
-# Metavars that are units of numbers or names of quantities; `N` is a whole number.
-_NUMBER = re.compile(
-    'S|HZ|V|V/S|UM|M|V2HZ|P|FACTOR|LOW|HIGH|SLEW|WATT|FARAD|SECONDS|KP|KI|KD|E|RATE|DKP|DKI'
+SALVAGE_HELP = 'use the readable part of damaged data'
+
+_START_HELP = (
+    'initial condition of the records: at rest at 0 V with a step (step), at rest at their first '
+    'voltage (rest), in their own steady cycle (settled), in a state to be estimated (estimate), '
+    'or estimated from the data (auto)'
 )
-
-
-def add_options(parser: argparse._ActionsContainer, table: str) -> None:
-    """Add the options of a table: ``--name METAVAR = DEFAULT``, two spaces, and the help.
-
-    Further lines of a help are indented. The metavar gives the type: a unit is a number, ``N`` a
-    whole number, ``a|b`` one of these words, none is a flag. ``METAVAR...`` takes one or more,
-    several metavars take one each; ``!`` is required.
-    """
-    for row in re.split(r'\n(?!\s)', cleandoc(table)):
-        usage, text = re.split(r'\s{2,}', row, maxsplit=1)
-        stated, _, default = usage.partition(' = ')
-        name, *metavars = stated.split()
-        settings = _settings_of(metavars, default) if metavars else {'action': 'store_true'}
-        parser.add_argument(name, help=' '.join(text.split()), **settings)
-
-
-def _settings_of(metavars: list[str], default: str) -> dict[str, Any]:
-    """Return the arguments of `add_argument` for an option with values."""
-    names = [each.removesuffix('!').removesuffix('...') for each in metavars]
-    found: dict[str, Any] = {'metavar': names[0] if len(names) == 1 else tuple(names)}
-    if metavars[0].endswith('!'):
-        found['required'] = True
-    if names[0] == 'N':
-        found['type'] = int
-    elif _NUMBER.fullmatch(names[0]):
-        found['type'] = float
-    elif names[0].islower():
-        found = {'choices': tuple(names[0].split('|'))}
-    if len(names) > 1:
-        found['nargs'] = len(names)
-    elif metavars[0].endswith('...'):
-        found |= {'nargs': '+', 'default': []}
-    if default:
-        values = [found.get('type', str)(each.strip("'")) for each in default.split(',')]
-        found['default'] = values if 'nargs' in found else values[0]
-    return found
+_ZERO_HELP = (
+    'zero of the displacement: one for all records (common), one for each (record), or '
+    'estimated from the data (auto)'
+)
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:
     """Add ``--start`` and ``--zero``: the initial condition and the zero of the records."""
-    add_options(parser, f"""
-        --start {'|'.join(STARTS)} = auto  initial condition of the records: at rest at 0 V with a
-            step (step), at rest at their first voltage (rest), in their own steady cycle
-            (settled), in a state to be estimated (estimate), or estimated from the data (auto)
-        --zero {'|'.join(ZEROS)} = auto  zero of the displacement: one for all records (common),
-            one for each (record), or estimated from the data (auto)
-    """)  # fmt: skip
+    add = parser.add_argument
+    add('--start', choices=STARTS, default='auto', help=_START_HELP)
+    add('--zero', choices=ZEROS, default='auto', help=_ZERO_HELP)
 
 
 def add_out(parser: argparse.ArgumentParser, default: str | None = None) -> None:
     """Add ``--out DIR`` and ``--overwrite``; without a default the folder is required."""
-    add_options(parser, f"""
-        --out DIR{'!' if default is None else f' = {default}'}  folder of the results; earlier
-            results of the same verb are replaced
-        --overwrite  write also if the folder is not empty
-    """)  # fmt: skip
+    parser.add_argument(
+        '--out', required=default is None, default=default, metavar='DIR',
+        help='folder of the results; earlier results of the same verb are replaced',
+    )  # fmt: skip
+    parser.add_argument(
+        '--overwrite', action='store_true', help='write also if the folder is not empty'
+    )
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add what a user may state about files that do not state it: columns, interval, sign."""
     group = add_statements(parser)
-    add_options(group, '--time COLUMN[:UNIT]  column of the time (default time_s)')
+    add: Any = group.add_argument
+    add('--time', metavar='COLUMN[:UNIT]', help='column of the time (default time_s)')
     for quantity in ('voltage', 'force', 'displacement', 'reference'):
-        add_options(group, f"""
-            --{quantity} /TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]  field of a bag or column of a file
-                with the {quantity}
-        """)  # fmt: skip
-    add_options(group.add_mutually_exclusive_group(), """
-        --header-row N  line of a text file with the column names, from 1
-        --skip-rows N  number of lines before the column names
-    """)  # fmt: skip
+        add(
+            f'--{quantity}',
+            metavar='/TOPIC.FIELD[:UNIT]|COLUMN[:UNIT]',
+            help=f'field of a bag or column of a file with the {quantity}',
+        )
+    rows = group.add_mutually_exclusive_group()
+    rows.add_argument('--header-row', type=int, metavar='N',
+                      help='line of a text file with the column names, from 1')  # fmt: skip
+    rows.add_argument('--skip-rows', type=int, metavar='N',
+                      help='number of lines before the column names')  # fmt: skip
 
 
 def add_statements(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add what a user may state about files whose columns have names: interval, sign, unit."""
-    add_options(parser, '--salvage  use the readable part of damaged data')
+    parser.add_argument('--salvage', action='store_true', help=SALVAGE_HELP)
     group = parser.add_argument_group('files that do not state everything')
-    add_options(group, f"""
-        --interval S  sampling interval of files without a time
-        --unit UNIT = ''  unit of a displacement that states none
-        --time-from {'|'.join(CLOCKS)} = ''  time of the messages of a bag
-    """)  # fmt: skip
     add: Any = group.add_argument
-    sign = '-1: the sensor measures the distance'
-    add('--sign', type=int, choices=(1, -1), default=1, help=sign)
+    add('--interval', type=float, metavar='S', help='sampling interval of files without a time')
+    add(
+        '--sign', type=int, choices=(1, -1), default=1, help='-1: the sensor measures the distance'
+    )
+    add('--unit', default='', metavar='UNIT', help='unit of a displacement that states none')
     add('--decimal', choices=('.', ','), default='', help='decimal mark of a text file')
+    add('--time-from', choices=CLOCKS, default='', help='time of the messages of a bag')
     return group
 
 

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from piezo_hysteresis.cli.shared_options import add_options
 from piezo_hysteresis.cli.verbosity import progress_bar
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.drivers import open_controller, sweep, write_measured
@@ -28,21 +27,31 @@ EXAMPLE = (
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
     add = parser.add_argument
+    add('--on', required=True, metavar='ADDRESS', help=f'the controller: {FORMS}')
+    add('--axis', default='1', help='axis of the controller')
     add('--frequencies', required=True, type=_numbers, metavar='HZ,...', help='frequencies [Hz]')
     add('--amplitudes', required=True, type=_numbers, metavar='V,...', help='amplitudes [V]')
-    add_options(parser, f"""
-        --on ADDRESS!  the controller: {FORMS}
-        --axis NAME = 1  axis of the controller
-        --seconds S = 2  length of each record [s]
-        --warm-up S = 0  initial time excluded from errors [s]
-        --waveform NAME = sine  waveform; `python -m piezo_sim describe waveforms` lists them
-        --options YAML = ''  settings of the waveform, such as {{offset: 30}}
-        --range LOW HIGH  voltage range that is never exceeded [V]
-        --slew V/S  slew rate that is never exceeded [V/s]
-        --take-over  {TAKE_OVER}
-        --actuator NAME = ''  name of the actuator in the records
-        --out BAG!  bag folder to create
-    """)  # fmt: skip
+    add('--seconds', type=float, default=2.0, metavar='S', help='length of each record [s]')
+    add(
+        '--warm-up',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='initial time excluded from errors [s]',
+    )
+    add(
+        '--waveform',
+        default='sine',
+        help='waveform; `python -m piezo_sim describe waveforms` lists them',
+    )
+    add('--options', default='', metavar='YAML',
+        help='settings of the waveform, such as {offset: 30}')  # fmt: skip
+    add('--range', nargs=2, type=float, metavar=('LOW', 'HIGH'),
+        help='voltage range that is never exceeded [V]')  # fmt: skip
+    add('--slew', type=float, metavar='V/S', help='slew rate that is never exceeded [V/s]')
+    add('--take-over', action='store_true', help=TAKE_OVER)
+    add('--actuator', default='', help='name of the actuator in the records')
+    add('--out', required=True, metavar='BAG', help='bag folder to create')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -12,7 +12,6 @@ from piezo_hysteresis.cli import verbosity
 from piezo_hysteresis.cli.axes import add_axes_options, validate_several
 from piezo_hysteresis.cli.shared_options import (
     add_conditions,
-    add_options,
     add_out,
     add_statements,
     statements_of,
@@ -20,22 +19,23 @@ from piezo_hysteresis.cli.shared_options import (
 
 EXAMPLE = 'validate out/check --model out/model/model.yaml --out out/validation'
 
+LIMITS_HELP = 'state the smallest size of each known effect that these records would show'
+_STEADY = 'the same as --start settled'
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this verb."""
-    add_options(parser, """
-        data DATA...  bag folders, .mcap/.db3 or CSV files
-        --model YAML!  model file of identify or discover
-        --warm-up S  initial time excluded from errors [s]
-        --steady  the same as --start settled
-        --actuator NAME  actuator, if a bag holds several
-        --detection-limits  state the smallest size of each known effect that these records would
-            show
-    """)  # fmt: skip
+    add = parser.add_argument
+    add('data', nargs='+', metavar='DATA', help='bag folders, .mcap/.db3 or CSV files')
+    add('--model', required=True, metavar='YAML', help='model file of identify or discover')
     add_out(parser)
+    add('--warm-up', type=float, metavar='S', help='initial time excluded from errors [s]')
+    add('--steady', action='store_true', help=_STEADY)
     add_conditions(parser)
+    add('--actuator', help='actuator, if a bag holds several')
     add_statements(parser)
     add_axes_options(parser)
+    add('--detection-limits', action='store_true', help=LIMITS_HELP)
 
 
 def run(arguments: argparse.Namespace) -> int:
