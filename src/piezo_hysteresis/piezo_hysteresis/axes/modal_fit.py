@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class _Lines:
     omega: FloatArray  # (modes,)
     damping: FloatArray  # (modes,)
     inverse: ComplexArray  # 1 / denominator, (lines, modes)
-    reading: ComplexArray  # displacement for a coordinate with feedback, (lines, modes, outputs)
+    reading: ComplexArray  # displacement for a coordinate with feedback, (modes, lines, outputs)
     through: ComplexArray  # displacement for a voltage, (lines, inputs, outputs)
     compliance: ComplexArray  # elongation for a voltage, (lines, inputs, inputs)
     fed: ComplexArray  # displacement for an elongation by the feedback, (lines, inputs, outputs)
@@ -83,7 +82,7 @@ class ModalDerivatives:
         reading = reading + np.einsum('kj,ljo->lko', shape, fed, optimize=True)
         return _Lines(
             np.asarray(s), drive, elongation, _lines(q), omega, damping,
-            np.asarray(inverse), np.asarray(reading), through,
+            np.asarray(inverse), np.ascontiguousarray(reading.transpose(1, 0, 2)), through,
             compliance, fed,
         )  # fmt: skip
 
@@ -150,11 +149,7 @@ class ModalDerivatives:
         `modes` are the modes of the parameters, `change` those of their coordinates, (lines,
         parameters).
         """
-        return np.ascontiguousarray(change.T)[:, :, None] * self._of_modes[modes]
-
-    @cached_property
-    def _of_modes(self) -> ComplexArray:
-        return np.ascontiguousarray(self._at.reading.transpose(1, 0, 2))
+        return np.ascontiguousarray(change.T)[:, :, None] * self._at.reading[modes]
 
     def _by_omega(self) -> ComplexArray:
         """Return the change of each coordinate by its own angular frequency, (lines, modes)."""

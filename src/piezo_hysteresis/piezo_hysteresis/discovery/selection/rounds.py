@@ -252,12 +252,13 @@ def round_of(
     Only finalists that explain enough compete. The other finalists get the share 0: they explain
     little, or they increase the error on held-out records.
     """
-    sufficient = [fit for fit in finalists if evaluator.explains_enough(before, fit, start)]
+    enough = [evaluator.explains_enough(before, fit, start) for fit in finalists]
+    sufficient = [fit for fit, large in zip(finalists, enough, strict=True) if large]
     winner = next(
         (fit for fit in sufficient if evaluator.is_significant(before, fit, tried)), None
     )
     first = winner or (sufficient or finalists)[0]
-    order, shares = with_shares(evaluator, before, first, finalists, start)
+    order, shares = with_shares(evaluator, before, first, finalists, enough)
     gain = evaluator.improvement(before, first, tried)
     return SelectionRound(before, order, shares, gain, tried, winner is not None)
 
@@ -267,15 +268,16 @@ def with_shares(
     before: CandidateFit,
     first: CandidateFit,
     finalists: Sequence[CandidateFit],
-    start: CandidateFit,
+    enough: Sequence[bool],
 ) -> tuple[tuple[CandidateFit, ...], tuple[float, ...]]:
-    """Return the finalists with `first` in the lead, and their shares: 0 of those too small."""
-    rest = [fit for fit in finalists if fit is not first]
-    enough = [evaluator.explains_enough(before, fit, start) for fit in rest]
-    if not any(enough) and not evaluator.explains_enough(before, first, start):
-        enough = [True] * len(rest)  # none is large enough: they compete nevertheless
-    order = (first, *(fit for fit, large in zip(rest, enough, strict=True) if large))
-    others = [fit for fit, large in zip(rest, enough, strict=True) if not large]
+    """Return the finalists with `first` in the lead, and their shares: 0 of those too small.
+
+    `enough` says which finalists explain enough; if none does, they compete nevertheless.
+    """
+    alike = not any(enough)
+    rest = [(fit, ok) for fit, ok in zip(finalists, enough, strict=True) if fit is not first]
+    order = (first, *(fit for fit, ok in rest if ok or alike))
+    others = [fit for fit, ok in rest if not (ok or alike)]
     return (*order, *others), (*evaluator.shares(before, order), *(0.0 for _ in others))
 
 

@@ -52,8 +52,9 @@ def led_by_best_start(
             chosen, first = other, again
     if all(fit is before for fit, before in zip(fits, round_.finalists, strict=True)):
         return evaluator, round_
-    rest = ranked(chosen, [fit for fit in fits if fit is not first])
-    order, shares = with_shares(chosen, round_.before, first, [first, *rest], start)
+    fits = ranked(chosen, fits)
+    enough = [chosen.explains_enough(round_.before, fit, start) for fit in fits]
+    order, shares = with_shares(chosen, round_.before, first, fits, enough)
     gain = chosen.improvement(round_.before, first, round_.tried)
     accepted = round_.accepted or chosen is not evaluator
     return chosen, replace(round_, accepted=accepted, finalists=order, shares=shares, gain=gain)
