@@ -140,9 +140,9 @@ class FreeEvaluator(Evaluator):
             if any(same_initial_conditions(each, seen) for each in tried):
                 continue
             tried.append(seen)
-            other = self.with_data(seen)
-            again = other.fit(fit)
-            if again is not None and again.square < min(best[1].square, most * fit.square):
+            other, limit = self.with_data(seen), min(best[1].square, most * fit.square)
+            again = other.fit(fit, enough=limit)
+            if again is not None and again.square < limit:
                 best = other, again
         return best
 

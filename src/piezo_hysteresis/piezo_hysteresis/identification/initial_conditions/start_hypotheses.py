@@ -6,7 +6,7 @@ must reduce the cost by more than its penalty.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, log, sqrt
 
@@ -86,6 +86,39 @@ class _Beginning:
     later: float = 0.0
 
 
+@dataclass(frozen=True)
+class _Needed:
+    """What a start must gain over the one that is kept."""
+
+    kept: Hypothesis
+    noise: float  # square of the noise of a sample [m^2]
+    samples: int
+
+    def accepts(self, other: Hypothesis) -> bool:
+        """Return whether a start explains enough of what the kept one misses."""
+        return self._explains(other, _SHARE if self.kept[1].kind == 'estimate' else _SHOWN)
+
+    def hints_at(self, other: Hypothesis) -> bool:
+        """Return whether a start may explain enough after its levels are refined."""
+        return self._known(other) or self._explains(other, _HINTED)
+
+    def deserves_more(self, other: Hypothesis) -> bool:
+        """Return whether a start that is accepted as it is leaves more than the noise."""
+        return self.leaves_more(other) and (self._known(other) or self.accepts(other))
+
+    def leaves_more(self, other: Hypothesis) -> bool:
+        """Return whether a start leaves more than the noise."""
+        return other[0] > _LEFT * self.noise * self.samples
+
+    def _known(self, other: Hypothesis) -> bool:
+        """Return whether a start has as many levels as the kept one."""
+        return len(other[1].levels) == len(self.kept[1].levels)
+
+    def _explains(self, other: Hypothesis, share: float) -> bool:
+        gain, missed = self.kept[0] - other[0], self.kept[0] - self.noise * self.samples
+        return gain > share * max(missed, 0.0) and gain > _SURE * self.noise
+
+
 class InitialConditionSelector:
     """Compares start hypotheses of records by a model with known values."""
 
@@ -143,14 +176,12 @@ class InitialConditionSelector:
                 kept = self.square(early.target) + early.later, target.begins
             best = min([kept, *others], key=_cost)
         noise = target.noise if isfinite(target.noise) else 0.0
-        enough = _LEFT * noise**2 * target.measured.size
-        best = self._with_levels(early, record, best, enough)
+        needed = _Needed(kept, noise**2, target.measured.size)
+        if needed.hints_at(best):
+            best = self._with_levels(early, record, best, needed.deserves_more)
         if self._lasting and others and not best[1].levels and best[1].kind == 'estimate':
-            best = self._levels_instead(early, record, best, others, enough)
-        gain = kept[0] - best[0]
-        share = _SHARE if kept[1].kind == 'estimate' else _SHOWN
-        missed = max(kept[0] - noise**2 * target.measured.size, 0.0)
-        if gain > share * missed and gain > _SURE * noise**2:
+            best = self._levels_instead(early, record, best, others, needed)
+        if needed.accepts(best):
             kept = best
         kept = self._plainest(kept, others, target.measured.size)
         return target if kept[1] == target.begins else led_in(target, record, kept[1])
@@ -371,13 +402,17 @@ class InitialConditionSelector:
         return self.square(led_in(early.target, record, start)) + early.later, start
 
     def _with_levels(
-        self, early: _Beginning, record: Record, best: Hypothesis, enough: float
+        self,
+        early: _Beginning,
+        record: Record,
+        best: Hypothesis,
+        deserves_more: Callable[[Hypothesis], bool],
     ) -> Hypothesis:
         """Return a start with refined levels, and more levels if the residual requires them."""
         if not best[1].levels:
             return best
         best = self._refined(early, record, best)
-        while best[0] > enough and len(best[1].levels) < _MOST_LEVELS:
+        while deserves_more(best) and len(best[1].levels) < _MOST_LEVELS:
             more = [self._tried(early, record, each) for each in deepened(best[1], record)]
             first = sorted(more, key=_cost)[:_REFINED]
             other = min([self._refined(early, record, each) for each in first], key=_cost)
@@ -392,13 +427,13 @@ class InitialConditionSelector:
         record: Record,
         best: Hypothesis,
         others: Sequence[Hypothesis],
-        enough: float,
+        needed: _Needed,
     ) -> Hypothesis:
         """Return levels before the record where they fit as well as an initial state."""
         levels = [each for each in others if each[1].levels]
         if not levels:
             return best
-        levelled = self._with_levels(early, record, min(levels, key=_cost), enough)
+        levelled = self._with_levels(early, record, min(levels, key=_cost), needed.leaves_more)
         return levelled if levelled[0] <= _AS_WELL * best[0] else best
 
     def _refined(self, early: _Beginning, record: Record, best: Hypothesis) -> Hypothesis:
