@@ -284,7 +284,7 @@ class _Differenced:
             values = part.p.copy()
             values[j] += parameter_step(part.own[j], part.p[j])
             self._moved.append((values, part.state()))
-        self._carried = np.array([part.state() for _ in range(part.incoming)])
+        self._carried = np.tile(self._moved[0][1], (part.incoming, 1))
 
     def go(
         self,
