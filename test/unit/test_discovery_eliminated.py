@@ -19,6 +19,7 @@ from piezo_hysteresis.discovery.selection.search import (
     SelectionResult,
     eliminated,
     led_by_best_start,
+    with_odds,
 )
 from piezo_hysteresis.identification.initial_conditions.record_start import RecordStart
 from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
@@ -126,6 +127,25 @@ def test_a_search_without_time_lists_nothing_unlikely_or_at_a_bound(
     high = next(q.high for q in both.model.parameters if q.name == time)
     assert names(replace(both, values=both.values | {time: high}), 0.6) == ['transport_delay']
     assert 'elimination of redundant effects' in ended.deadline.untried
+
+
+def test_an_effect_that_wins_after_a_restart_has_the_odds_of_its_model(
+    scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit],
+) -> None:
+    """In the first round, without the other effects, it had no chance."""
+    evaluator, start, delay, _ = scene
+    lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
+    restarted = SelectionRound(start, (delay, lag), (0.0, 1.0), GAIN, 2)
+
+    def odds(share: float) -> dict[str, float]:
+        better = replace(delay, errors=tuple(share * each for each in lag.errors))
+        rival = SelectionResult(evaluator, start, lag)
+        won = SelectionResult(evaluator, start, better, (Step(restarted, better),))
+        return with_odds(won, restarted, rival).steps[0].round.probabilities()
+
+    assert odds(0.1) == {'transport_delay': 1.0, 'amplifier_lag': 0.0}
+    near = odds(1.0 - 1e-9)
+    assert sum(near.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize('accepted', [True, False])

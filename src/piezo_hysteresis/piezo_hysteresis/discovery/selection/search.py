@@ -99,8 +99,26 @@ def search(evaluator: Evaluator, start: CandidateFit, progress: Progress) -> Sel
         other = eliminated(_forward(seen, start, [again], lambda fraction, message: None))
         policy = evaluator.policy
         if other.evaluator.score(other.final) < best.evaluator.score(best.final) - policy.better:
-            best = other
+            best = with_odds(other, again.round, best)
     return best
+
+
+def with_odds(
+    found: SelectionResult, restarted: SelectionRound, rival: SelectionResult
+) -> SelectionResult:
+    """Return the result of a restart, its first effect with its probability over the rival's.
+
+    In the first round the effect was the less likely one; with the effects that followed, its
+    model explains more than that of the winner with those that followed there.
+    """
+    wins = found.evaluator.shares(found.start, (found.final, rival.final))[0]
+    rest = sum(restarted.shares[1:]) or 1.0
+    odds = (wins, *((1.0 - wins) * share / rest for share in restarted.shares[1:]))
+    steps = [
+        replace(step, round=replace(step.round, shares=odds)) if step.round is restarted else step
+        for step in found.steps
+    ]
+    return replace(found, steps=tuple(steps))
 
 
 def eliminated(found: SelectionResult) -> SelectionResult:
