@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.discovery.data.dataset import Dataset, beginning_like, split
+from piezo_hysteresis.discovery.detection.bends import near_finalists
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec
 from piezo_hysteresis.discovery.selection.elimination import Step, retested
 from piezo_hysteresis.discovery.selection.evaluator import Deadline
@@ -127,6 +128,22 @@ def test_a_search_without_time_lists_nothing_unlikely_or_at_a_bound(
     high = next(q.high for q in both.model.parameters if q.name == time)
     assert names(replace(both, values=both.values | {time: high}), 0.6) == ['transport_delay']
     assert 'elimination of redundant effects' in ended.deadline.untried
+
+
+@pytest.mark.parametrize(('away', 'names'), [(0.01, ['transport_delay']), (0.5, [])])
+def test_a_finalist_with_the_same_residual_is_in_the_class(
+    scene: tuple[FreeEvaluator, CandidateFit, CandidateFit, CandidateFit],
+    away: float,
+    names: list[str],
+) -> None:
+    """Of 7200 values of unit variance a hundredth is one standard deviation, a half is 42."""
+    evaluator, start, delay, _ = scene
+    lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
+    other = replace(delay, errors=tuple((1.0 + away) * each for each in lag.errors))
+    step = Step(SelectionRound(start, (lag, other), (1.0, 0.0), GAIN, 2), lag)
+    found = near_finalists(step)
+    assert [alike.name for alike, _ in found] == names
+    assert all(0.5 < alike.distance < 1.5 for alike, _ in found)
 
 
 def test_an_effect_that_wins_after_a_restart_has_the_odds_of_its_model(
