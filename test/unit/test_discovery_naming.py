@@ -98,6 +98,7 @@ def test_an_alternative_that_is_reported_itself_is_not_repeated() -> None:
     [
         ('resonance', 'classical', {'resonance_damping': 0.02}, False),
         ('resonance', 'classical', {'resonance_damping': 0.3}, True),  # does not ring
+        ('resonance', 'classical', {'resonance_damping': 1e-5}, True),  # a tone
         ('mode_pair', 'bouc_wen_mode', {'resonance_frequency': 140.0}, False),
         ('mode_pair', 'bouc_wen_mode', {'resonance_frequency': 101.0}, True),  # the first mode
     ],

@@ -178,13 +178,14 @@ _MISTAKEN = ('odd_harmonic', 'transport_delay', 'amplifier_lag', 'rate_dependenc
 
 
 def _is_no_mode(values: Mapping[str, float]) -> bool:
-    """Return whether the mode does not ring, or is the first one of the model.
+    """Return whether the mode does not ring, rings for ever, or is the first one of the model.
 
-    Damping on its bound is a lag or a delay; a mode within half the bandwidth of the first one
-    changes its phase and gain; a mode that carries the whole displacement in place of the first
-    one is the first one at another frequency.
+    Damping on its upper bound is a lag or a delay. On its lower bound it is a tone: from an
+    unknown state in each record, a mode without damping is one. A mode within half the bandwidth
+    of the first one changes its phase and gain; a mode that carries the whole displacement in
+    place of the first one is the first one at another frequency.
     """
-    if values['resonance_damping'] >= 0.99 * _DAMPING.high:
+    if not 1.01 * _DAMPING.low < values['resonance_damping'] < 0.99 * _DAMPING.high:
         return True
     first = values.get('natural_frequency')
     if first is None:
