@@ -178,7 +178,7 @@ _MISTAKEN = ('odd_harmonic', 'transport_delay', 'amplifier_lag', 'rate_dependenc
 
 
 def _is_no_mode(values: Mapping[str, float]) -> bool:
-    """Return whether the mode does not ring, rings for ever, or is the first one of the model.
+    """Return whether the mode does not ring, does not decay, or is the first one of the model.
 
     Damping on its upper bound is a lag or a delay. On its lower bound it is a tone: from an
     unknown state in each record, a mode without damping is one. A mode within half the bandwidth
