@@ -10,7 +10,7 @@ import pytest
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.discovery import discover
 from piezo_hysteresis.discovery.detection.bends import BENDS, LARGEST_CLASS, Ladder
-from piezo_hysteresis.discovery.detection.limits import APART
+from piezo_hysteresis.discovery.detection.limits import APART, LookAlike
 from piezo_hysteresis.discovery.verdict.verdict import Alternative, NamedEffect
 from piezo_hysteresis.identification import identify
 from piezo_hysteresis.models import EFFECT_NAMES, ModelFile, named
@@ -55,6 +55,13 @@ def test_bends_are_curves_without_a_memory_and_a_gain() -> None:
 def test_a_computed_class_is_the_class_of_the_effect() -> None:
     assert effect(()).effect_class == ('a', 'b', 'c', 'd')
     assert effect(('a', 'd', 'b')).effect_class == ('a', 'd', 'b')
+
+
+def test_a_look_alike_with_a_probability_is_listed_once() -> None:
+    alike = (LookAlike('b', 3.0), LookAlike('e', 5.8))
+    found = replace(effect(()), look_alikes=alike)
+    assert found.only_alike == alike[1:]
+    assert found.effect_class == ('a', 'b', 'c', 'd', 'e')
 
 
 def test_a_ladder_says_what_it_separates_and_what_it_does_not() -> None:

@@ -226,7 +226,7 @@ def test_a_finalist_that_explains_the_records_from_rest_begins_there(
     ):
         again = replace(fit, errors=tuple(factor * each for each in fit.errors))
         monkeypatch.setattr(f'{module}.with_other_starts', lambda *_, found=found: found)
-        monkeypatch.setattr(FreeEvaluator, 'fit', lambda self, spec, again=again: again)
+        monkeypatch.setattr(FreeEvaluator, 'fit', lambda self, spec, enough, again=again: again)
         chosen, kept = evaluator.with_own_starts(fit)
         assert (kept is again) == better
         assert ({view.begins for view in chosen.views} == {SETTLED}) == better

@@ -156,6 +156,13 @@ def test_axes_carry_units_and_displacements_are_drawn_in_micrometres() -> None:
         assert plot.figure.sizing_mode == 'stretch_width'
 
 
+@pytest.mark.parametrize(('name', 'level'), [('7 Hz', True), ('reversal curves', False)])
+def test_labels_of_bars_turn_where_they_would_overlap(name: str, level: bool) -> None:
+    names = [f'{name} {k}' for k in range(5)]
+    plot = bars_before_after(names, [1e-6] * 5, [1e-7] * 5, None).figure
+    assert (plot.xaxis[0].major_label_orientation == 'horizontal') == level
+
+
 def test_bars_show_the_pairs_they_were_given_and_the_floor_lies_inside() -> None:
     plot = bars_before_after([1.0, 23.0], [1e-6, 4e-5], [2e-8, float('nan')], 1e-8).figure
     tops = [list(r.data_source.data['top']) for r in plot.renderers if r.name == 'bars']

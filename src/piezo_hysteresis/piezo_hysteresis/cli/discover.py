@@ -155,8 +155,7 @@ def _print_result(verdict: Any, out: str) -> None:
             print(f'    {name} {value} {unit}'.rstrip())
         for other in effect.alternatives:
             print(f'    or {other.name} (probability {other.probability:.3g})')
-        listed = {other.name for other in effect.alternatives}
-        for near in (each for each in effect.look_alikes if each.name not in listed):
+        for near in effect.only_alike:
             print(f'    or {near.name} (within {near.distance:.2g} standard deviations)')
     for lag in verdict.two_way:
         print(f'  up and down differ in {lag}')

@@ -258,6 +258,10 @@ def _effects(verdict: Verdict) -> PageSection | None:
         parts.append(f'`{effect.name}`: {" ".join(effect.evidence)}')
         rows.append((effect.name, f'{effect.probability:.3f}', probability_text(effect.p_value)))
         rows += [(f'or {a.name}', f'{a.probability:.3f}', '') for a in effect.alternatives]
+        rows += [
+            (f'or {near.name}', f'within {near.distance:.2g} standard deviations', '')
+            for near in effect.only_alike
+        ]
     if verdict.unexplained.significant:
         parts.append(f'Remaining residual: {verdict.unexplained.description}')
     caption = (

@@ -342,6 +342,8 @@ def spectrum_figure(
     return Plot(plot, caption)
 
 
+# Characters of equally wide labels that fit below the axis side by side.
+_LEVEL_CHARACTERS = 60
 #: Largest number of pairs of bars with labelled values.
 _LABELLED = 6
 
@@ -386,7 +388,7 @@ def bars_before_after(
     ends = (bottom, max(known) * 1.9)
     places = FactorRange(*names, range_padding=0.05)
     plot = new_axes(title, '', 'rms error [µm]', y_axis_type='log', x_range=places, y_range=ends)
-    if len(names) > 5:
+    if len(names) * max(map(len, names), default=0) > _LEVEL_CHARACTERS:
         plot.xaxis.major_label_orientation = 1.1
     items = []
     for k, (label, rows) in enumerate(pairs):

@@ -171,6 +171,12 @@ class NamedEffect(Guided):
         return replace(self, probability=own, alternatives=tuple(others))
 
     @property
+    def only_alike(self) -> tuple[LookAlike, ...]:
+        """Look-alikes without a probability of their own."""
+        listed = {other.name for other in self.alternatives}
+        return tuple(each for each in self.look_alikes if each.name not in listed)
+
+    @property
     def effect_class(self) -> tuple[str, ...]:
         """Names that the records leave: this one, alternatives worth a statement, look-alikes."""
         if self.one_of:
