@@ -141,7 +141,7 @@ def test_a_finalist_with_the_same_residual_is_in_the_class(
     lag = given(evaluator, start, 'amplifier_lag', 'sensor_lag', DELAY)
     other = replace(delay, errors=tuple((1.0 + away) * each for each in lag.errors))
     step = Step(SelectionRound(start, (lag, other), (1.0, 0.0), GAIN, 2), lag)
-    found = near_finalists(step)
+    found = near_finalists(evaluator, step)
     assert [alike.name for alike, _ in found] == names
     assert all(0.5 < alike.distance < 1.5 for alike, _ in found)
 
@@ -163,6 +163,10 @@ def test_an_effect_that_wins_after_a_restart_has_the_odds_of_its_model(
     assert odds(0.1) == {'transport_delay': 1.0, 'amplifier_lag': 0.0}
     near = odds(1.0 - 1e-9)
     assert sum(near.values()) == pytest.approx(1.0)
+    # an effect that the rival has, too, is not in doubt
+    both = SelectionResult(evaluator, start, replace(lag, added=(*lag.added, *delay.added)))
+    won = SelectionResult(evaluator, start, delay, (Step(restarted, delay),))
+    assert with_odds(won, restarted, both).steps[0].round.shares == (1.0, 0.0)
 
 
 @pytest.mark.parametrize('accepted', [True, False])

@@ -18,7 +18,13 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks import EFFECTS
 from piezo_hysteresis.blocks.base import InterSample
 from piezo_hysteresis.discovery.data.second_channel import CURVES, RIVALS
-from piezo_hysteresis.discovery.detection.limits import APART, LookAlike, Whitening, look_alikes
+from piezo_hysteresis.discovery.detection.limits import (
+    APART,
+    SIMILAR,
+    LookAlike,
+    Whitening,
+    look_alikes,
+)
 from piezo_hysteresis.discovery.detection.statements import at_rest_before
 from piezo_hysteresis.discovery.selection.candidate_fit import CandidateFit, ModelSpec, errors_of
 from piezo_hysteresis.discovery.selection.elimination import Step
@@ -120,9 +126,9 @@ def similar_effects(evaluator: Evaluator, step: Step, start: CandidateFit) -> Si
     """
     pairs: list[tuple[LookAlike, ModelSpec]] = [*look_alikes(evaluator, step, start)]
     if not isinstance(evaluator, FixedBaselineEvaluator):
-        known = {each.name for each, _ in pairs}
-        pairs += [pair for pair in near_finalists(step) if pair[0].name not in known]
-        pairs.sort(key=lambda pair: pair[0].distance)
+        pairs = sorted([*pairs, *near_finalists(evaluator, step)], key=lambda p: p[0].distance)
+        first = {alike.name: (alike, model) for alike, model in reversed(pairs)}
+        pairs = sorted(first.values(), key=lambda pair: pair[0].distance)
     if step.fit.effect not in BENDS or not isinstance(evaluator, FixedBaselineEvaluator):
         return Similar(tuple(a for a, _ in pairs), tuple(m for _, m in pairs))
     bends = same_bends(evaluator, step)
@@ -133,21 +139,26 @@ def similar_effects(evaluator: Evaluator, step: Step, start: CandidateFit) -> Si
     return Similar(names, tuple(m for _, m in pairs), tuple(a.name for a, _ in bends), ladder)
 
 
-def near_finalists(step: Step) -> list[tuple[LookAlike, CandidateFit]]:
+def near_finalists(evaluator: Evaluator, step: Step) -> list[tuple[LookAlike, CandidateFit]]:
     """Return the finalists of other effects with the response of that of a step, nearest first.
 
     To first order two effects may differ that leave the same residual once they are fitted.
     """
-    found, nearest = step.fit, dict[str, tuple[LookAlike, CandidateFit]]()
+    found, near = step.fit, list[tuple[LookAlike, CandidateFit]]()
     whitening = Whitening(found.errors, found.noises, [1.0] * len(found.errors))
-    for fit in step.round.finalists:
-        if fit.effect == found.effect or [e.size for e in fit.errors] != whitening.sizes:
-            continue
+
+    def away(fit: CandidateFit) -> float:
+        if [error.size for error in fit.errors] != whitening.sizes:
+            return float('inf')
         change = [b - a for a, b in zip(found.errors, fit.errors, strict=True)]
-        away = float(np.linalg.norm(whitening(change)))
-        if away < APART and (fit.effect not in nearest or away < nearest[fit.effect][0].distance):
-            nearest[fit.effect] = LookAlike(fit.effect, away), fit
-    return sorted(nearest.values(), key=lambda pair: pair[0].distance)
+        return float(np.linalg.norm(whitening(change)))
+
+    limit = min(APART, SIMILAR * away(step.round.before))
+    for fit in step.round.finalists:
+        if fit.effect != found.effect and not evaluator.is_another_change(fit):
+            near.append((LookAlike(fit.effect, away(fit)), fit))
+    near = [pair for pair in near if pair[0].distance < limit]
+    return sorted(near, key=lambda pair: pair[0].distance)
 
 
 def same_bends(

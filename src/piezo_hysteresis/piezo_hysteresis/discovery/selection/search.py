@@ -109,11 +109,15 @@ def with_odds(
     """Return the result of a restart, its first effect with its probability over the rival's.
 
     In the first round the effect was the less likely one; with the effects that followed, its
-    model explains more than that of the winner with those that followed there.
+    model explains more than that of the rival, which may have it, too.
     """
-    wins = found.evaluator.shares(found.start, (found.final, rival.final))[0]
-    rest = sum(restarted.shares[1:]) or 1.0
-    odds = (wins, *((1.0 - wins) * share / rest for share in restarted.shares[1:]))
+    theirs = {added.effect for added in rival.final.added}
+    wins = 1.0
+    if restarted.best.effect not in theirs:
+        wins = found.evaluator.shares(found.start, (found.final, rival.final))[0]
+    weights = [float(fit.effect in theirs) for fit in restarted.finalists[1:]]
+    rest = sum(weights) or 1.0
+    odds = (wins, *((1.0 - wins) * weight / rest for weight in weights))
     steps = [
         replace(step, round=replace(step.round, shares=odds)) if step.round is restarted else step
         for step in found.steps
