@@ -126,9 +126,11 @@ def similar_effects(evaluator: Evaluator, step: Step, start: CandidateFit) -> Si
     """
     pairs: list[tuple[LookAlike, ModelSpec]] = [*look_alikes(evaluator, step, start)]
     if not isinstance(evaluator, FixedBaselineEvaluator):
-        pairs = sorted([*pairs, *near_finalists(evaluator, step)], key=lambda p: p[0].distance)
-        first = {alike.name: (alike, model) for alike, model in reversed(pairs)}
-        pairs = sorted(first.values(), key=lambda pair: pair[0].distance)
+        nearest: dict[str, tuple[LookAlike, ModelSpec]] = {}
+        pairs += near_finalists(evaluator, step)
+        for pair in sorted(pairs, key=lambda pair: pair[0].distance):
+            nearest.setdefault(pair[0].name, pair)
+        pairs = [*nearest.values()]
     if step.fit.effect not in BENDS or not isinstance(evaluator, FixedBaselineEvaluator):
         return Similar(tuple(a for a, _ in pairs), tuple(m for _, m in pairs))
     bends = same_bends(evaluator, step)
@@ -140,11 +142,11 @@ def similar_effects(evaluator: Evaluator, step: Step, start: CandidateFit) -> Si
 
 
 def near_finalists(evaluator: Evaluator, step: Step) -> list[tuple[LookAlike, CandidateFit]]:
-    """Return the finalists of other effects with the response of that of a step, nearest first.
+    """Return the finalists of other effects whose response is that of the effect of a step.
 
     To first order two effects may differ that leave the same residual once they are fitted.
     """
-    found, near = step.fit, list[tuple[LookAlike, CandidateFit]]()
+    found = step.fit
     whitening = Whitening(found.errors, found.noises, [1.0] * len(found.errors))
 
     def away(fit: CandidateFit) -> float:
@@ -154,11 +156,12 @@ def near_finalists(evaluator: Evaluator, step: Step) -> list[tuple[LookAlike, Ca
         return float(np.linalg.norm(whitening(change)))
 
     limit = min(APART, SIMILAR * away(step.round.before))
-    for fit in step.round.finalists:
-        if fit.effect != found.effect and not evaluator.is_another_change(fit):
-            near.append((LookAlike(fit.effect, away(fit)), fit))
-    near = [pair for pair in near if pair[0].distance < limit]
-    return sorted(near, key=lambda pair: pair[0].distance)
+    others = [
+        (LookAlike(fit.effect, away(fit)), fit)
+        for fit in step.round.finalists
+        if fit.effect != found.effect and not evaluator.is_another_change(fit)
+    ]
+    return [pair for pair in others if pair[0].distance < limit]
 
 
 def same_bends(
