@@ -20,9 +20,10 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.nodes.excitation.sweep_server import DISCOVERY
 from piezo_hysteresis.records import Record, read_bag, survey
 from piezo_hysteresis.ros.processes import NodeProcess
+from piezo_hysteresis.ros.qos import LATCHED
 from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_interfaces.action import RunSweep
-from piezo_interfaces.msg import ActuatorState, RecordMarker
+from piezo_interfaces.msg import ActuatorState, LoopStatus, RecordMarker
 
 pytestmark = pytest.mark.ros
 
@@ -134,6 +135,23 @@ def test_a_sweep_is_all_in_the_bag_that_it_names(bench: Bench, clock: str) -> No
     assert not again.accepted  # nothing is overwritten
     assert not bench.send(bag='../elsewhere').accepted
     assert bench.result(bench.send(bag=str(bag) + '2')).result.success
+
+
+def test_a_status_that_overtakes_its_states_loses_none_of_them(bench: Bench) -> None:
+    # As an excitation that is behind sees it: a status, then the states before it.
+    bench.start('real_time')
+    status = bench.listener.node.create_publisher(LoopStatus, 'loop/status', LATCHED)
+    bench.listener.until(lambda: status.get_subscription_count() > 0)
+    done = bench.send(bag='ahead').get_result_async()
+    while not done.done():
+        newest = bench.states[-1].sample if bench.states else 0
+        status.publish(LoopStatus(sample=newest + 20, low=-5.0, high=5.0))
+        bench.listener.serve(0.02)
+    result = done.result().result
+    assert result.success, result.message
+    assert list(result.names) == NAMES
+    whole(bench.folder / 'ahead')
+    assert result.samples == PLAN.length  # no record was run again
 
 
 def test_a_bag_needs_no_other_recorder_and_a_recorder_no_bag(bench: Bench) -> None:
