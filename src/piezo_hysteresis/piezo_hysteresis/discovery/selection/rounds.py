@@ -80,9 +80,14 @@ def better_of_both(
         if fit is None:
             continue
         known = best.get((fit.effect, fit.variant))
-        if known is None or fit.square < known.square:
+        if known is None or _rank(fit) < _rank(known):
             best[fit.effect, fit.variant] = fit
     return list(best.values())
+
+
+def _rank(fit: CandidateFit) -> tuple[bool, float]:
+    """Return what orders fits of one variant: one that describes another change is the last."""
+    return is_another_change(fit), fit.square
 
 
 Progress = Callable[[float, str], None]
