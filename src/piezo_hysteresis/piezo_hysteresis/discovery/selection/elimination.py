@@ -60,7 +60,7 @@ def retested(
         clear = any(
             step.fit.effect == name and step.round.won_clearly(evaluator.policy) for step in kept
         )
-        without = _without(evaluator, final, start, name, compared=clear)
+        without = without_effect(evaluator, final, start, name, compared=clear)
         if without is None:
             continue
         chosen, bare = evaluator, without
@@ -102,7 +102,7 @@ def without_unfinished(
         leads = not step.round.lost_clearly(evaluator.policy)
         if likely and sure and leads and not _ends_at_a_bound(final, name):
             continue
-        bare = _without(evaluator, final, start, name, compared=False)
+        bare = without_effect(evaluator, final, start, name)
         if bare is None:
             continue
         kept, final = _less(kept, name), bare
@@ -156,8 +156,13 @@ def _selected_again(
     return select(evaluator, without, start, lambda fraction, message: None)
 
 
-def _without(
-    evaluator: Evaluator, final: CandidateFit, start: CandidateFit, name: str, *, compared: bool
+def without_effect(
+    evaluator: Evaluator,
+    final: CandidateFit,
+    start: CandidateFit,
+    name: str,
+    *,
+    compared: bool = False,
 ) -> CandidateFit | None:
     """Return the model without an effect, fitted from the values of `final`.
 

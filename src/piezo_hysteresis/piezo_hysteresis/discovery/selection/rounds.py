@@ -111,6 +111,8 @@ class SelectionRound:
         Number of screened candidates.
     accepted : bool
         Whether the first finalist is accepted: a significant improvement that explains enough.
+    leads : tuple of CandidateFit
+        First fits of different effects, best first, where no finalist is accepted.
     """
 
     before: CandidateFit
@@ -119,6 +121,7 @@ class SelectionRound:
     gain: Improvement
     tried: int
     accepted: bool = True
+    leads: tuple[CandidateFit, ...] = ()
 
     @property
     def best(self) -> CandidateFit:
@@ -177,7 +180,10 @@ def select(
     if not finalists:
         return None
     progress(1.0, f'{len(finalists)} finalists')
-    return round_of(evaluator, before, finalists, len(every), start)
+    found = round_of(evaluator, before, finalists, len(every), start)
+    if found.accepted:
+        return found
+    return replace(found, leads=tuple(of_different_places(fitted, evaluator.policy)))
 
 
 def fits_of(

@@ -9,6 +9,7 @@ from piezo_hysteresis.discovery.selection.elimination import (
     Step,
     pruned,
     retested,
+    without_effect,
     without_unfinished,
 )
 from piezo_hysteresis.discovery.selection.evaluator import Evaluator, UnexplainedResidual
@@ -193,12 +194,53 @@ def _forward(
         if last is not None:
             evaluator, last = led_by_best_start(evaluator, last, start)
         if last is None or not last.accepted:
-            return SelectionResult(evaluator, start, current, tuple(steps), last)
+            pair = None if steps or last is None else _pair(evaluator, current, start, last)
+            return pair or SelectionResult(evaluator, start, current, tuple(steps), last)
         current = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
             current = pruned(evaluator, current, start)
         steps = steps_of(current, steps, last)
     return SelectionResult(evaluator, start, current, tuple(steps), last)
+
+
+def _pair(
+    evaluator: Evaluator, before: CandidateFit, start: CandidateFit, last: SelectionRound
+) -> SelectionResult | None:
+    """Return the model with two effects of which each hides the other, None if there is none.
+
+    To a single effect the residual of the other is noise, and its fit may go astray to explain a
+    part of that. Each first fit is therefore followed by a round with its effect in the model, and
+    what that selects by a round without it. Two flexible effects also imitate one that no
+    candidate has, so a pair counts only if it leaves no significant residual.
+    """
+    for lead in last.leads[: evaluator.policy.restarts]:
+        if evaluator.deadline.skips(f'pairs with {lead.effect}'):
+            break
+        second = _round_of_pair(evaluator, before, evaluator.evaluated(lead), start)
+        if second is None:
+            continue
+        alone = without_effect(evaluator, second.best, start, lead.effect)
+        first = None if alone is None else _round_of_pair(evaluator, before, alone, start)
+        if first is not None:
+            steps = (Step(second, second.best), Step(first, first.best))
+            return SelectionResult(evaluator, start, first.best, steps)
+    return None
+
+
+def _round_of_pair(
+    evaluator: Evaluator, before: CandidateFit, one: CandidateFit, start: CandidateFit
+) -> SelectionRound | None:
+    """Return the round beyond one effect of a pair, None unless it explains all with another."""
+    round_ = select(evaluator, one, start, lambda fraction, message: None)
+    if round_ is None or not round_.accepted or round_.best.effect == one.effect:
+        return None
+    pair = round_.best
+    explains = (
+        not evaluator.has_significant_residual(pair, start)
+        and evaluator.explains_enough(before, pair, start)
+        and evaluator.is_significant(before, pair, round_.tried)
+    )
+    return round_ if explains else None
 
 
 def steps_of(current: CandidateFit, steps: list[Step], last: SelectionRound) -> list[Step]:
