@@ -8,8 +8,8 @@ random size is put into the measured displacement, by code that shares nothing w
 With ``--reference repeated`` the untouched records are the reference, and the effect hides in the
 same records with noise of their own; with ``--reference parts`` the reference is the beginning of
 a sine, and the effect hides in the rest of it. With ``--second`` a curve of the sensor or of the
-actuator is hidden, and the records have a second channel that the sensor does not bend. With
-``--bends`` odd and even curves of the sensor are hidden, and a gain as large as that of the curve.
+actuator is hidden, and the records, and a repeated reference, have a second channel that the
+sensor does not bend. With ``--bends`` odd and even curves of the sensor are hidden, and a gain as large as that of the curve.
 """
 
 from __future__ import annotations
@@ -367,9 +367,17 @@ def examined(
         size = float(np.exp(generator.uniform(np.log(0.25), 0.0)))
         started = time.perf_counter()
         changed = hide(records, kind, size, case)
+        baseline: Model | ModelFile = known
+        before: list[Record] = []
         if how.second:
             changed = with_second(changed, records, kind, case, generator)
-        found = discover(changed, known, workers=how.workers, time_limit=how.limit)
+            if reference == 'repeated':
+                unchanged = load([data / file for file in case.evaluated])
+                before = with_second(unchanged, unchanged, 'nothing', case, generator)
+                baseline = chain(word)
+        found = discover(
+            changed, baseline, reference=before, workers=how.workers, time_limit=how.limit
+        )
         verdict = found.verdict
         if kind == 'nothing':
             control = verdict.held_out.gap_before_rms_m
