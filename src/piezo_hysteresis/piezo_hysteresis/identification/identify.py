@@ -462,7 +462,7 @@ def _online(
     options: Mapping[str, Any],
 ) -> Identification:
     run = run_online(model, records, base_of(method), progress=progress, **options)
-    estimate = run.method.estimate()
+    estimate = run.estimate
     chain = model
     if 'pi_range' in model.parameter_names:
         span = max(float(np.max(np.abs(r.voltage))) for r in records)
@@ -470,7 +470,7 @@ def _online(
     values = {**chain.defaults(), **estimate.parameters()}
     std = {n: float(s) for n, s in zip(estimate.names, estimate.standard_deviations, strict=True)}
     if run.zero is not None:
-        values['offset'], std['offset'] = run.zero.offset, run.zero.spread
+        values['offset'], std['offset'] = run.zero
         remarks = (*remarks, _MEAN_APART)
     if any(each.input_uncertainty and each.input_uncertainty.rms > 0.0 for each in records):
         remarks = (*remarks, _INPUT_APART.format(method=method))

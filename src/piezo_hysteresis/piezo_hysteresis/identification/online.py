@@ -66,23 +66,17 @@ def online(method: str, settings: OnlineSettings | None = None) -> OnlineMethod:
 
 
 @dataclass(frozen=True)
-class Zero:
-    """Offset estimated from the free runs after a recursion."""
-
-    offset: float  # mean over the records of their mean free-run errors [m]
-    spread: float  # its standard deviation between records; inf for one record [m]
-
-
-@dataclass(frozen=True)
 class OnlineRun:
     """Result of a recursive method."""
 
-    method: OnlineMethod  # state after the last sample
+    estimate: Estimate  # after the last sample
     warnings: tuple[str, ...]  # warnings for the user
     settled: bool  # whether the estimate was stationary over the last tenth of the data
     history: tuple[float, ...]  # rms of the prediction error over each tenth of the data [m]
+    # mean over the records of their mean free-run errors, and its standard deviation between
+    # records, inf for one record [m]
+    zero: tuple[float, float] | None = None
     sampling_offset: float = 0.0  # [s]
-    zero: Zero | None = None  # mean error of the free runs
 
 
 def run_online(
@@ -99,16 +93,20 @@ def run_online(
     A recursion assumes a given sampling offset, so it is repeated with shifted displacements, and
     the offset with the smallest prediction error is selected.
     """
+    given = {name: value for name, value in options.items() if value is not None}
     if 'natural_frequency' in model.parameter_names:
-        options = {**options, 'start': _with_mode(records, options.get('start') or {})}
+        given['start'] = _with_mode(records, given.get('start', {}))
 
     # without a mode it takes voltage and displacement of one tick together
     ahead = 1.0 if model.answers_at_once else 0.0
 
     def run(late: float) -> tuple[float, OnlineRun]:
-        seen = [_read_earlier(record, late) for record in records]
-        report = progress if late == 0.0 else None
-        found = run_on_clock(model, seen, method, progress=report, **options)
+        seen, report = records, progress
+        if late != 0.0:
+            earlier = (shifted(record.displacement, -late) for record in records)
+            seen = [replace(r, displacement=y) for r, y in zip(records, earlier, strict=True)]
+            report = None
+        found = _run_on_clock(model, seen, method, report, **given)
         last = found.history[len(found.history) // 2 :]
         error = float(np.sqrt(np.mean(np.square(last))))
         late_s = (late + ahead) * records[0].dt
@@ -127,27 +125,20 @@ def run_online(
     return best[1] if best[0] < (1.0 - _CLOCK_GAIN) * trusted[0] else trusted[1]
 
 
-def _read_earlier(record: Record, samples: float) -> Record:
-    if samples == 0.0:
-        return record
-    return replace(record, displacement=shifted(record.displacement, -samples))
-
-
-def run_on_clock(
+def _run_on_clock(
     model: Model,
     records: Sequence[Record],
     method: str,
+    progress: Progress | None,
     *,
     offset: bool = True,
-    progress: Progress | None = None,
-    **options: Any,
+    **given: Any,
 ) -> OnlineRun:
     """Run a recursive method over records with a known sampling offset, see `run_online`."""
     if len({record.dt for record in records}) > 1:
         raise IdentificationError(
             f'{method} needs records of one sampling rate; resample them, or use output_error'
         )
-    given = {name: value for name, value in options.items() if value is not None}
     recursion, remarks = (_papers if method == 'rls' else _well_posed)(
         model, records, method, given
     )
@@ -173,10 +164,10 @@ def run_on_clock(
             *remarks,
             'the estimates still drift at the end: record longer, or use output_error.',
         )
-    return OnlineRun(recursion, (*remarks, *after.notes), at_rest, tuple(history), zero=zero)
+    return OnlineRun(after, (*remarks, *after.notes), at_rest, tuple(history), zero)
 
 
-def _zero(recursion: OnlineMethod, records: Sequence[Record]) -> Zero:
+def _zero(recursion: OnlineMethod, records: Sequence[Record]) -> tuple[float, float]:
     """Return the offset from the free runs of the RLS of the papers.
 
     Their mean is A0 over beta with the rounding of both; a constant regressor in addition to A0
@@ -195,13 +186,13 @@ def _zero(recursion: OnlineMethod, records: Sequence[Record]) -> Zero:
             )
         missed.append(float(np.nanmean(part)))
     spread = float(np.std(missed, ddof=1)) if len(missed) > 1 else float('inf')
-    return Zero(float(np.mean(missed)), spread)
+    return float(np.mean(missed)), spread
 
 
-def _with_mode(records: Sequence[Record], start: Mapping[str, float]) -> dict[str, float]:
+def _with_mode(records: Sequence[Record], start: Mapping[str, float]) -> Mapping[str, float]:
     """Return `start` with a mode, by default that of an output-error fit."""
     if 'natural_frequency' in start:
-        return dict(start)
+        return start
     found = output_error(named('bouc_wen_mode'), records).values
     return {**start, **{k: found[k] for k in ('natural_frequency', 'damping_ratio')}}
 
@@ -249,10 +240,10 @@ def _well_posed(
             f'{method} identifies {fitting[method]}, not {model.name}; use output_error'
         )
     remarks: tuple[str, ...] = ()
-    frequency, damping = 0.0, 0.02
+    frequency, damping = UdSettings.natural_frequency, UdSettings.damping_ratio
     if 'natural_frequency' in model.parameter_names:
-        frozen = _with_mode(records, given.get('start', {}))
-        frequency, damping = frozen['natural_frequency'], frozen.get('damping_ratio', 0.02)
+        frequency = given['start']['natural_frequency']
+        damping = given['start'].get('damping_ratio', damping)
         remarks = (f'the mode is frozen at {frequency:.4g} Hz, damping ratio {damping:.3g}.',)
     settings = UdSettings(
         voltage_range=max(float(np.max(np.abs(r.voltage))) for r in records),
