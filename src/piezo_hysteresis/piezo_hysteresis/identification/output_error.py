@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import inf
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -148,40 +148,40 @@ def output_error(
         'free': names, 'priors': priors, 'weights': weights,
         'sampling_offset': sampling_offset, 'workers': workers, 'stopped': stopped,
     }  # fmt: skip
+    late = {SAMPLING_OFFSET: offsets[0]}
+    guessed = [Start({**chain.defaults(), **late, **guess, **known}, 0.0) for guess in guesses]
 
     def follow(seen: Sequence[FitData], begins: Sequence[Start]) -> FitResult:
-        def attempt(values: Mapping[str, float]) -> FitResult:
-            return _attempt(chain, seen, values, max_evaluations=max_evaluations // 6, **common)
-
-        late = {SAMPLING_OFFSET: offsets[0]}
-        guessed = [Start({**chain.defaults(), **late, **guess, **known}, 0.0) for guess in guesses]
-        return _followed([*guessed, *begins], attempt, stopped)
+        """Return the best fit, early if it leaves noise or several starts reach one optimum."""
+        found: list[FitResult] = []
+        for begin in [*guessed, *begins]:
+            found.append(
+                _attempt(chain, seen, begin.values, max_evaluations=max_evaluations // 6, **common)
+            )
+            best = min(found, key=lambda each: each.cost)
+            same = [each for each in found if each.cost <= _SAME * best.cost]
+            if len(same) >= _ENOUGH or leaves_noise(found[-1]) or stopped():
+                break
+        return best
 
     def end(seen: Sequence[FitData], best: FitResult) -> FitResult:
         return refined(
-            chain,
-            seen,
-            records,
-            _with_offset(best),
-            choices=choices,
-            max_evaluations=max_evaluations,
-            progress=progress,
-            **common,
-        )
+            chain, seen, records, _with_offset(best), choices=choices,
+            max_evaluations=max_evaluations, progress=progress, **common,
+        )  # fmt: skip
 
     simulated = Simulated()
-    found = starts(
-        chain, few, names, known, count=count, offsets=offsets, stopped=stopped,
-        simulated=simulated,
-    )  # fmt: skip
-    best = follow(few, found)
-    result = end(targets, best)
-    if leaves_noise(result) or stopped():
+    scan = partial(starts, chain, free=names, given=known, offsets=offsets, simulated=simulated)
+    found = scan(targets=few, count=count, stopped=stopped)
+    result = end(targets, follow(few, found))
+    if leaves_noise(result) or stopped() or zero != 'auto' or len(few) < 2:
         return result
-    apart = _by_own_zeros(chain, few, names, known, found, choices, offsets, simulated)
-    if apart is None:
+    # with one common zero, a model fits different zeros of records as a wider loop
+    own = [replace(target, own_zero=True) for target in few]
+    others = scan(targets=own, count=len(found))
+    if not zeros_lie_apart(others[0].cost, found[0].cost):
         return result
-    best = follow(*apart)
+    best = follow(own, others)
     # the zeros are estimated first, or the fit would model them as a loop again
     seen = estimate_nuisances(chain, best.values, best.sampling_offset, targets, records, choices)
     other = end(seen, best)
@@ -200,48 +200,6 @@ def _offsets(
     if free is not True:
         return (float(free),)
     return 0.0, min(target.dt for target in targets)
-
-
-def _by_own_zeros(
-    model: Model,
-    targets: Sequence[FitData],
-    names: Sequence[str],
-    known: Mapping[str, float],
-    found: Sequence[Start],
-    choices: RecordAssumptions,
-    offsets: Sequence[float],
-    simulated: Simulated,
-) -> tuple[list[FitData], list[Start]] | None:
-    """Return targets with a zero per record and start values, if these fit much better.
-
-    With one common zero, a model fits different zeros of records as a wider loop.
-    """
-    if choices.zero != 'auto' or len(targets) < 2:
-        return None
-    own = [replace(target, own_zero=True) for target in targets]
-    others = starts(
-        model, own, names, known, count=len(found), offsets=offsets, simulated=simulated
-    )
-    return (own, others) if zeros_lie_apart(others[0].cost, found[0].cost) else None
-
-
-def _followed(
-    begins: Sequence[Start],
-    attempt: Callable[[Mapping[str, float]], FitResult],
-    stopped: Callable[[], bool],
-) -> FitResult:
-    """Return the best fit of several start values, with early termination.
-
-    It terminates if the residual is noise, or if several start values converge to one optimum.
-    """
-    found: list[FitResult] = []
-    for begin in begins:
-        found.append(attempt(begin.values))
-        best = min(found, key=lambda each: each.cost)
-        same = [each for each in found if each.cost <= _SAME * best.cost]
-        if len(same) >= _ENOUGH or leaves_noise(found[-1]) or stopped():
-            return best
-    return best
 
 
 def leaves_noise(result: FitResult) -> bool:
@@ -264,31 +222,25 @@ def refined(
     start: Mapping[str, float],
     *,
     choices: RecordAssumptions,
-    free: Sequence[str] | None = None,
-    priors: Mapping[str, Prior] | None = None,
-    weights: str | Mapping[str, float] = 'equal',
     sampling_offset: bool | float = True,
     max_evaluations: int = 200,
     workers: int = 1,
     stopped: Callable[[], bool] = lambda: False,
-    progress: Progress | None = None,
+    **options: Any,
 ) -> FitResult:
-    """Fit from one start, alternating with estimates of the nuisances, until these converge."""
-    names = tuple(model.free_names if free is None else free)
+    """Fit from one start, alternating with estimates of the nuisances, until these converge.
 
-    def attempt(
-        seen: Sequence[FitData],
-        values: Mapping[str, float],
-        late: bool | float,
-        enough: float = inf,
-    ) -> FitResult:
-        return _attempt(
-            model, seen, values, free=names, priors=priors, weights=weights,
-            sampling_offset=late, max_evaluations=max_evaluations, workers=workers,
-            stopped=stopped, progress=progress, enough=enough,
-        )  # fmt: skip
+    The `options` are those of `fit`.
+    """
+    common = {
+        'sampling_offset': sampling_offset, 'max_evaluations': max_evaluations,
+        'workers': workers, 'stopped': stopped, **options,
+    }  # fmt: skip
 
-    result = attempt(targets, start, sampling_offset)
+    def attempt(seen: Sequence[FitData], values: Mapping[str, float], **more: Any) -> FitResult:
+        return _attempt(model, seen, values, **{**common, **more})
+
+    result = attempt(targets, start)
     for _ in range(_REVISIONS):
         if not np.isfinite(result.cost) or stopped():
             return result
@@ -299,24 +251,24 @@ def refined(
         if all(map(_alike, targets, seen, result.residuals.values())):
             break
         targets = seen
-        result = attempt(targets, _with_offset(result), sampling_offset)
+        result = attempt(targets, _with_offset(result))
     if stopped():
         return result
     search = _search(result, records, choices)
     other = search.with_steps(targets)
     if other is not None:
         enough = (1.0 + other[1]) * result.cost
-        plain = attempt(other[0], _with_offset(result), sampling_offset, enough)
+        plain = attempt(other[0], _with_offset(result), enough=enough)
         if plain.cost <= enough:
             targets, result = other[0], plain
     elif (moving := search.in_motion(targets)) is not None:
-        found = attempt(moving[0], _with_offset(result), sampling_offset)
+        found = attempt(moving[0], _with_offset(result))
         if found.cost < moving[1] * result.cost:
             targets, result = moving[0], found
     if sampling_offset is True and result.sampling_offset != 0.0:
         samples = sum(left.size for left in result.residuals.values())
         enough = (1.0 + max(_NO_WORSE, _CHANCE / samples)) * result.cost
-        trusted = attempt(targets, result.values, False, enough)
+        trusted = attempt(targets, result.values, sampling_offset=False, enough=enough)
         if trusted.cost <= enough:
             return trusted
     return result
@@ -383,21 +335,15 @@ def _attempt(
     max_evaluations: int,
     **options: Any,
 ) -> FitResult:
+    # bounds that keep a lightly damped mode off its aliases above half the sampling rate
+    half = 0.49 / min(t.dt for t in targets)
+    light = values.get('damping_ratio', 1.0) < 0.5
     return fit(
         model,
         (),
         values,
-        bounds=_resolvable(values, targets),
+        bounds={'natural_frequency': (0.0, half)} if light else {},
         max_evaluations=max(max_evaluations, 20),
         targets=targets,
         **options,
     )
-
-
-def _resolvable(
-    values: Mapping[str, float], targets: Sequence[FitData]
-) -> dict[str, tuple[float, float]]:
-    """Bounds that keep a lightly damped mode off its aliases above half the sampling rate."""
-    half = 0.49 / min(t.dt for t in targets)
-    light = values.get('damping_ratio', 1.0) < 0.5
-    return {'natural_frequency': (0.0, half)} if light else {}
