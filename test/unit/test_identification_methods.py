@@ -110,6 +110,12 @@ def test_searches_are_seeded() -> None:
     assert one == same != other
 
 
+@pytest.mark.component
+def test_a_fit_in_stages_takes_the_number_of_its_starts() -> None:
+    model = 'classical+electrostriction'
+    assert identify(STIFF[:1], model, count=2, max_evaluations=5).fit is not None
+
+
 def test_one_step_error_of_the_papers_recursion() -> None:
     """A(z) on the free-run error is what regression on the measured past leaves."""
     model = named('extended')

@@ -144,7 +144,9 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
     variance = 2 * solution.cost / freedom * inflation(residuals) if possible else float('inf')
     spread = covariance(solution.factor, variance, names)
     if all(target.own_zero for target in objective.targets):
-        spread = _without_zero(spread, objective)
+        zeros = objective.model.zero_names  # not determined by records with a zero of their own
+        lost = np.array([name in zeros for name in names], dtype=bool)
+        spread = replace(spread, std=np.where(lost, np.inf, spread.std))
     values = objective.values(solution.x)
     late = values.pop(SAMPLING_OFFSET, 0.0)
     remarks = list(warnings_of(spread, names, solution.x))
@@ -172,13 +174,6 @@ def result_of(objective: Objective, solution: Solution) -> FitResult:
         objective=objective,
         solution=solution,
     )
-
-
-def _without_zero(spread: Covariance, objective: Objective) -> Covariance:
-    """Return the covariance with an infinite deviation of the offset, for one zero per record."""
-    zeros = objective.model.zero_names
-    lost = np.array([name in zeros for name in objective.free], dtype=bool)
-    return replace(spread, std=np.where(lost, np.inf, spread.std))
 
 
 def result_at(
@@ -269,17 +264,26 @@ def fit(
     IdentificationError
         If there is nothing to fit, or a name is unknown.
     """
-    seen = _targets(model, records, targets, folded, stride)
+    if targets is None:
+        slow = any(block.slot == Slot.SLOW for block in model.blocks)
+        targets = targets_of(records, folded=folded and not slow, stride=stride)
+    if not targets:
+        raise IdentificationError('there is no record to fit; give at least one')
     names, values = _unknowns(model, start, free, sampling_offset)
-    low, high = _box(model, names, bounds, min(t.dt for t in seen))
+    low, high = _box(model, names, bounds, min(t.dt for t in targets))
+    noise = pooled_noise(targets) if priors else 0.0
+    if np.isnan(noise):
+        raise IdentificationError(
+            'priors need the noise of the records; record at least two periods, or leave them out'
+        )
     objective = Objective(
         model,
-        seen,
+        targets,
         names,
         values,
-        weights=target_weights(seen, weights),
+        weights=target_weights(targets, weights),
         priors=priors,
-        noise=_noise(seen) if priors else 0.0,
+        noise=noise,
         workers=workers,
     )
     begin = np.array([values[name] for name in names])
@@ -296,21 +300,6 @@ def fit(
         progress=progress,
     )
     return result_of(objective, solution)
-
-
-def _targets(
-    model: Model,
-    records: Sequence[Record],
-    targets: Sequence[FitData] | None,
-    folded: bool,
-    stride: int,
-) -> list[FitData]:
-    if targets is None:
-        slow = any(block.slot == Slot.SLOW for block in model.blocks)
-        targets = targets_of(records, folded=folded and not slow, stride=stride)
-    if not targets:
-        raise IdentificationError('there is no record to fit; give at least one')
-    return list(targets)
 
 
 def _unknowns(
@@ -366,12 +355,3 @@ def target_weights(targets: Sequence[FitData], weights: str | Mapping[str, float
         largest = float(motion.max()) or 1.0
         return [float(largest / m) for m in np.maximum(motion, 0.1 * largest)]
     raise IdentificationError(f'weights {weights!r} are unknown; choose equal or relative')
-
-
-def _noise(targets: Sequence[FitData]) -> float:
-    noise = pooled_noise(targets)
-    if np.isnan(noise):
-        raise IdentificationError(
-            'priors need the noise of the records; record at least two periods, or leave them out'
-        )
-    return noise

@@ -190,18 +190,6 @@ def selector_table(rows: Sequence[InverseBoucWen]) -> dict[str, float]:
     return table
 
 
-def inverse_parameters(
-    records: Sequence[Record], selector: bool, solver: Solver = by_least_squares
-) -> dict[str, float]:
-    """Return the parameters of the law of Xiao 2014 from records, without its offset."""
-    if selector:
-        rows = {f'{row.slope:.2g}': row for row in (row_of(each, solver) for each in records)}
-        return selector_table(list(rows.values()))
-    slowest = min(records, key=lambda record: record.info.frequency)
-    row = row_of(slowest, solver)
-    return dict(zip(NAMES, (row.c, row.a, row.b, row.g), strict=True))
-
-
 # Each evaluation includes derivatives by forty unknowns.
 _SELECTOR_EVALUATIONS = 40
 #: Relative standard deviation of the prior of each row about the common row: a row without data
@@ -226,15 +214,19 @@ def start_of(
 
     The last knot of a selector is placed at the steepest record, unless its value is held.
     """
-    selector = _selects(model)
-    found = inverse_parameters(records, selector, solver)
-    span = found.pop('selector_slope', 0.0)
-    # defaults of the blocks; a held value is the default of the model's own parameters
-    default = {q.name: q.default for block in model.blocks for q in block.parameters}
-    if selector and model.held.get('selector_slope') == default['selector_slope']:
-        model = model.hold(selector_slope=span)
-    elif selector:
-        found = _at_knots(found, span, model.held['selector_slope'])
+    if _selects(model):
+        rows = {f'{row.slope:.2g}': row for row in (row_of(each, solver) for each in records)}
+        found = selector_table(list(rows.values()))
+        span = found.pop('selector_slope')
+        # defaults of the blocks; a held value is the default of the model's own parameters
+        default = {q.name: q.default for block in model.blocks for q in block.parameters}
+        if model.held.get('selector_slope') == default['selector_slope']:
+            model = model.hold(selector_slope=span)
+        else:
+            found = _at_knots(found, span, model.held['selector_slope'])
+    else:
+        row = row_of(min(records, key=lambda record: record.info.frequency), solver)
+        found = dict(zip(NAMES, (row.c, row.a, row.b, row.g), strict=True))
     return suited(model, records), {n: v for n, v in found.items() if n in model.free_names}
 
 
@@ -286,49 +278,22 @@ def zero_of(model: Model, values: Mapping[str, float], records: Sequence[Record]
     return float(np.clip(np.mean(missed), -1.0, 1.0)) if np.all(np.isfinite(missed)) else 0.0
 
 
-def output_error_of_inverse(
-    model: Model,
-    records: Sequence[Record],
-    *,
-    start: Mapping[str, float] | None = None,
-    **options: Any,
-) -> FitResult:
-    """Fit an inverse law of Xiao 2014 by output error, starting from its direct identification.
-
-    A selector integrates voltage increments and has no zero of its own, so every record has its
-    own zero; the offset is the mean error of the free runs.
-    """
-    if _selects(model):
-        return _selector(model, records, start or {}, options)
-    chain, found = start_of(model, records)
-    return _one_row(chain, records, found, start or {}, options)
-
-
-def _one_row(
-    chain: Model,
-    records: Sequence[Record],
-    found: Mapping[str, float],
-    start: Mapping[str, float],
-    options: Mapping[str, Any],
-) -> FitResult:
-    """Fit from several starts: records that begin in motion bias the direct identification."""
-    return output_error(chain, records, start=start, guesses=(found,), **options)
-
-
 def _selector(
     model: Model, records: Sequence[Record], start: Mapping[str, float], options: Mapping[str, Any]
 ) -> FitResult:
     """Fit a selector, starting from the data or from one row for all slopes.
 
-    The result is never worse than the single row.
+    The result is never worse than the single row. A selector integrates voltage increments and
+    has no zero of its own, so every record has its own; the offset is the mean error of the free
+    runs.
     """
     chain, found = start_of(model, records)
     plain = output_error(chain, records, start=start, **options)
     if leaves_noise(plain):
         return plain
     options = {'zero': 'record', **options}
-    single, law = start_of(_single(model), records)
-    one = _one_row(single, records, law, {}, options)
+    single, law = start_of(model.with_replaced(SELECTOR.name, SINGLE), records)
+    one = output_error(single, records, guesses=(law,), **options)
     rows = {name: one.values[name.rsplit('_at', 1)[0]] for name in found}
     values = {**chain.defaults(), **one.values, **rows, **start}
     known = {name: values[name] for name in chain.parameter_names}
@@ -339,18 +304,11 @@ def _selector(
     if np.isfinite(pooled_noise(plain.targets)):
         options = {'priors': priors, **options}
     options = {'max_evaluations': _SELECTOR_EVALUATIONS, **options}
-    fitted = output_error(chain, records, start=known, free=free, count=1, **options)
+    fitted = output_error(chain, records, start=known, free=free, **{**options, 'count': 1})
     if plain.rms < fitted.rms:
         return plain
     zero = zero_of(chain, fitted.values, records)
     return replace(fitted, values={**fitted.values, 'offset': zero})
-
-
-def _single(model: Model) -> Model:
-    """Return the chain with one row instead of the rows of a selector."""
-    blocks = tuple(SINGLE if block.name == SELECTOR.name else block for block in model.blocks)
-    names = {q.name for block in blocks for q in block.parameters}
-    return Model(model.name, blocks, {n: v for n, v in model.held.items() if n in names})
 
 
 def output_error_in_stages(
@@ -360,9 +318,16 @@ def output_error_in_stages(
     start: Mapping[str, float] | None = None,
     **options: Any,
 ) -> FitResult:
-    """Fit a chain by `output_error`, and one with additions in stages."""
+    """Fit a chain by `output_error`, and one with additions in stages.
+
+    The fit of an inverse law of Xiao 2014 starts from its direct identification, which records
+    that begin in motion bias: from other values, too.
+    """
+    if _selects(model):
+        return _selector(model, records, start or {}, options)
     if law_of(model):
-        return output_error_of_inverse(model, records, start=start, **options)
+        chain, law = start_of(model, records)
+        return output_error(chain, records, start=start or {}, guesses=(law,), **options)
     added = _added(model)
     known = set(start or {})
     without = tuple(name for name in model.free_names if name not in added)
@@ -374,7 +339,7 @@ def output_error_in_stages(
     found = output_error(chain, records, start=start, free=without, **options)
     begin = {**found.values, SAMPLING_OFFSET: found.sampling_offset}
     names = tuple(n for n in model.free_names if n not in set(added) - linear)
-    found = output_error(chain, records, start=begin, free=names, count=1, **options)
+    found = output_error(chain, records, start=begin, free=names, **{**options, 'count': 1})
     # the first stage may be biased by the error that the additions explain
     begin = {**found.values, SAMPLING_OFFSET: found.sampling_offset}
     return output_error(chain, records, start=start, guesses=(begin,), **options)
