@@ -144,9 +144,10 @@ def _ranges(targets: Sequence[FitData]) -> dict[str, tuple[float, float]]:
     amplitude = max(float(np.max(np.abs(t.voltage))) for t in targets)
     span = max(float(np.ptp(t.measured)) for t in targets)
     middle = float(y.mean())
+    one, other = 0.5 * gain, 3 * gain
     return {
-        'A1': _ordered(0.5 * gain, 3 * gain),
-        'A': _ordered(0.0, 2 * gain),
+        'A1': (min(one, other), max(one, other)),
+        'A': (min(2 * gain, 0.0), max(2 * gain, 0.0)),
         'A0': (-0.2 * abs(gain), 0.2 * abs(gain)),
         'beta': (0.05 / amplitude, 20 / amplitude),
         'gamma': (-3 / amplitude, 3 / amplitude),
@@ -157,10 +158,6 @@ def _ranges(targets: Sequence[FitData]) -> dict[str, tuple[float, float]]:
         'damping_ratio': (1e-3, 2.0),
         'offset': (middle - span / 2, middle + span / 2),
     }
-
-
-def _ordered(a: float, b: float) -> tuple[float, float]:
-    return (a, b) if a <= b else (b, a)
 
 
 def identify_by_search(
@@ -226,7 +223,16 @@ def identify_by_search(
         if all(map(FitData.begins_like, renewed, targets)):
             break
         targets = renewed
-    return _result(chain, targets, values, late, weights, trail, workers)
+    names = (*chain.free_names, *late)
+    factors = target_weights(targets, weights)
+    return result_at(
+        Objective(chain, targets, names, values, weights=factors, workers=workers),
+        values,
+        converged=all(found.converged for found in trail),
+        message='; '.join(found.message for found in trail),
+        evaluations=sum(found.evaluations for found in trail),
+        history=tuple(best for found in trail for best in found.history),
+    )
 
 
 def swarm_of(method: str, given: Mapping[str, float]) -> Swarm | None:
@@ -246,11 +252,9 @@ def _steps(
     model: Model, targets: Sequence[FitData], method: str, steps: str
 ) -> list[tuple[Model, tuple[str, ...], list[FitData]]]:
     """Return chain, unknowns and records of each step; two steps are Zhou 2021 (6), (7)."""
-    stiff = Model(
-        model.name,
-        tuple(block for block in model.blocks if block.slot != Slot.STRUCTURE),
-        {k: v for k, v in model.held.items() if k in _names_without_structure(model)},
-    )
+    stiff = model
+    for block in model.blocks:
+        stiff = stiff.without(block) if block.slot == Slot.STRUCTURE else stiff
     structure = tuple(n for n in model.free_names if n not in stiff.parameter_names)
     order = sorted(targets, key=lambda t: t.frequency)
     apart = order[0].frequency < order[-1].frequency
@@ -264,39 +268,6 @@ def _steps(
     if possible and (steps == 'two' or (steps == 'auto' and method in SWARMS)):
         return [(stiff, stiff.free_names, order[:1]), (model, structure, order[-1:])]
     return [(model, model.free_names, list(targets))]
-
-
-def _names_without_structure(model: Model) -> set[str]:
-    return {
-        q.name for block in model.blocks if block.slot != Slot.STRUCTURE for q in block.parameters
-    }
-
-
-def _result(
-    model: Model,
-    targets: Sequence[FitData],
-    values: Mapping[str, float],
-    late: tuple[str, ...],
-    weights: str | Mapping[str, float],
-    trail: Sequence[SearchResult],
-    workers: int,
-) -> FitResult:
-    objective = Objective(
-        model,
-        targets,
-        (*model.free_names, *late),
-        values,
-        weights=target_weights(targets, weights),
-        workers=workers,
-    )
-    return result_at(
-        objective,
-        values,
-        converged=all(found.converged for found in trail),
-        message='; '.join(found.message for found in trail),
-        evaluations=sum(found.evaluations for found in trail),
-        history=tuple(best for found in trail for best in found.history),
-    )
 
 
 _COMMON = {'model', 'records', 'method', 'seed', 'workers', 'progress'}
