@@ -13,7 +13,7 @@ import numpy as np
 
 from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.records.columns import in_order, several_axes
-from piezo_hysteresis.records.formats import hdf5, sizes
+from piezo_hysteresis.records.formats import columnar, hdf5, sizes
 from piezo_hysteresis.records.formats.column_table import interval_of
 
 USUAL = (('u*', 'y*'), ('voltage*', 'displacement*'))
@@ -153,17 +153,9 @@ def _arrays_of(path: Path) -> dict[str, Any]:
 
 def _opened(path: Path) -> dict[str, Any]:
     kind = path.suffix.lower()
-    if kind == '.npy':
-        array = np.load(path, mmap_mode='r', allow_pickle=False)
-        sizes.judge(array.nbytes)
-        return {path.stem: array}
-    if kind == '.npz':
-        sizes.judge_zip(path)
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    with path.open('rb') as head:
-        old = kind == '.mat' and b'MATLAB 7.3' not in head.read(20)
-    if not old:
+    if kind in ('.npy', '.npz'):
+        return columnar.arrays(path)
+    if kind != '.mat' or hdf5.is_in_matlab(path):
         return hdf5.arrays(path)
     from scipy.io import loadmat
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,17 +13,21 @@ from piezo_hysteresis.records.formats import sizes
 from piezo_hysteresis.records.formats.column_table import ColumnTable, tables_of
 
 
-def read_numpy(path: Path) -> Iterator[ColumnTable]:
-    """Yield the tables of a file; no code in it is executed."""
+def arrays(path: Path) -> dict[str, Any]:
+    """Return the arrays of a file by name; no code in it is executed."""
     if path.suffix.lower() == '.npz':
         sizes.judge_zip(path)
     loaded = np.load(path, mmap_mode='r', allow_pickle=False)
     if isinstance(loaded, np.ndarray):
         sizes.judge(loaded.nbytes)
-        yield from tables_of({path.stem: loaded})
-        return
+        return {path.stem: loaded}
     with loaded:
-        yield from tables_of({name: loaded[name] for name in loaded.files})
+        return {name: loaded[name] for name in loaded.files}
+
+
+def read_numpy(path: Path) -> Iterator[ColumnTable]:
+    """Yield the tables of a file."""
+    yield from tables_of(arrays(path))
 
 
 def write_npz(path: Path, columns: dict[str, FloatArray]) -> None:

@@ -137,13 +137,17 @@ def write_hdf5(path: Path, columns: dict[str, FloatArray]) -> None:
             file[name] = column
 
 
+def is_in_matlab(path: Path) -> bool:
+    """Return whether a ``.mat`` file is HDF5."""
+    with path.open('rb') as file:
+        return b'MATLAB 7.3' in file.read(20)
+
+
 def read_matlab(path: Path) -> Iterator[ColumnTable]:
     """Yield the tables of a ``.mat`` file: its vectors, and those of each struct."""
     from scipy.io import loadmat
 
-    with path.open('rb') as file:
-        new = b'MATLAB 7.3' in file.read(20)
-    if new:
+    if is_in_matlab(path):
         yield from read_hdf5(path)
         return
     sizes.judge_matlab(path)
