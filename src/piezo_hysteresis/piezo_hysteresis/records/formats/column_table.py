@@ -89,20 +89,14 @@ def column(name: str, value: Any, unit: str = '') -> Column | None:
 
 
 def tables_of(entries: Mapping[str, Any], name: str = '') -> Iterator[ColumnTable]:
-    """Yield the tables of nested mappings of arrays and scalars, such as structs and groups.
+    """Yield the tables of arrays and scalars by name; `struct_tables` reads nested ones.
 
     Columns of arrays are numbered from 1. A scalar ``dt`` [s] or ``fs`` [Hz] defines the time.
     An array of more dimensions is one table for each of its first indices.
     """
     columns: list[Column] = []
     for key, value in entries.items():
-        if isinstance(value, Mapping):
-            yield from tables_of(value, _below(name, key))
-            continue
         if isinstance(value, list):
-            for k, each in enumerate(value, 1):
-                if isinstance(each, Mapping):
-                    yield from tables_of(each, _below(name, f'{key}_{k}'))
             continue
         array = np.asarray(value)
         if array.ndim == 3 and array.dtype.kind in 'biuf':
@@ -194,7 +188,7 @@ def struct_tables(entries: Mapping[str, Any], name: str = '') -> Iterator[Column
     signals: list[Column] = []
     rest: dict[str, Any] = {}
     for key, value in entries.items():
-        below = f'{name}_{key}' if name else key
+        below = _below(name, key)
         if isinstance(value, Mapping):
             single = _signal(value, key)
             if single:
