@@ -139,30 +139,22 @@ class CompressedFile:
 
 def decompressed(block: MessageBlock, path: Path, log: DamageLog) -> MessageBlock:
     """Return a block of individually compressed messages."""
-    payloads, good, left = [], np.ones(block.topic.size, np.bool_), LARGEST
+    rows, bad, left = [], 0, LARGEST
     for index in range(block.topic.size):
         try:
             payload = inflated(block.payload(index), 'zstd')
         except ValueError:
-            good[index] = False
+            bad += 1
             continue
         left -= len(payload)
         if left < 0:
             log.add(path, f'its messages are larger than {LARGEST} bytes, decompressed')
-            good[index:] = False
+            bad += block.topic.size - index
             break
-        payloads.append(payload)
-    bad = int(good.size - good.sum())
+        rows.append((int(block.topic[index]), int(block.log_time[index]), payload))
     if bad:
         log.add(path, f'{counted(bad, "message")} cannot be decompressed', count=bad, lost=bad)
-    length: IntArray = np.array([len(payload) for payload in payloads], np.int64)
-    return MessageBlock(
-        np.frombuffer(b''.join(payloads), np.uint8),
-        block.topic[good],
-        block.log_time[good],
-        np.cumsum(length) - length,
-        length,
-    )
+    return block_of(rows)
 
 
 ROWS = 1 << 13
@@ -224,7 +216,7 @@ class SqliteFile:
 
 def block_of(rows: list[tuple[int, int, bytes]]) -> MessageBlock:
     """Return messages (topic number, log time [ns], payload) as one block."""
-    topic, log_time, data = zip(*rows, strict=True)
+    topic, log_time, data = zip(*rows, strict=True) if rows else ((), (), ())
     length = np.fromiter(map(len, data), np.int64, len(rows))
     return MessageBlock(
         np.frombuffer(b''.join(data), np.uint8),
