@@ -68,13 +68,17 @@ def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None
             [f'{each.topic.name}.displacement' for each in states],
             '`import BAG --actuator NAME --out NEW_BAG`, NAME being that of a namespace',
         )
-    runs = [run for state in states for run in runs_of(content, state, len(states) == 1, log)]
+    runs = [
+        (_namespace(state.topic.name, STATE_NAME), run)
+        for state in states
+        for run in runs_of(content, state, len(states) == 1, log)
+    ]
     if actuator is not None:
-        runs = [run for run in runs if actuator in (run.track.info.actuator, run.namespace)]
+        runs = [(space, run) for space, run in runs if actuator in (run.info.actuator, space)]
         if not runs:
             raise RecordError(f'{content.path}: it holds no actuator named {actuator!r}')
-    spaces = sorted({run.namespace for run in runs})
-    names = sorted({run.track.info.actuator for run in runs} - {''})
+    spaces = sorted({space for space, _ in runs})
+    names = sorted({run.info.actuator for _, run in runs} - {''})
     if len(spaces) > 1:
         names = spaces
     if len(names) > 1:
@@ -84,15 +88,7 @@ def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None
             count=len(names),
             remedy='take one of them out with `import BAG --actuator NAME --out NEW_BAG`',
         )
-    return [record for run in runs for record in records_of(run.track, str(content.path), log)]
-
-
-@dataclass(frozen=True)
-class TopicRun:
-    """The samples of one record, and the namespace of their topic."""
-
-    namespace: str
-    track: Track
+    return [record for _, run in runs for record in records_of(run, str(content.path), log)]
 
 
 def no_states(content: BagContent) -> str:
@@ -147,7 +143,7 @@ def runs_of(
     alone: bool,
     log: DamageLog,
     origin: int | None = None,
-) -> list[TopicRun]:
+) -> list[Track]:
     """Cut the samples of one topic where their numbers start again, and at its markers.
 
     With an `origin` [ns] it is one of several axes: the only topic of markers is that of all.
@@ -190,7 +186,7 @@ def runs_of(
         parts = _cut(parts, _edges(markers, parts, stamps, log_times), content.path, log)
     elif len(parts) > 1:
         parts = [replace(part, name=f'{part.name}.{k}') for k, part in enumerate(parts, 1)]
-    return [TopicRun(space, _with_reference(part, content.path, log)) for part in parts]
+    return [_with_reference(part, content.path, log) for part in parts]
 
 
 @dataclass(frozen=True)
@@ -381,14 +377,11 @@ def axes_tracks(content: BagContent, log: DamageLog) -> list[Track]:
                 f'{content.path}: the records of {names[0]} ({", ".join(_names(runs[0]))}) and '
                 f'{topic} ({", ".join(_names(own))}) differ; mark the records of all axes alike'
             )
-    return [
-        _bag_axes_joined([run.track for run in axes], content, log)
-        for axes in zip(*runs, strict=True)
-    ]
+    return [_bag_axes_joined(axes, content, log) for axes in zip(*runs, strict=True)]
 
 
-def _names(runs: Sequence[TopicRun]) -> list[str]:
-    return [run.track.name for run in runs]
+def _names(runs: Sequence[Track]) -> list[str]:
+    return [run.name for run in runs]
 
 
 def _bag_axes_joined(tracks: Sequence[Track], content: BagContent, log: DamageLog) -> Track:
