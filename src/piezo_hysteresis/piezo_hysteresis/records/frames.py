@@ -15,7 +15,7 @@ from piezo_hysteresis.records.columns import UNITS, ReadOptions, meaning
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, column
 from piezo_hysteresis.records.record import Record
-from piezo_hysteresis.records.sampling import records_of, second_of
+from piezo_hysteresis.records.sampling import SampledTrack, records_of
 from piezo_hysteresis.records.table_reader import track_of
 
 _WHERE = 'the data'
@@ -65,12 +65,7 @@ def frame_records(given: Columns, name: str, log: DamageLog, options: ReadOption
         raise RecordError(f'{_WHERE} have no time; name one time_s, or give dt [s]')
     track = track_of(ColumnTable('', columns), name, _WHERE, log, options, of_file=False)
     if options.interval is not None and not log.salvage:
-        values = track.columns
-        return [
-            Record(name, float(options.interval), values['voltage'], values['displacement'],
-                   reference=values.get('reference'), info=track.info,
-                   second=second_of(values))
-        ]  # fmt: skip
+        return [SampledTrack(track, float(options.interval)).record()]
     return records_of(track, _WHERE, log)
 
 

@@ -43,13 +43,11 @@ class Track:
 
     def take(self, index: IntArray | BoolArray | slice) -> Track:
         """Return some of the samples."""
-        return Track(
-            self.name,
-            self.time[index],
-            {key: column[index] for key, column in self.columns.items()},
-            None if self.sample is None else self.sample[index],
-            self.info,
-            self.rate,
+        return replace(
+            self,
+            time=self.time[index],
+            columns={key: column[index] for key, column in self.columns.items()},
+            sample=None if self.sample is None else self.sample[index],
         )
 
     def of(self, quantity: str) -> list[FloatArray]:
