@@ -12,7 +12,7 @@ import yaml
 from piezo_hysteresis.cli.main import main
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification import identify, online
-from piezo_hysteresis.identification.checks import check_records, require_usable
+from piezo_hysteresis.identification.checks import require_each_usable, require_usable
 from piezo_hysteresis.identification.error_measures import one_step
 from piezo_hysteresis.identification.initial_conditions.record_start import preceded
 from piezo_hysteresis.identification.initial_conditions.revision import RecordAssumptions
@@ -190,19 +190,18 @@ def test_short_records_are_named() -> None:
 def test_doubtful_records_are_fitted_with_a_warning() -> None:
     r = RECORDS[1]
     clipped = replace(r, displacement=np.minimum(r.displacement, 90e-6))
-    (finding,) = check_records([clipped])
-    assert not finding.fatal
-    assert 'clipped' in finding.sentence
+    (sentence,) = require_each_usable([clipped])
+    assert 'clipped' in sentence
     early = replace(r, displacement=np.roll(r.displacement, -20))
-    assert any('ahead of the voltage' in f.sentence for f in check_records([early]))
+    assert any('ahead of the voltage' in each for each in require_each_usable([early]))
     fast = replace(r, dt=1.0 / 63.0, info=RecordInfo(frequency=7.0))
-    assert any('few harmonics' in f.sentence and not f.fatal for f in check_records([fast]))
-    assert check_records(RECORDS) == []
+    assert any('few harmonics' in each for each in require_each_usable([fast]))
+    assert require_each_usable(RECORDS) == []
 
 
 def test_a_record_at_rest_is_accepted_with_others() -> None:
     rest = Record('rest', DT, np.zeros(2000), 6e-6 + 20e-9 * NOISE[:2000])
-    assert check_records([*RECORDS, rest]) == []
+    assert require_each_usable([*RECORDS, rest]) == []
     with pytest.raises(IdentificationError, match='constant in every record'):
         require_usable([rest])
 
@@ -211,7 +210,7 @@ def test_staircases_are_not_called_clipped() -> None:
     u = np.repeat([0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0, 1.0, -1.0], 300)
     y = MODEL.respond(u, MODEL.pack(TRUTH), DT)
     assert [
-        f for f in check_records([Record('stairs', DT, u, y)]) if 'clipped' in f.sentence
+        each for each in require_each_usable([Record('stairs', DT, u, y)]) if 'clipped' in each
     ] == []
 
 

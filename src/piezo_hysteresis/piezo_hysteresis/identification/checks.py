@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -22,24 +21,6 @@ _SAMPLES_PER_PERIOD, _FEWEST_PER_PERIOD = 10, 4
 _OPPOSED = -0.5  # correlation below which displacement and input have opposite signs
 _COMMON = 0.3  # correlation or coherence from which displacement and input belong together
 _REST = 0.2  # of the stroke: creep and drift at a constant input stay below it
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A problem of a record."""
-
-    record: str  # name of the record
-    fatal: bool  # whether a fit would be meaningless
-    sentence: str  # the problem and the recommended record
-
-
-def check_records(records: Sequence[Record]) -> list[Finding]:
-    """Return findings on constant, clipped, short, slow, wrong-unit and unsynchronised records."""
-    return [
-        Finding(record.name, fatal, f'record {record.name}: {sentence}')
-        for record in records
-        for fatal, sentence in _judge(record)
-    ]
 
 
 def require_consistent(records: Sequence[Record]) -> None:
@@ -96,11 +77,13 @@ def require_usable(records: Sequence[Record]) -> list[str]:
 
 def require_each_usable(records: Sequence[Record]) -> list[str]:
     """Return the warnings about records, or refuse them: the same judgement for every verb."""
-    findings = check_records(records)
-    for finding in findings:
-        if finding.fatal:
-            raise IdentificationError(finding.sentence)
-    return [finding.sentence for finding in findings]
+    remarks = []
+    for record in records:
+        for fatal, sentence in _judge(record):
+            remarks.append(f'record {record.name}: {sentence}')
+            if fatal:
+                raise IdentificationError(remarks[-1])
+    return remarks
 
 
 def _fatal(sentence: str) -> list[tuple[bool, str]]:
