@@ -34,7 +34,8 @@ def residual(
     stroke: Any = 1e-4,
     noise: Any = float('nan'),
 ) -> RecordResidual:
-    return RecordResidual('r', error, DT, frequency, amplitude, stroke, noise)
+    voltage = amplitude * np.sin(2 * np.pi * frequency * DT * np.arange(error.size))
+    return RecordResidual('r', error, DT, frequency, amplitude, stroke, noise, 0.0, voltage)
 
 
 def waves(frequency: float = 5.0, **orders: Any) -> Any:
@@ -82,9 +83,8 @@ def test_repeats_are_one_condition_and_rest_is_none() -> None:
     assert [(c.frequency, c.amplitude) for c in known.kinds] == [(5.0, 1.0), (20.0, 1.0)]
     both = known.kinds[0]
     assert both.rms == pytest.approx(np.sqrt((9 + 17) / 2) * 1e-7)
-    assert both.harmonics == pytest.approx(
-        {1: np.sqrt(12.5) * 1e-7, 3: 1e-7 / np.sqrt(2)}, rel=1e-6
-    )
+    # their phases are known: the mean of (3, 4) and of (0, 1)
+    assert both.harmonics == pytest.approx({1: 3.5e-7, 3: 0.5e-7}, rel=1e-6)
     assert discrepancy_of([residual(np.full(9, np.nan))], held_out=False) is None
 
 

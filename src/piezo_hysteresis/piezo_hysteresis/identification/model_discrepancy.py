@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import isfinite, nan, sqrt
+from math import isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,9 +165,9 @@ class RecordResidual:
     frequency: float  # frequency of the drive [Hz]; 0 if it is not periodic
     amplitude: float  # half the range of the input [V or N]
     stroke: float  # range of the measured displacement [m]
-    noise: float = nan  # rms of the measurement noise [m]; NaN if unknown
-    noise_colour: float = 0.0  # correlation of the noise from one sample to the next
-    voltage: FloatArray | None = None  # input [V or N], the reference of the phases, shape (n,)
+    noise: float  # rms of the measurement noise [m]; NaN if unknown
+    noise_colour: float  # correlation of the noise from one sample to the next
+    voltage: FloatArray  # input [V or N], the reference of the phases, shape (n,)
 
 
 def residual_of(record: Record, found: Prediction) -> RecordResidual:
@@ -217,9 +217,7 @@ def condition_of(residual: RecordResidual) -> Condition:
         else _octaves(error, residual.dt, least),
         phases=_phases(residual, sizes) if periodic else {},
         scatter=_scatter(residual, sizes) if periodic else {},
-        drive={}
-        if residual.voltage is None
-        else waveform_of(residual.voltage, residual.dt, residual.frequency if periodic else 0.0),
+        drive=waveform_of(residual.voltage, residual.dt, residual.frequency if periodic else 0.0),
     )
 
 
@@ -246,7 +244,7 @@ def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
     If the drive changes its amplitude, the harmonics follow it: `drive_lines`.
     """
     error, dt, drive = residual.error, residual.dt, residual.frequency
-    if residual.voltage is not None and varies(amplitudes(residual.voltage, dt, drive)):
+    if varies(amplitudes(residual.voltage, dt, drive)):
         lines = drive_lines(residual.voltage, dt, drive)
         if lines is not None:
             mean = float(np.mean(error))
@@ -255,16 +253,11 @@ def _split(residual: RecordResidual) -> tuple[dict[int, float], FloatArray]:
             power[0] += mean**2
             return {n: sqrt(float(p)) for n, p in enumerate(power)}, broadband
     orders = orders_below(drive, dt)
-    mean, phasors, broadband = lines_and_rest(error, _turn(residual), orders)
+    mean, phasors, broadband = lines_and_rest(
+        error, drive_phase(residual.voltage, dt, drive), orders
+    )
     sizes = {n: sqrt(0.5) * float(abs(each)) for n, each in zip(orders, phasors, strict=True)}
     return {0: abs(mean), **sizes}, broadband
-
-
-def _turn(residual: RecordResidual) -> FloatArray:
-    """Return the phase of the drive at each sample [rad]."""
-    if residual.voltage is None:
-        return phase_of(residual.frequency, residual.dt, residual.error.size)
-    return drive_phase(residual.voltage, residual.dt, residual.frequency)
 
 
 def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]:
@@ -273,7 +266,7 @@ def _phases(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float]
     The phases apply at the largest amplitude; there are none if it is not held long enough.
     """
     above = [order for order in orders if order > 0]
-    if residual.voltage is None or not above:
+    if not above:
         return {}
     dt, drive = residual.dt, residual.frequency
     where = at_its_largest(residual.voltage, dt, drive)
@@ -292,15 +285,11 @@ def _scatter(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float
     """
     above = [order for order in orders if order > 0]
     dt, drive = residual.dt, residual.frequency
-    if (
-        residual.voltage is None
-        or not above
-        or residual.error.size * dt * drive < _PARTS * PERIODS
-    ):
+    if not above or residual.error.size * dt * drive < _PARTS * PERIODS:
         return {}
     reach = amplitudes(residual.voltage, dt, drive)
     size = reach / max(float(reach.max()), 1e-300)
-    turn = _turn(residual)
+    turn = drive_phase(residual.voltage, dt, drive)
     cuts = np.array_split(np.arange(size.size), _PARTS)
     rows = [
         line_amplitudes(residual.error[part], turn[part], above)[1] / float(size[part].mean())
