@@ -64,11 +64,8 @@ class Estimate:
 
 def scaled_condition(covariance: FloatArray) -> float:
     """Return the condition number of a covariance, shape (p, p), scaled to unit diagonal."""
-    if not np.all(np.isfinite(covariance)):
-        return float('inf')
-    spread = np.sqrt(np.abs(np.diag(covariance)))
-    spread[spread == 0.0] = 1.0
-    found = symmetric_eigen(covariance / np.outer(spread, spread))
+    whole = np.all(np.isfinite(covariance))
+    found = symmetric_eigen(correlation_of(covariance)) if whole else None
     if found is None:
         return float('inf')
     eigenvalues = found[0]

@@ -345,16 +345,13 @@ def delays_by_ticks(model: Model) -> set[str]:
     """
     names: set[str] = set()
     for stage in model.stages:
-        if moves_by_ticks(stage) or (isinstance(stage, LinearStage) and _passes_directly(stage)):
+        passes = isinstance(stage, LinearStage) and all(
+            _feedthrough(part.block) != 0.0 for part in stage.parts[stage.delays :]
+        )
+        if passes or moves_by_ticks(stage):
             delays = (block for block in stage.blocks if block.between is InterSample.DELAY)
             names.update(each.name for block in delays for each in block.parameters)
     return names
-
-
-def _passes_directly(stage: LinearStage) -> bool:
-    """Return whether the output of a stage contains its input at the same instant."""
-    linear = stage.parts[stage.delays :]
-    return all(_feedthrough(part.block) != 0.0 for part in linear)
 
 
 def _feedthrough(block: Block) -> float:

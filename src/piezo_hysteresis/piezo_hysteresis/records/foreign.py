@@ -34,12 +34,8 @@ class Signal:
     divisor: float
 
 
-@dataclass(frozen=True)
-class Series:
-    """Values of one signal in order of time [ns]."""
-
-    time: IntArray
-    value: FloatArray
+#: Times [ns] and values of one signal in order of time, each of shape (n,).
+Series = tuple[IntArray, FloatArray]
 
 
 def parse_signal(text: str, quantity: str) -> Signal:
@@ -81,18 +77,20 @@ def foreign_records(
     named = {key: parse_signal(text, key) for key, text in texts.items() if text is not None}
     signals = {'voltage' if key == 'force' else key: signal for key, signal in named.items()}
     series = _read(path, signals, log, time_from)
-    ticks = series['displacement'].time
-    first = max(held.time[0] for held in series.values())
+    ticks, moved = series['displacement']
+    begin = ticks[0]
+    first = max(times[0] for times, _ in series.values())
     early = int(np.sum(ticks < first))
     if early:
         what = f'{counted(early, "sample", "comes")} before the first voltage or reference'
         log.note(path, what, count=early)
     ticks = ticks[ticks >= first]
-    columns = {}
-    for key, held in series.items():
-        columns[key] = held.value[np.searchsorted(held.time, ticks, side='right') - 1]
-    columns['displacement'] = series['displacement'].value[early:]
-    time = np.asarray((ticks - series['displacement'].time[0]) / 1e9, np.float64)
+    columns = {
+        key: values[np.searchsorted(times, ticks, side='right') - 1]
+        for key, (times, values) in series.items()
+    }
+    columns['displacement'] = moved[early:]
+    time = np.asarray((ticks - begin) / 1e9, np.float64)
     info = RecordInfo(input_unit='N' if force else 'V')
     return records_of(Track(path.resolve().stem, time, columns, info=info), str(path), log)
 
@@ -131,7 +129,7 @@ def _read(
     for key, column in values.items():
         # Messages on their way are overtaken; each signal by itself is what its sender stamped.
         order = np.argsort(times[key], kind='stable')
-        result[key] = Series(times[key][order], np.array(column)[order])
+        result[key] = times[key][order], np.array(column)[order]
     return result
 
 
