@@ -171,8 +171,8 @@ def _below(lines: Sequence[str], head: int) -> TextLayout:
     line = lines[head].lstrip('#').strip() if lines[head][:1] == '#' else lines[head]
     rows = [k for k in range(head + 1, min(head + 1 + 3 * _SAMPLE, len(lines)))
             if lines[k].strip() and lines[k][0] != '#'][:_SAMPLE]  # fmt: skip
-    bare = split(line, separator_of([lines[k] for k in rows[3:] or rows] or [line]))
     separator = separator_of([lines[k] for k in rows[3:] or rows] or [line])
+    bare = split(line, separator)
     if rows and '\t' not in line and separator == '' and len(bare) != len(lines[rows[-1]].split()):
         bare = re.split(r'\s{2,}', line.strip())
     if not rows or (len(split(line, separator)) < 2 and separator):
@@ -316,8 +316,7 @@ def _labview_segment(
     return TextLayout(
         names, head + 1, end, separator,
         interval=steps.pop() if len(steps) == 1 else 0.0,
-        count=counts.pop() if len(counts) == 1 and title + style != '' and not known else
-        (max(counts) if len(counts) == 1 else 0),
+        count=counts.pop() if len(counts) == 1 else 0,
         known=known, title=title,
     )  # fmt: skip
 

@@ -147,14 +147,13 @@ def seconds(cells: Sequence[str], where: object) -> FloatArray:
     whole = np.zeros(len(cells), np.int64)
     part = np.zeros(len(cells), np.int64)
     good = np.zeros(len(cells), np.bool_)
-    turns, last, dated, unclear = 0, -1, True, set()
+    turns, last, unclear = 0, -1, set()
     for k, cell in enumerate(cells):
         found = _STAMP.match(cell.strip().strip('"'))
         if found is None:
             continue
         moment = _time_of_day(found)
         day, doubtful = _day(found)
-        dated = day is not None
         if doubtful:
             unclear.add(doubtful)
         if day is None:
@@ -171,7 +170,7 @@ def seconds(cells: Sequence[str], where: object) -> FloatArray:
         return np.full(len(cells), np.nan)
     begin = int(np.argmax(good))
     time = np.asarray(whole - whole[begin] + (part - part[begin]) / 1e9, np.float64)
-    return np.where(good, time, np.nan) if dated or good.any() else time
+    return np.where(good, time, np.nan)
 
 
 def _time_of_day(found: re.Match[str]) -> int:

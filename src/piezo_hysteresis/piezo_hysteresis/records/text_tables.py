@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -187,34 +187,14 @@ def _table(
     )
 
 
-@dataclass
-class _Rows:
-    """Rows of cells with the numbers of their lines, from 1."""
-
-    cells: list[list[str]]
-    numbers: list[int]
-    repeats: list[int]
-    next: TextLayout | None = None
-
-
 def _tables(
     path: Path, lines: Sequence[str], layout: TextLayout, log: DamageLog, options: ReadOptions
 ) -> list[ColumnTable]:
     """Return the table of a layout, and those of other column names further down."""
     last = len(lines) if layout.last < 0 else layout.last
-    rows = _rows(lines, layout, last)
-    if not rows.cells:
-        raise RecordError(f'{path}: it has column names but no samples; export it again')
-    width = max(len(layout.names), 1)
-    columns = _columns(path, rows, layout, width, log, options)
-    found = [_table(layout, columns, tuple(rows.repeats))]
-    if rows.next is not None:
-        found += _tables(path, lines, rows.next, log, options)
-    return found
-
-
-def _rows(lines: Sequence[str], layout: TextLayout, last: int) -> _Rows:
-    rows = _Rows([], [], [])
+    rows: dict[int, list[str]] = {}  # cells by the number of their line, from 1
+    repeats: list[int] = []
+    below = None
     bare = [name.partition(' (')[0] for name in layout.names]
     for k in range(layout.first, last):
         line = lines[k]
@@ -223,15 +203,16 @@ def _rows(lines: Sequence[str], layout: TextLayout, last: int) -> _Rows:
         cells = split(line, layout.separator)
         if _is_text(cells):
             if [cell.partition(' (')[0].strip('"\'') for cell in cells[: len(bare)]] == bare:
-                rows.repeats.append(len(rows.cells))
+                repeats.append(len(rows))
                 continue
-            if len(cells) >= 2 and rows.cells and _has_table(lines, k):
-                below = plain(lines, k + 1, '')
-                rows.next = replace(below, assumed='', last=last)
+            if len(cells) >= 2 and rows and _has_table(lines, k):
+                below = replace(plain(lines, k + 1, ''), assumed='', last=last)
                 break
-        rows.cells.append(cells)
-        rows.numbers.append(k + 1)
-    return rows
+        rows[k + 1] = cells
+    if not rows:
+        raise RecordError(f'{path}: it has column names but no samples; export it again')
+    found = [_table(layout, _columns(path, rows, layout, log, options), tuple(repeats))]
+    return [*found, *_tables(path, lines, below, log, options)] if below else found
 
 
 def _is_text(cells: Sequence[str]) -> bool:
@@ -246,7 +227,11 @@ def _has_table(lines: Sequence[str], k: int) -> bool:
 
 
 def _columns(
-    path: Path, rows: _Rows, layout: TextLayout, width: int, log: DamageLog, options: ReadOptions
+    path: Path,
+    rows: Mapping[int, list[str]],
+    layout: TextLayout,
+    log: DamageLog,
+    options: ReadOptions,
 ) -> list[Column]:
     """Return the numbers of all columns; wrong rows and cells are damage.
 
@@ -260,18 +245,19 @@ def _columns(
         places = sorted(used_columns(layout.names, path, options, hints, timed))
     except RecordError:
         places = []
-    wrong = {k: f'line {rows.numbers[k]} has {counted(len(cells), "cell")} for '
+    numbers_of, width = list(rows), max(len(layout.names), 1)
+    wrong = {k: f'line {number} has {counted(len(cells), "cell")} for '
                 f'{counted(width, "column")}'
-             for k, cells in enumerate(rows.cells)
+             for k, (number, cells) in enumerate(rows.items())
              if any(cells[width:])}  # fmt: skip
-    if len(wrong) > 0.5 * len(rows.cells):
+    if len(wrong) > 0.5 * len(rows):
         raise RecordError(
-            f'{path}: its rows have {counted(len(rows.cells[0]), "cell")} but '
+            f'{path}: its rows have {counted(len(rows[numbers_of[0]]), "cell")} but '
             f'{counted(width, "column", "has")} a name; '
             'commas separate and stand in numbers, too, or names are missing: save it with '
             'semicolons, or name the line with --header-row'
         )
-    cells = {k: [row[k] if k < len(row) else '' for row in rows.cells] for k in range(width)}
+    cells = {k: [row[k] if k < len(row) else '' for row in rows.values()] for k in range(width)}
     mark = options.decimal or layout.decimal
     if not mark:
         chosen = places or list(cells)
@@ -286,7 +272,7 @@ def _columns(
             for row in np.flatnonzero(np.isnan(values)).tolist():
                 cell = cells[k][row]
                 if cell.lower() != 'nan':
-                    complaint = f'line {rows.numbers[row]} has {cell!r} in column {name}'
+                    complaint = f'line {numbers_of[row]} has {cell!r} in column {name}'
                     wrong.setdefault(row, complaint)
         found.append(Column(name, values, known=hints.get(k) or known))
     if layout.clock == 'index':
@@ -300,7 +286,7 @@ def _columns(
         many = len(wrong)
         what = f'{counted(many, "line")} cannot be read, {first}'
         log.add(path, what, count=many, lost=many, remedy='mend them')
-        good = np.ones(len(rows.cells), np.bool_)
+        good = np.ones(len(rows), np.bool_)
         good[list(wrong)] = False
         found = [replace(each, values=each.values[good]) for each in found]
     return found
