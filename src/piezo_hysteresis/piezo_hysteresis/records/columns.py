@@ -188,29 +188,23 @@ def assigned(
     names: Sequence[str],
     where: object,
     *,
-    chosen: Mapping[str, str] | None = None,
-    hints: Mapping[int, Meaning] | None = None,
-    length: str = '',
-    needed: Sequence[str] = ('time', 'voltage', 'displacement'),
+    chosen: Mapping[str, str],
+    hints: Mapping[int, Meaning],
+    length: str,
+    needed: Sequence[str],
     of_file: bool = True,
 ) -> tuple[dict[int, tuple[str, str]], str]:
     """Return quantity and unit of the columns by position, and what was assumed."""
-    meanings = meanings_of(names, hints or {}, length)
-    by_hand, assumed = _chosen(names, meanings, chosen or {}, length, where)
+    meanings = meanings_of(names, hints, length)
+    by_hand, assumed = _chosen(names, meanings, chosen, length, where)
     found: dict[int, tuple[str, str]] = dict(by_hand)
     uncertain = []
     for what in UNITS:
-        if what in (chosen or {}):
+        meant = [k for k, m in enumerate(meanings) if m.what == what and k not in found]
+        rank = min((meanings[k].rank for k in meant), default=NOT_ENOUGH)
+        if what in chosen or rank == NOT_ENOUGH:
             continue
-        ranks = [m.rank for k, m in enumerate(meanings) if m.what == what and k not in found]
-        rank = min(ranks, default=NOT_ENOUGH)
-        places = [
-            k
-            for k, m in enumerate(meanings)
-            if (m.what, m.rank) == (what, rank) and k not in found
-        ]
-        if rank == NOT_ENOUGH:
-            continue
+        places = [k for k in meant if meanings[k].rank == rank]
         if what == 'time' and rank == NAMED:
             del places[1:]  # one for each channel, as some programs write them
         if len(places) > 1 and rank == CERTAIN:
@@ -220,7 +214,7 @@ def assigned(
         else:
             found[places[0]] = (what, meanings[places[0]].unit)
     found = _one_input(found, meanings, by_hand, where)
-    _refuse_axes(names, meanings, chosen or {}, where)
+    _refuse_axes(names, meanings, chosen, where)
     _require(found, names, meanings, uncertain, where, of_file, needed)
     guesses = [
         f'{what} from column {names[k]!r} in {unit.replace("u", "µ")}'
@@ -456,7 +450,8 @@ def channels_of(
     found = {}
     for what in QUANTITIES:
         if pattern := options.columns.get(what):
-            places = _matching(names, pattern_of(pattern, what)[0])
+            stem = pattern_of(pattern, what)[0]
+            places = [k for k, n in enumerate(names) if n == stem or fnmatchcase(n, stem)]
             if not places:
                 raise RecordError(
                     f'{where}: no column matches {pattern!r}; its columns are '
@@ -489,10 +484,6 @@ def pattern_of(text: str, what: str) -> tuple[str, str]:
 def channel(names: Sequence[str], place: int, unit: str) -> str:
     """Return how one column is named to the reader of one axis."""
     return f'{names[place]}:{unit}' if unit else names[place]
-
-
-def _matching(names: Sequence[str], pattern: str) -> list[int]:
-    return [k for k, name in enumerate(names) if name == pattern or fnmatchcase(name, pattern)]
 
 
 def _meant(

@@ -486,9 +486,8 @@ def unknown_kind(path: Path) -> str:
     )
 
 
-def column_records(path: Path, log: DamageLog, options: ReadOptions | None = None) -> list[Record]:
+def column_records(path: Path, log: DamageLog, options: ReadOptions) -> list[Record]:
     """Return the records of a file of columns in any format."""
-    options = options or ReadOptions()
     return file_records(path, tables_of_file(path, log, options), log, options)
 
 
