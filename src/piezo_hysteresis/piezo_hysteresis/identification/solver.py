@@ -110,15 +110,13 @@ def solve(
     """Minimise `problem` from `start` within bounds."""
     x = np.clip(np.asarray(start, dtype=float), low, high)
     factor, rhs, cost = problem.linearise(x)
-    if not _usable(factor, rhs, cost):
-        return _done(
-            x, factor, cost, False, 'the start itself is impossible', 1, [cost], low, high
-        )
     history = [cost]
     norms, sizes = _norms(factor), column_norms(factor)
     damping, growth, used, idle = 1e-3, 2.0, 1, 0
     minimum_steps, jumped = problem.minimum_steps, False
     message, converged = f'stopped at the limit of {counted(max_evaluations, "evaluation")}', False
+    if not _usable(factor, rhs, cost):
+        message, max_evaluations = 'the start itself is impossible', 0
     while used < max_evaluations:
         if stopped():
             message = 'stopped: the time is over'
@@ -179,7 +177,8 @@ def solve(
         sizes = np.maximum(sizes, column_norms(factor))
         if progress is not None:
             progress(used / max_evaluations, f'sum of squares {2 * cost:.4g}')
-    return _done(x, factor, cost, converged, message, used, history, low, high)
+    on = tuple(bool(each) for each in (x <= low) | (x >= high))
+    return Solution(x, factor, cost, converged, message, used, tuple(history), on)
 
 
 def _by_minimum_steps(
@@ -241,18 +240,3 @@ def _stationary(
     blocked = ((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0))
     angle = np.abs(gradient) / (_norms(factor) * np.sqrt(2 * cost) + 1e-300)
     return bool(np.all(blocked | (angle < 1e-9)))
-
-
-def _done(
-    x: FloatArray,
-    factor: FloatArray,
-    cost: float,
-    converged: bool,
-    message: str,
-    used: int,
-    history: list[float],
-    low: FloatArray,
-    high: FloatArray,
-) -> Solution:
-    on = tuple(bool(each) for each in (x <= low) | (x >= high))
-    return Solution(x, factor, cost, converged, message, used, tuple(history), on)
