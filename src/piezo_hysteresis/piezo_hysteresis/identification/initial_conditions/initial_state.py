@@ -56,9 +56,9 @@ class FreeResponse:
         self._led, self._target = led, target
         self._tails = [self._tail_of(k) for k in range(len(self._stages))]
 
-    def affine(self, stage: int, first: int) -> bool:
-        """Return whether the blocks of a stage from `first` on respond linearly to a change."""
-        return all(_passes(block) for block in self._stages[stage].blocks[first:])
+    def affine_from(self, first: int) -> bool:
+        """Return whether the stages from `first` on respond linearly to a change."""
+        return all(_passes(block) for stage in self._stages[first:] for block in stage.blocks)
 
     def holds(self, moved: StateOffset) -> bool:
         """Return whether a state belongs to a linear tail."""
@@ -108,7 +108,7 @@ class FreeResponse:
     def _is_linear(self, k: int) -> bool:
         """Return whether a stage is affine, and all of its states are in its linear tail."""
         stage, tail = self._stages[k], self._tails[k]
-        if isinstance(stage, PathStage) or not self.affine(k, 0):
+        if isinstance(stage, PathStage) or not all(map(_passes, stage.blocks)):
             return False
         states = stage.initial_state(self._target.dt, 0.0).size
         return states == (0 if tail is None else len(self._released(k, tail)))
@@ -173,7 +173,7 @@ class FreeResponse:
         """Return the linear tail of a stage, None if it has none."""
         stage, dt = self._stages[k], self._target.dt
         p = self._packed[stage.columns]
-        if not all(self.affine(later, 0) for later in range(k + 1, len(self._stages))):
+        if not self.affine_from(k + 1):
             return None
         if isinstance(stage, TickStage):
             linear = stage.block.between is InterSample.LINEAR
@@ -286,7 +286,7 @@ class InitialStateRun:
             after = self._through(k, self._led[k][target.origin :], packed, state)
             self._sizes.append(np.maximum(np.abs(self._states[k]), np.abs(state)))
             self._led.append(np.concatenate([before, after]))
-        self._free_response = FreeResponse(model, packed, self._led, target)
+        self.free_response = FreeResponse(model, packed, self._led, target)
         self.moved: tuple[StateOffset, ...] = ()
         #: Displacement from the offset states, shape (n,) [m].
         self.response = self._led[-1]
@@ -307,31 +307,24 @@ class InitialStateRun:
     def go(self, moved: tuple[StateOffset, ...]) -> None:
         """Set the offsets of the initial state and simulate."""
         self.moved = moved
-        others = tuple(each for each in moved if not self._free_response.holds(each))
+        others = tuple(each for each in moved if not self.free_response.holds(each))
         self.response = self._run_from(others) if others else self._led[-1]
         if len(others) < len(moved):
-            self.response = self.response + self._free_response.response(moved)
+            self.response = self.response + self.free_response.response(moved)
 
     def in_proportion(self, moved: StateOffset) -> bool:
         """Return whether the response is proportional to the offset of a state."""
-        return self._free_response.holds(moved) or self._affine_from(moved.stage)
-
-    def _affine_from(self, first: int) -> bool:
-        return all(self._free_response.affine(k, 0) for k in range(first, len(self.model.stages)))
-
-    def reach(self) -> dict[tuple[int, int], float]:
-        """Return the largest values expected of linear states, see `FreeResponse.reach`."""
-        return self._free_response.reach()
+        return self.free_response.holds(moved) or self.free_response.affine_from(moved.stage)
 
     def nudged(self, nudge: StateOffset) -> FloatArray:
         """Return the change of the displacement by an offset of one state, shape (n,)."""
-        if self._free_response.holds(nudge):
-            return self._free_response.response((nudge,))
+        if self.free_response.holds(nudge):
+            return self.free_response.response((nudge,))
         return self._run_from((nudge,)) - self._led[-1]
 
     def driven(self, drive: FloatArray) -> FloatArray:
         """Return the displacement for another drive as long as that of the target, shape (n,)."""
-        first, begin = self._free_response.last_linear(), self.target.origin
+        first, begin = self.free_response.last_linear(), self.target.origin
         states, signal = self.model.initial_state(self.target.dt, self.target.start), drive
         for k in range(first):
             signal = self._through(k, signal, self._packed, states[k])
@@ -357,7 +350,7 @@ class InitialStateRun:
         begin, end = self.target.origin, signal.size
         y, usual = self._onward(first, signal, states), [state.copy() for state in self._states]
         self._onward(first, self._led[first][begin:end], usual)
-        late, free = self._led[-1][end:], self._free_response
+        late, free = self._led[-1][end:], self.free_response
         change = free.difference(first, states, usual) + later * free.step(first)
         return np.concatenate([y, late + change[: late.size]])
 
@@ -396,7 +389,7 @@ def start_rows(motion: InitialStateRun) -> tuple[list[FloatArray], list[StateOff
     # -> rows [m]
     target = motion.target
     stroke = float(np.ptp(target.measured)) or 1.0
-    reach = motion.reach()
+    reach = motion.free_response.reach()
     rows: list[FloatArray] = []
     moved: list[StateOffset] = []
     for k, place in motion.places:
