@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -80,7 +79,7 @@ class SensitivityRun:
         held = delays_by_ticks(model)
         columns: list[str] = []
         self._first, self._done = first, 0
-        self._stages: list[tuple[_Carrier, StateJump]] = []
+        self._stages: list[tuple[_Alone | _ByPath | _Differenced, StateJump]] = []
         for k, stage in enumerate(model.stages):
             amounts = np.zeros(stage.initial_state(dt, start).size)
             for each in offsets:
@@ -90,7 +89,7 @@ class SensitivityRun:
             own = [model.parameters[place] for place in np.arange(packed.size)[stage.columns]]
             numbers = [j for j, q in enumerate(own) if q.name in free and q.name not in held]
             columns += [own[j].name for j in numbers]
-            part = _Part(stage, own, p, numbers, _Clock(dt, frequency, start), incoming)
+            part = _Part(stage, own, p, numbers, incoming, dt, frequency, start)
             jump = StateJump(origin if np.any(amounts) else 0, amounts)
             self._stages.append((_carrier(part), jump))
             if k == 0:
@@ -144,13 +143,6 @@ def sensitivities(
     return SensitivityRun(model, packed, free, dt, frequency, start, **given).advance(voltage)
 
 
-@dataclass(frozen=True)
-class _Clock:
-    dt: float
-    frequency: float
-    start: float
-
-
 class _Part(NamedTuple):
     """A stage with its parameters, those to differentiate by, and the rows from upstream."""
 
@@ -158,43 +150,35 @@ class _Part(NamedTuple):
     own: Sequence[Parameter]
     p: FloatArray
     columns: Sequence[int]
-    clock: _Clock
     incoming: int
+    dt: float
+    frequency: float
+    start: float
 
     def state(self) -> FloatArray:
         """Return the state of the stage at rest."""
-        return self.stage.initial_state(self.clock.dt, self.clock.start)
+        return self.stage.initial_state(self.dt, self.start)
 
 
-class _Carrier(Protocol):
-    """Propagates a signal and its derivatives through a stage, with the states of both."""
-
-    def go(
-        self, signal: FloatArray, tangent: FloatArray, jump: StateJump
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return signal and derivatives after the stage, those by its own parameters last."""
-
-
-def _carrier(part: _Part) -> _Carrier:
+def _carrier(part: _Part) -> _Alone | _ByPath | _Differenced:
+    """Return what propagates a signal and its derivatives through a stage, with their states."""
     stage = part.stage
-    if isinstance(stage, TickStage):
-        return _Differenced(part) if moves_by_ticks(stage) else _Alone(part, stage)
-    if isinstance(stage, PathStage):
-        return _ByPath(part, stage)
-    return _Differenced(part)
+    if isinstance(stage, TickStage) and not moves_by_ticks(stage):
+        return _Alone(part, stage)
+    return _ByPath(part, stage) if isinstance(stage, PathStage) else _Differenced(part)
 
 
 class _Alone:
     """One block, or several in parallel."""
 
     def __init__(self, part: _Part, stage: TickStage) -> None:
-        self._clock, self._at = part.clock, BlockPoint(stage.block, part.p, list(part.columns))
+        self._part, self._at = part, BlockPoint(stage.block, part.p, list(part.columns))
         self._state = part.state()
         # derivatives from upstream through a linear block are independent of its state
         linear = stage.block.system is not None and part.incoming > 0
         self._linear = as_linear(stage.block) if linear else None
         if self._linear is not None:
-            still = self._linear.initial_state(part.clock.dt, 0.0)
+            still = self._linear.initial_state(part.dt, 0.0)
             self._carried = np.tile(still, (part.incoming, 1))
         self._rows = 0 if linear else part.incoming
         self._moved = np.zeros((self._rows + len(part.columns), self._state.size))
@@ -202,13 +186,12 @@ class _Alone:
     def go(
         self, signal: FloatArray, tangent: FloatArray, jump: StateJump
     ) -> tuple[FloatArray, FloatArray]:
-        found, clock = [], self._clock
+        """Return signal and derivatives after the stage, those by its own parameters last."""
+        found, dt = [], self._part.dt
         incoming = tangent[: self._rows]
         for chunk in jump.chunks(signal.size, signal.size, self._state):
-            each = partial(_through, signal[chunk], incoming[:, chunk], clock)
-            found.append(
-                sum_parallel(each, self._at, len(incoming), self._state, self._moved, clock.dt)
-            )
+            each = partial(_through, signal[chunk], incoming[:, chunk], dt, self._part.frequency)
+            found.append(sum_parallel(each, self._at, len(incoming), self._state, self._moved, dt))
         output, rows = (
             found[0]
             if len(found) == 1
@@ -219,7 +202,7 @@ class _Alone:
         )
         if self._linear is None:
             return output, rows
-        on = self._linear.carried(tangent, self._at.values, clock.dt, self._carried)
+        on = self._linear.carried(tangent, self._at.values, dt, self._carried)
         return output, np.vstack([on, rows])
 
 
@@ -227,11 +210,11 @@ class _ByPath:
     """A run by the derivatives along its path; its delays are differenced."""
 
     def __init__(self, part: _Part, stage: PathStage) -> None:
-        clock, p = part.clock, part.p
+        p = part.p
         late = [j for j in part.columns if j < stage.run.delays]  # its first parameters
         around = {j: _around(part.own[j], float(p[j])) for j in part.columns if j not in late}
         self._tangents = PathTangents(
-            stage.run, p, around, clock.dt, start=clock.start, frequency=clock.frequency,
+            stage.run, p, around, part.dt, start=part.start, frequency=part.frequency,
             incoming=part.incoming,
         )  # fmt: skip
         self._late = _Differenced(part._replace(columns=late, incoming=0)) if late else None
@@ -239,6 +222,7 @@ class _ByPath:
     def go(
         self, signal: FloatArray, tangent: FloatArray, jump: StateJump
     ) -> tuple[FloatArray, FloatArray]:
+        """Return signal and derivatives after the stage, those by its own parameters last."""
         output, rows = self._tangents.go(signal, tangent, jump)
         if self._late is None:
             return output, rows
@@ -259,14 +243,15 @@ def _around(parameter: Parameter, value: float) -> tuple[float, float]:
 def _through(
     signal: FloatArray,
     tangent: FloatArray,
-    clock: _Clock,
+    dt: float,
+    frequency: float,
     at: BlockPoint,
     state: FloatArray,
     moved: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     block = at.block
     kernel: Any = block.kernel
-    times: tuple[float, ...] = (clock.dt, clock.frequency)
+    times: tuple[float, ...] = (dt, frequency)
     if kernel is None:
         kernel, times = block.path_kernel, (*times, 1)  # the same, with one point per tick
     return propagate_derivatives(kernel, signal, tangent, at, state, moved, *times)
@@ -276,7 +261,7 @@ class _Differenced:
     """A stage that is linear in its input, by differences of its own parameters."""
 
     def __init__(self, part: _Part) -> None:
-        self._part, stage, dt = part, part.stage, part.clock.dt
+        self._part, stage, dt = part, part.stage, part.dt
         # on one grid, so that the difference is caused by the parameter alone
         self._grid = {'steps': stage.run.steps(part.p, dt)} if isinstance(stage, PathStage) else {}
         self._moved = [(part.p, part.state())]
@@ -306,7 +291,7 @@ class _Differenced:
 
     def _along(self, tangent: FloatArray) -> FloatArray:
         """Return the derivatives from upstream."""
-        part, stage, dt = self._part, self._part.stage, self._part.clock.dt
+        part, stage, dt = self._part, self._part.stage, self._part.dt
         if isinstance(stage, LinearStage):
             return stage.carried(tangent, part.p, dt, self._carried)
         assert isinstance(stage, TickStage)  # a delay
@@ -320,11 +305,11 @@ class _Differenced:
     def _run(
         self, signal: FloatArray, values: FloatArray, state: FloatArray, jump: StateJump
     ) -> FloatArray:
-        clock = self._part.clock
+        part = self._part
         return np.concatenate(
             [
-                self._part.stage.respond(
-                    signal[chunk], values, clock.dt, state=state, frequency=clock.frequency,
+                part.stage.respond(
+                    signal[chunk], values, part.dt, state=state, frequency=part.frequency,
                     **self._grid,
                 )
                 for chunk in jump.chunks(signal.size, signal.size, state)
