@@ -149,9 +149,9 @@ class AxesReading(Reading[AxesRecord]):
         if isinstance(given, (tuple, list)) and len(given) == 2:
             return self._of_pair(ArrayPair('record', ('voltage', 'displacement'), *given))
         if isinstance(given, (Mapping, DataFrameLike)):
-            table = ColumnTable('', columns_in(given))
-            track = track_of(table, 'record', 'the data', self.log, self.options, of_file=False)
-            return [self._record(each) for each in sampled(track, 'the data', self.log)]
+            table, log = ColumnTable('', columns_in(given)), self.log.at('the data')
+            track = track_of(table, 'record', log, self.options, of_file=False)
+            return [self._record(each) for each in sampled(track, log)]
         raise RecordError(
             'data of several axes are a path, arrays (voltages, displacements) with fs, a data '
             f'frame, or a list of them, not of type {type(given).__name__}'
@@ -162,7 +162,7 @@ class AxesReading(Reading[AxesRecord]):
         return [
             self._record(each)
             for track in axes_tracks(content, self.log)
-            for each in sampled(track, str(content.path), self.log)
+            for each in sampled(track, self.log.at(content.path))
         ]
 
     def of_fields(self, path: Path) -> list[AxesRecord]:
@@ -199,10 +199,9 @@ class AxesReading(Reading[AxesRecord]):
         """Note what arrays without names of columns are taken for."""
         units = {what: pattern_of(self.options.columns.get(what, ''), what)[1] for what in UNITS}
         length = units['displacement'] or self.options.unit or 'm'
-        self.log.guess(
-            path,
+        self.log.at(path).guess(
             f'its arrays are (sample, channel, ...), voltages in {units["voltage"] or "V"} and '
-            f'displacements in {length}',
+            f'displacements in {length}'
         )
 
     def _patterns(self) -> tuple[str, str]:
@@ -258,7 +257,7 @@ class AxesReading(Reading[AxesRecord]):
             for k in range(runs)
         ]
         for each in found:
-            check_units(_track(each), step, f'record {each.name}', self.log)
+            check_units(_track(each), step, self.log.at(f'record {each.name}'))
         return found
 
     def _in_si(self, array: Any, what: str, name: str) -> FloatArray:

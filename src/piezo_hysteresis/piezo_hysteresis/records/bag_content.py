@@ -79,6 +79,7 @@ def blocks_of(
     path: Path, log: DamageLog, metadata: Metadata | None = None
 ) -> Iterator[tuple[dict[int, Topic], MessageBlock]]:
     """Yield the topics of the storage file and the block, for every block of a bag."""
+    log = log.at(path)
     if metadata is None and path.is_dir():
         metadata = read_metadata(path, log)
     by_message = metadata is not None and metadata.compression == 'message'
@@ -87,7 +88,7 @@ def blocks_of(
             for block in blocks:
                 yield (
                     storage.topics,
-                    decompressed(block, storage.path, log) if by_message else block,
+                    decompressed(block, log.at(storage.path)) if by_message else block,
                 )
 
 
@@ -101,9 +102,9 @@ def _storages(path: Path, metadata: Metadata | None, log: DamageLog) -> Iterator
         packed = file.suffix == '.zstd'
         reader = READERS.get(Path(file.stem).suffix if packed else file.suffix)
         if not file.is_file():
-            log.add(path, f'its storage file {file.name} is missing')
+            log.add(f'its storage file {file.name} is missing')
         elif reader is None:
-            log.add(path, f'its storage file {file.name} is of a kind that is not known')
+            log.add(f'its storage file {file.name} is of a kind that is not known')
         else:
             found += 1
             yield CompressedFile(file, log, reader) if packed else reader(file, log)
@@ -113,6 +114,7 @@ def _storages(path: Path, metadata: Metadata | None, log: DamageLog) -> Iterator
 
 def read_content(path: Path, log: DamageLog) -> BagContent:
     """Read a bag folder or storage file."""
+    log = log.at(path)
     metadata = read_metadata(path, log) if path.is_dir() else None
     content = BagContent(path, metadata=metadata)
     for topics, block in blocks_of(path, log, metadata):
@@ -131,7 +133,7 @@ def _collect(
         if number not in topics:
             count = int(np.sum(block.topic == number))
             what = f'{counted(count, "message", "belongs")} to no topic'
-            log.add(content.path, what, count=count, lost=count)
+            log.add(what, count=count, lost=count)
             continue
         topic = topics[number]
         held = content.topics.setdefault(topic.name, TopicContent(topic))
@@ -142,7 +144,7 @@ def _collect(
         if topic.msgtype in (STATE, REFERENCE):
             _decode(content, held, part, log)
         elif topic.msgtype == MARKER:
-            held.messages += decode_markers(content.path, topic, part, log)
+            held.messages += decode_markers(topic, part, log)
 
 
 def _decode(content: BagContent, held: TopicContent, block: MessageBlock, log: DamageLog) -> None:
@@ -150,13 +152,13 @@ def _decode(content: BagContent, held: TopicContent, block: MessageBlock, log: D
     try:
         fields = _fields(topic)
     except RecordError as error:
-        log.add(content.path, f'topic {topic.name}: {error} (salvaged: the agreed one is used)')
+        log.add(f'topic {topic.name}: {error} (salvaged: the agreed one is used)')
         fields = cdr.fixed_fields(Topic(topic.name, topic.msgtype, MESSAGES[topic.msgtype]))
     decoded = cdr.decode(fields, block.buffer, block.offset, block.length)
     bad = int(decoded.good.size - decoded.good.sum())
     if bad:
         what = f'{counted(bad, "message")} of topic {topic.name} cannot be read by the definition'
-        log.add(content.path, what, count=bad, lost=bad)
+        log.add(what, count=bad, lost=bad)
     held.stamps.append(decoded.stamps)
     held.log_times.append(block.log_time[decoded.good])
     for name, column in decoded.columns.items():
@@ -176,11 +178,10 @@ def _compare(content: BagContent, metadata: Metadata, log: DamageLog) -> None:
         held = content.topics.get(name)
         found = held.count if held else 0
         if held is not None and held.topic.msgtype != topic.msgtype:
-            log.add(content.path, f'topic {name} is {held.topic.msgtype} in the file but '
+            log.add(f'topic {name} is {held.topic.msgtype} in the file but '
                     f'{topic.msgtype} in its metadata')  # fmt: skip
         if found != count and not (growing and found > count):
             log.add(
-                content.path,
                 f'its metadata count {counted(count, "message")} of topic {name} but '
                 f'{found} can be read',
                 count=abs(count - found),
@@ -188,6 +189,6 @@ def _compare(content: BagContent, metadata: Metadata, log: DamageLog) -> None:
             )
     for name in sorted(set(content.topics) - set(metadata.topics)):
         if content.topics[name].count and metadata.topics:
-            log.add(content.path, f'topic {name} is not in its metadata')
+            log.add(f'topic {name} is not in its metadata')
     if growing:
-        log.note(content.path, 'the recording was not closed; all that was flushed is read')
+        log.note('the recording was not closed; all that was flushed is read')

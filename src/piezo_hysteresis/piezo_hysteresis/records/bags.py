@@ -58,7 +58,7 @@ def read_bag(
 
 def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None) -> list[Record]:
     """Return the records among the topics of a bag."""
-    states = content.of_type(STATE)
+    states, log = content.of_type(STATE), log.at(content.path)
     if not states:
         raise RecordError(no_states(content))
     if actuator is None and _are_axes(states):
@@ -83,12 +83,11 @@ def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None
         names = spaces
     if len(names) > 1:
         log.add(
-            content.path,
             f'it holds {len(names)} actuators ({", ".join(names)})',
             count=len(names),
             remedy='take one of them out with `import BAG --actuator NAME --out NEW_BAG`',
         )
-    return [record for _, run in runs for record in records_of(run, str(content.path), log)]
+    return [record for _, run in runs for record in records_of(run, log)]
 
 
 def no_states(content: BagContent) -> str:
@@ -177,16 +176,16 @@ def runs_of(
     ]
     if starts.size:
         what = f'the numbers of the samples start again {counted(starts.size, "time")}'
-        log.note(content.path, f'{what}: read as {starts.size + 1} runs', count=starts.size)
+        log.note(f'{what}: read as {starts.size + 1} runs', count=starts.size)
     stretches = [slice(a, b) for a, b in pairwise([0, *starts.tolist(), sample.size])]
     parts = [track.take(each) for each in stretches]
     if markers:
         stamps = [stamp[each] for each in stretches]
         log_times = [state.log_time()[each] for each in stretches]
-        parts = _cut(parts, _edges(markers, parts, stamps, log_times), content.path, log)
+        parts = _cut(parts, _edges(markers, parts, stamps, log_times), log)
     elif len(parts) > 1:
         parts = [replace(part, name=f'{part.name}.{k}') for k, part in enumerate(parts, 1)]
-    return [_with_reference(part, content.path, log) for part in parts]
+    return [_with_reference(part, log) for part in parts]
 
 
 @dataclass(frozen=True)
@@ -246,7 +245,7 @@ def _numbers(run: Track) -> IntArray:
     return sample
 
 
-def _cut(runs: list[Track], edges: list[_Edge], path: Path, log: DamageLog) -> list[Track]:
+def _cut(runs: list[Track], edges: list[_Edge], log: DamageLog) -> list[Track]:
     """Return the samples from each marker to the next, without the records that do not count."""
     outside = 0
     parts = []
@@ -263,15 +262,15 @@ def _cut(runs: list[Track], edges: list[_Edge], path: Path, log: DamageLog) -> l
                 outside += count
             elif edge.void:
                 what = f'record {marker.record} was {edge.void} and is left out'
-                log.leave_out(path, what, count=count)
+                log.leave_out(what, count=count)
             elif count:
                 part = run.take(inside)
                 parts.append(replace(part, name=marker.record, info=marker.info, rate=marker.rate))
             elif edge.sample < end or edge is own[-1]:  # else it is a duplicate
-                log.note(path, f'record {marker.record} is announced but holds no samples')
+                log.note(f'record {marker.record} is announced but holds no samples')
     if outside:
         what = f'{counted(outside, "sample", "lies")} outside the marked records'
-        log.note(path, what, count=outside)
+        log.note(what, count=outside)
     return parts
 
 
@@ -318,7 +317,7 @@ def _joined(sample: IntArray, number: IntArray, value: FloatArray) -> FloatArray
     return np.where(number[place] == sample, value[place], np.nan)
 
 
-def _with_reference(track: Track, path: Path, log: DamageLog) -> Track:
+def _with_reference(track: Track, log: DamageLog) -> Track:
     """Leave out samples at the ends that have no reference, or a reference with gaps.
 
     A recording begins and ends between two messages of the topics. Samples are kept, and the
@@ -338,13 +337,13 @@ def _with_reference(track: Track, path: Path, log: DamageLog) -> Track:
                 f'record {track.name}: {counted(missing, "sample")} before or after the '
                 'reference left out'
             )
-            log.note(path, what, count=missing)
+            log.note(what, count=missing)
             return inside
         what = (
             f'record {track.name}: {counted(missing, "sample", "has")} no reference, so it '
             'is left out'
         )
-        log.note(path, what, count=missing)
+        log.note(what, count=missing)
     columns = {key: column for key, column in track.columns.items() if key != 'reference'}
     return Track(track.name, track.time, columns, track.sample, track.info, track.rate)
 
@@ -354,7 +353,7 @@ def axes_tracks(content: BagContent, log: DamageLog) -> list[Track]:
 
     Axes are in the order of the numbers in their topics. Samples are joined by their stamps.
     """
-    states = content.of_type(STATE)
+    states, log = content.of_type(STATE), log.at(content.path)
     if not states:
         raise RecordError(no_states(content))
     states = [
@@ -377,14 +376,14 @@ def axes_tracks(content: BagContent, log: DamageLog) -> list[Track]:
                 f'{content.path}: the records of {names[0]} ({", ".join(_names(runs[0]))}) and '
                 f'{topic} ({", ".join(_names(own))}) differ; mark the records of all axes alike'
             )
-    return [_bag_axes_joined(axes, content, log) for axes in zip(*runs, strict=True)]
+    return [_bag_axes_joined(axes, log) for axes in zip(*runs, strict=True)]
 
 
 def _names(runs: Sequence[Track]) -> list[str]:
     return [run.name for run in runs]
 
 
-def _bag_axes_joined(tracks: Sequence[Track], content: BagContent, log: DamageLog) -> Track:
+def _bag_axes_joined(tracks: Sequence[Track], log: DamageLog) -> Track:
     """Return the samples that all axes have, as one track."""
     stamps = [_nanoseconds(each) for each in tracks]
     if not all(np.array_equal(each, stamps[0]) for each in stamps):
@@ -398,7 +397,7 @@ def _bag_axes_joined(tracks: Sequence[Track], content: BagContent, log: DamageLo
         what = (
             f'{counted(lone, "sample")} of record {tracks[0].name} without another axis left out'
         )
-        log.note(content.path, what, count=lone)
+        log.note(what, count=lone)
     columns = {
         f'{what}_{k}': each.columns[what]
         for k, each in enumerate(tracks, 1)

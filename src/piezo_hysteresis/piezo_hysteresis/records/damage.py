@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from piezo_hysteresis.errors import DataNote, PiezoError, RecordError
@@ -56,7 +56,7 @@ class Damage:
 
 @dataclass
 class DamageLog:
-    """Collects findings, or raises the first one as an error."""
+    """Collects findings on what it is `at`, or raises the first one as an error."""
 
     salvage: bool = False  # keep what is readable and list the findings
     interpolate: bool = False  # an uneven rate is no damage, because the data are resampled
@@ -64,51 +64,48 @@ class DamageLog:
     notes: list[Damage] = field(default_factory=list)  # notes without loss of data
     left_out: list[Damage] = field(default_factory=list)  # notes on rejected records
     guesses: list[Damage] = field(default_factory=list)  # notes on guessed columns
-    unlikely_values: list[Damage] = field(
-        default_factory=list
-    )  # notes on values that are improbable
+    # notes on values that are improbable
+    unlikely_values: list[Damage] = field(default_factory=list)
+    where: str = ''  # what the findings are on
+
+    def at(self, where: object) -> DamageLog:
+        """Return this log for findings on a file or record; the lists are the same."""
+        return replace(self, where=str(where))
 
     def add(
-        self,
-        where: object,
-        what: str,
-        *,
-        count: int = 1,
-        lost: int = 0,
-        remedy: str = '',
-        done: str = '',
+        self, what: str, *, count: int = 1, lost: int = 0, remedy: str = '', done: str = ''
     ) -> None:
         """List a finding, and its treatment `done` to salvage the rest."""
         what = ' '.join(what.split())  # libraries report in several lines
         if not self.salvage:
-            raise DamageError(f'{where}: {what}', remedy)
+            raise DamageError(f'{self.where}: {what}', remedy)
         text = f'{what}: {done}' if done else what
-        self.findings.append(Damage(str(where), text, count, lost))
+        self.findings.append(Damage(self.where, text, count, lost))
 
-    def refuse(self, where: object, what: str) -> None:
+    def refuse(self, what: str) -> None:
         """Raise a finding that no salvage mends, or list it where all are listed."""
         if not self.salvage:
-            raise RecordError(f'{where}: {what}')
-        self.findings.append(Damage(str(where), what))
+            raise RecordError(f'{self.where}: {what}')
+        self.findings.append(Damage(self.where, what))
 
-    def note(self, where: object, what: str, *, count: int = 1) -> None:
+    def note(self, what: str, *, count: int = 1) -> None:
         """List a note that does not prevent the use of the data."""
-        self.notes.append(Damage(str(where), what, count))
+        self.notes.append(Damage(self.where, what, count))
 
-    def leave_out(self, where: object, what: str, *, count: int = 1) -> None:
+    def leave_out(self, what: str, *, count: int = 1) -> None:
         """List a record that is omitted because a marker rejects it."""
-        self.note(where, what, count=count)
+        self.note(what, count=count)
         self.left_out.append(self.notes[-1])
 
-    def unlikely(self, where: object, what: str) -> None:
+    def unlikely(self, what: str) -> None:
         """List a note that the checks before a fit repeat as a warning."""
-        self.note(where, what)
+        self.note(what)
         self.unlikely_values.append(self.notes[-1])
 
-    def guess(self, where: object, what: str) -> None:
+    def guess(self, what: str) -> None:
         """List a guess, once."""
-        if not any((each.where, each.what) == (str(where), what) for each in self.guesses):
-            self.note(where, what)
+        if not any((each.where, each.what) == (self.where, what) for each in self.guesses):
+            self.note(what)
             self.guesses.append(self.notes[-1])
 
     @property

@@ -70,6 +70,7 @@ def foreign_records(
     is that of the header, if all messages have one and their clocks agree; else of the recording.
     """
     path = Path(path)
+    log = log.at(path)
     if (voltage is None) == (force is None):
         raise RecordError('the input is a voltage or a force: name one of them')
     texts = {'voltage': voltage, 'force': force, 'displacement': displacement,
@@ -83,7 +84,7 @@ def foreign_records(
     early = int(np.sum(ticks < first))
     if early:
         what = f'{counted(early, "sample", "comes")} before the first voltage or reference'
-        log.note(path, what, count=early)
+        log.note(what, count=early)
     ticks = ticks[ticks >= first]
     columns = {
         key: values[np.searchsorted(times, ticks, side='right') - 1]
@@ -92,7 +93,7 @@ def foreign_records(
     columns['displacement'] = moved[early:]
     time = np.asarray((ticks - begin) / 1e9, np.float64)
     info = RecordInfo(input_unit='N' if force else 'V')
-    return records_of(Track(path.resolve().stem, time, columns, info=info), str(path), log)
+    return records_of(Track(path.resolve().stem, time, columns, info=info), log)
 
 
 def _read(
@@ -158,7 +159,7 @@ def _times(
     offsets = {**dict.fromkeys(logged, 0.0), **ahead}
     apart = max(offsets.values()) - min(offsets.values())
     if constant:
-        log.guess(path, f'the header stamps of {", ".join(sorted(set(constant)))} are all the '
+        log.guess(f'the header stamps of {", ".join(sorted(set(constant)))} are all the '
                   'same: the times are those of the recording')  # fmt: skip
         return logged
     if apart <= CLOCK:
@@ -166,7 +167,7 @@ def _times(
                 for key in logged}  # fmt: skip
     named = ', '.join(sorted({topics[key] for key in ahead}))
     if bare:
-        log.guess(path, f'the header stamps of {named} are of another clock than the recording, '
+        log.guess(f'the header stamps of {named} are of another clock than the recording, '
                   f'{apart / 1e9:.6g} s apart: the times are those of the recording '
                   '(--time-from recording states it)')  # fmt: skip
         return logged

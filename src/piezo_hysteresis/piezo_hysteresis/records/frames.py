@@ -57,16 +57,16 @@ def columns_of_arrays(given: object) -> dict[str, Any] | None:
 def frame_records(given: Columns, name: str, log: DamageLog, options: ReadOptions) -> list[Record]:
     """Return columns in memory as one record, or as its intact pieces when salvaging."""
     # given (n,)
-    columns = columns_in(given)
+    columns, log = columns_in(given), log.at(_WHERE)
     timed = any((each.known or meaning(each.name)).what == 'time' for each in columns)
     if timed and options.interval is not None:
         raise RecordError(f'{_WHERE} have a time; leave dt out')
     if not timed and options.interval is None:
         raise RecordError(f'{_WHERE} have no time; name one time_s, or give dt [s]')
-    track = track_of(ColumnTable('', columns), name, _WHERE, log, options, of_file=False)
+    track = track_of(ColumnTable('', columns), name, log, options, of_file=False)
     if options.interval is not None and not log.salvage:
         return [SampledTrack(track, float(options.interval)).record()]
-    return records_of(track, _WHERE, log)
+    return records_of(track, log)
 
 
 def columns_in(given: Columns) -> list[Column]:

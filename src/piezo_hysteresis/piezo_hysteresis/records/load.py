@@ -424,11 +424,11 @@ class Reading(ABC, Generic[R]):
         if not records:
             raise errors[0]
         for reason in errors:
-            log.leave_out(path, f'left out: {reason}')
+            log.at(path).leave_out(f'left out: {reason}')
         if stray := [each.name for each in (*content.others, *content.folders)]:
             some = ', '.join(stray[:4]) + (', ...' if len(stray) > 4 else '')
-            log.leave_out(
-                path, f'{some} left out: no bag and no file of columns', count=len(stray)
+            log.at(path).leave_out(
+                f'{some} left out: no bag and no file of columns', count=len(stray)
             )
         return records
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,22 +38,22 @@ class Marker:
     log_time: int = 0  # time of recording [ns]
 
 
-def decode_markers(path: Path, topic: Topic, block: MessageBlock, log: DamageLog) -> list[Marker]:
+def decode_markers(topic: Topic, block: MessageBlock, log: DamageLog) -> list[Marker]:
     """Return the markers of a block, all of one topic."""
     from rosbags.serde import SerdeError
 
     try:
         store = _store(topic)
     except RecordError as error:
-        log.add(path, f'topic {topic.name}: {error} (salvaged: the agreed one is used)')
+        log.add(f'topic {topic.name}: {error} (salvaged: the agreed one is used)')
         store = typestore()
     markers = []
     for index in range(block.topic.size):
         try:
             message = store.deserialize_cdr(block.payload(index), MARKER)
-            markers.append(_marker(message, int(block.log_time[index]), path, log))
+            markers.append(_marker(message, int(block.log_time[index]), log))
         except (SerdeError, ValueError, IndexError, AssertionError, struct.error) as error:
-            log.add(path, f'a marker on topic {topic.name} cannot be read ({error})', lost=1)
+            log.add(f'a marker on topic {topic.name} cannot be read ({error})', lost=1)
     return markers
 
 
@@ -81,11 +80,11 @@ def _sample_of(text: str) -> int:
     return int(found[1]) if found else -1
 
 
-def _marker(message: Any, log_time: int, path: Path, log: DamageLog) -> Marker:
+def _marker(message: Any, log_time: int, log: DamageLog) -> Marker:
     numbers = {name: float(getattr(message, name)) for name in NUMBERS}
     wrong = [name for name, value in numbers.items() if not np.isfinite(value) or value < 0]
     if wrong:
-        log.add(path, f'the marker of record {message.record} has no usable {", ".join(wrong)}')
+        log.add(f'the marker of record {message.record} has no usable {", ".join(wrong)}')
         numbers |= dict.fromkeys(wrong, 0.0)
     stamp = message.header.stamp
     judges = not message.record and message.excitation in VERDICTS

@@ -28,7 +28,7 @@ class McapFile:
 
     def __init__(self, path: Path, log: DamageLog) -> None:
         self.path = path
-        self.log = log
+        self.log = log.at(path)
         self.topics: dict[int, Topic] = {}
         self.finished = False
         self._schemas: dict[int, tuple[str, str, str]] = {}
@@ -41,18 +41,17 @@ class McapFile:
     def blocks(self) -> Generator[MessageBlock]:
         """Yield the messages of every chunk (and of every stretch without chunks)."""
         if self._size == 0:
-            self.log.add(self.path, 'the file is empty')
+            self.log.add('the file is empty')
             return
         with self.path.open('rb') as file:
             if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
-                self.log.add(self.path, 'this is not an MCAP file or its beginning is damaged')
+                self.log.add('this is not an MCAP file or its beginning is damaged')
             self._read_summary(file)
             for block in self._data(file):
                 self._messages += block.topic.size
                 yield block
         if self._expected is not None and self._expected != self._messages:
             self.log.add(
-                self.path,
                 f'the index counts {counted(self._expected, "message")} but '
                 f'{self._messages} can be read',
                 count=abs(self._expected - self._messages),
@@ -64,25 +63,25 @@ class McapFile:
         file.seek(max(self._size - 37, 0))
         ending = file.read()
         if len(ending) != 37 or not ending.endswith(mcap.MAGIC) or ending[0] != mcap.FOOTER:
-            self.log.add(self.path, 'the file ends early, so its writer was stopped or it was cut')
+            self.log.add('the file ends early, so its writer was stopped or it was cut')
             return
         start, _, crc = struct.unpack('<QQI', ending[9:29])
         if start == 0:
             self._data_end = self._size - 37
-            self.log.note(self.path, 'the recording was not closed; all that was flushed is read')
+            self.log.note('the recording was not closed; all that was flushed is read')
             return
         if not 8 < start < self._size - 37:
-            self.log.add(self.path, 'its footer points to no index')
+            self.log.add('its footer points to no index')
             return
         self._data_end = start
         file.seek(start)
         summary = file.read(self._size - 37 - start)
         if crc and crc32(summary + ending[:25]) != crc:
-            self.log.add(self.path, 'the checksum of its index is wrong')
+            self.log.add('the checksum of its index is wrong')
             return
         walk = mcap.walk(np.frombuffer(summary, np.uint8))
         if walk.stop != len(summary):
-            self.log.add(self.path, 'its index is broken')
+            self.log.add('its index is broken')
         for opcode, offset, length in walk.others.tolist():
             self._take(opcode, summary[offset : offset + length])
         self.finished = True
@@ -92,7 +91,7 @@ class McapFile:
         try:
             self._take_fields(opcode, mcap.Cursor(content))
         except ValueError as error:
-            self.log.add(self.path, f'a record cannot be read ({error})')
+            self.log.add(f'a record cannot be read ({error})')
 
     def _take_fields(self, opcode: int, cursor: mcap.Cursor) -> None:
         if opcode == mcap.SCHEMA:
@@ -105,7 +104,7 @@ class McapFile:
             topic, serialisation, extra = cursor.text(), cursor.text(), cursor.map()
             if serialisation != 'cdr':
                 what = f'topic {topic} is stored as {serialisation!r}, not cdr: it is left out'
-                self.log.guess(self.path, what)
+                self.log.guess(what)
             self.topics[number] = Topic(
                 topic,
                 name,
@@ -164,12 +163,12 @@ class McapFile:
         """Compare where the data end with where the index, or the footer, begins."""
         if self._data_end not in (0, end):
             what = f'its data end at byte {end}, {self._data_end - end} bytes too early'
-            self.log.add(self.path, what)
+            self.log.add(what)
 
     def _resume(self, at: int) -> int:
         """Return the start of the next chunk in the index after a damaged record."""
         later = [start for start in self._chunk_starts if start > at]
-        self.log.add(self.path, f'the record at byte {at} is broken or cut off')
+        self.log.add(f'the record at byte {at} is broken or cut off')
         return min(later, default=self._size)
 
     def _block(self, data: bytes, walk: mcap.Walk) -> MessageBlock:
@@ -194,14 +193,14 @@ class McapFile:
             data = inflated(packed, compression, size)
             cut = cut and len(data) < size
         except (ValueError, struct.error, RuntimeError, EOFError) as error:
-            self.log.add(self.path, f'the chunk at byte {at} cannot be read ({error})')
+            self.log.add(f'the chunk at byte {at} cannot be read ({error})')
             return
         if not cut and (len(data) != size or (crc and crc32(data) != crc)):
-            self.log.add(self.path, f'the checksum of the chunk at byte {at} is wrong')
+            self.log.add(f'the checksum of the chunk at byte {at} is wrong')
             return
         walk = mcap.walk(np.frombuffer(data, np.uint8))
         if not cut and walk.stop != len(data):
-            self.log.add(self.path, f'the chunk at byte {at} ends within a record')
+            self.log.add(f'the chunk at byte {at} ends within a record')
         for opcode, offset, length in walk.others.tolist():
             self._take(opcode, data[offset : offset + length])
         if walk.messages.size:

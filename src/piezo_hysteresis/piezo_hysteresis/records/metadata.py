@@ -102,7 +102,7 @@ def read_metadata(folder: Path, log: DamageLog) -> Metadata:
     """
     path = folder / NAME
     if not path.is_file():
-        log.add(folder, f'{NAME} is missing', remedy='run `ros2 bag reindex` on the folder')
+        log.at(folder).add(f'{NAME} is missing', remedy='run `ros2 bag reindex` on the folder')
         return _from_files(folder)
     try:
         return _parse(plain_yaml.load_file(path)[ROOT])
@@ -112,7 +112,9 @@ def read_metadata(folder: Path, log: DamageLog) -> Metadata:
         reason = str(error).split('\n', 1)[0]
     except (KeyError, TypeError, AttributeError, IndexError):
         reason = 'an entry is missing or of the wrong kind'
-    log.add(path, f'it cannot be read ({reason})', remedy='run `ros2 bag reindex` on the folder')
+    log.at(path).add(
+        f'it cannot be read ({reason})', remedy='run `ros2 bag reindex` on the folder'
+    )
     return _from_files(folder)
 
 

@@ -85,54 +85,48 @@ def second_of(columns: Mapping[str, FloatArray]) -> FloatArray | None:  # shape 
     return None
 
 
-def records_of(track: Track, where: str, log: DamageLog) -> list[Record]:
+def records_of(track: Track, log: DamageLog) -> list[Record]:
     """Return the samples of a track as one record, or as its intact pieces when salvaging.
 
     Parameters and errors are those of `sampled`.
     """
-    return [each.record() for each in sampled(track, where, log)]
+    return [each.record() for each in sampled(track, log)]
 
 
-def sampled(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
+def sampled(track: Track, log: DamageLog) -> list[SampledTrack]:
     """Return the samples of a track at a constant rate, or its intact pieces when salvaging."""
-    place = f'{where}: record {track.name}'
+    named = log.at(f'{log.where}: record {track.name}')
     if track.sample is not None and track.sample.size and np.all(track.sample == track.sample[0]):
         track = Track(track.name, track.time, track.columns, None, track.info, track.rate)
-    track = _finite(track, place, log)
-    return [piece for run in _runs(track, place, log) for piece in _pieces_of(run, where, log)]
+    track = _finite(track, named)
+    return [piece for run in _runs(track, named) for piece in _pieces_of(run, log)]
 
 
-def _pieces_of(track: Track, where: str, log: DamageLog) -> list[SampledTrack]:
+def _pieces_of(track: Track, log: DamageLog) -> list[SampledTrack]:
     """Return one run at a constant rate, or its intact pieces when salvaging."""
-    place = f'{where}: record {track.name}'
-    track = _ordered(track, place, log)
+    log = log.at(f'{log.where}: record {track.name}')
+    track = _ordered(track, log)
     if track.time.size < 2:
-        log.add(place, f'it has {counted(track.time.size, "sample")}, too few to know its rate')
+        log.add(f'it has {counted(track.time.size, "sample")}, too few to know its rate')
         return []
-    pieces = [
-        piece
-        for part in _split_at_gaps(track, place, log)
-        for piece in _split_by_rate(part, place, log)
-    ]
+    pieces = [piece for part in _split_at_gaps(track, log) for piece in _split_by_rate(part, log)]
     whole = [piece for piece in pieces if piece.time.size >= min(SHORTEST, track.time.size)]
     lost = track.time.size - sum(piece.time.size for piece in whole)
     if lost:
-        log.add(
-            place, f'{counted(lost, "sample", "lies")} in pieces too short to be of use', lost=lost
-        )
+        log.add(f'{counted(lost, "sample", "lies")} in pieces too short to be of use', lost=lost)
     names = [track.name]
     if len(whole) > 1:
         names = [f'{track.name}.{number}' for number in range(1, len(whole) + 1)]
     found = [
-        SampledTrack(replace(piece, name=name), _interval(piece, place, log))
+        SampledTrack(replace(piece, name=name), _interval(piece, log))
         for piece, name in zip(whole, names, strict=False)
     ]
     for each in found:
-        check_units(each.track, each.dt, place, log)
+        check_units(each.track, each.dt, log)
     return found
 
 
-def _finite(track: Track, place: str, log: DamageLog) -> Track:
+def _finite(track: Track, log: DamageLog) -> Track:
     every = [track.time, *track.columns.values()]
     # a comparison with NaN is false
     if all(x.size and x.min() > -LARGEST_NUMBER and x.max() < LARGEST_NUMBER for x in every):
@@ -144,7 +138,6 @@ def _finite(track: Track, place: str, log: DamageLog) -> Track:
     if bad:
         first = int(np.argmin(good))
         log.add(
-            place,
             f'{bad} of {good.size} samples {not_numbers(bad)}, the first is number {first}',
             count=bad,
             lost=bad,
@@ -169,7 +162,7 @@ def restarts(sample: IntArray, log_time: IntArray) -> IntArray:  # sample (n,); 
     return falls if far.all() and min(np.diff(edges)) >= SHORTEST else np.zeros(0, np.int64)
 
 
-def _runs(track: Track, place: str, log: DamageLog) -> list[Track]:
+def _runs(track: Track, log: DamageLog) -> list[Track]:
     """Return the runs of a track whose time starts again, each as a record of its own.
 
     Runs are never sorted into each other: where that gives an even rate, samples are only out of
@@ -189,7 +182,7 @@ def _runs(track: Track, place: str, log: DamageLog) -> list[Track]:
         return [track]
     first, often = int(falls[0]), counted(falls.size, 'time')
     log.guess(
-        place, f'its time starts again {often}, first at sample {first + 1} '
+        f'its time starts again {often}, first at sample {first + 1} '
         f'({track.time[first]:.6g} s after {track.time[first - 1]:.6g} s): read as {len(runs)} '
         'records',
     )  # fmt: skip
@@ -225,7 +218,7 @@ def _refuse_two_senders(track: Track, place: str) -> None:
         )
 
 
-def _ordered(track: Track, place: str, log: DamageLog) -> Track:
+def _ordered(track: Track, log: DamageLog) -> Track:
     """Sort by number, or by time without numbers, and drop duplicate samples."""
     key: FloatArray | IntArray = track.time
     if track.sample is not None and np.unique(track.sample).size == track.sample.size:
@@ -233,28 +226,28 @@ def _ordered(track: Track, place: str, log: DamageLog) -> Track:
     back = int(np.sum(np.diff(key) < 0))
     if back:
         what = f'{counted(back, "sample", "is")} out of order'
-        log.add(place, what, count=back, remedy='sort them by time', done='sorted')
+        log.add(what, count=back, remedy='sort them by time', done='sorted')
         track = track.take(np.argsort(key, kind='stable'))
-    _refuse_two_senders(track, place)
-    track = _spread(track, place, log)
+    _refuse_two_senders(track, log.where)
+    track = _spread(track, log)
     again = np.zeros(track.time.size, np.bool_)
     if track.sample is None:
         again[1:] = np.diff(track.time) < SAME_TIME
     else:
         again[1:] = np.diff(track.sample) == 0
-        track, again = _without_repeats(track, again, place, log)
+        track, again = _without_repeats(track, again, log)
     doubled = int(again.sum())
     if doubled:
         what = f'{counted(doubled, "sample", "comes")} twice'
         if track.sample is None:
             what = f'{counted(doubled, "time", "stands")} twice'
         remedy = 'write each sample once, with enough digits of its time'
-        log.add(place, what, count=doubled, lost=doubled, remedy=remedy, done='kept once')
+        log.add(what, count=doubled, lost=doubled, remedy=remedy, done='kept once')
         track = track.take(~again)
     return track
 
 
-def _spread(track: Track, place: str, log: DamageLog) -> Track:
+def _spread(track: Track, log: DamageLog) -> Track:
     """Return the samples at an even rate if a few stamps stand twice and the numbers agree."""
     time, size = track.time, track.time.size
     if track.sample is not None or size < SHORTEST:
@@ -269,24 +262,19 @@ def _spread(track: Track, place: str, log: DamageLog) -> Track:
     if np.abs(time - even).max() >= 1.5 * (even[1] - even[0]):
         return track
     log.guess(
-        place,
-        f'{counted(again.size, "time", "stands")} twice with other values: taken at an even rate',
+        f'{counted(again.size, "time", "stands")} twice with other values: taken at an even rate'
     )
     return replace(track, time=even)
 
 
-def _without_repeats(
-    track: Track, again: BoolArray, place: str, log: DamageLog
-) -> tuple[Track, BoolArray]:
+def _without_repeats(track: Track, again: BoolArray, log: DamageLog) -> tuple[Track, BoolArray]:
     """Drop repeated messages: nodes repeat their last message when a loop stalls."""
     same = again.copy()
     for column in (track.time, *track.columns.values()):
         same[1:] &= column[1:] == column[:-1]
     repeats = int(same.sum())
     if repeats:
-        log.note(
-            place, f'{counted(repeats, "message", "was")} repeated by the sender', count=repeats
-        )
+        log.note(f'{counted(repeats, "message", "was")} repeated by the sender', count=repeats)
     return track.take(~same), again[~same]
 
 
@@ -304,12 +292,12 @@ def _even(steps: FloatArray) -> bool:
     return float(steps.max()) - least <= UNEVEN * least
 
 
-def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
+def _split_at_gaps(track: Track, log: DamageLog) -> list[Track]:
     if track.sample is not None:
         counts = np.diff(track.sample)
         restarts = int(np.sum(counts < 0))
         if restarts:
-            log.add(place, f'the numbers of the samples start again {counted(restarts, "time")}',
+            log.add(f'the numbers of the samples start again {counted(restarts, "time")}',
                     count=restarts, remedy='record a marker in front of each run')  # fmt: skip
         missing = np.where(counts > 1, counts - 1, 0)
         cuts = np.flatnonzero(counts != 1) + 1
@@ -327,7 +315,6 @@ def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
         number, total = int((missing > 0).sum()), int(missing.sum())
         first = float(track.time[np.argmax(missing > 0)])
         log.add(
-            place,
             f'{counted(total, "sample", "is")} missing in {counted(number, "gap")}, the first '
             f'after {first:.6g} s',
             count=number,
@@ -339,7 +326,7 @@ def _split_at_gaps(track: Track, place: str, log: DamageLog) -> list[Track]:
     return [track.take(slice(a, b)) for a, b in pairwise(edges)]
 
 
-def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
+def _split_by_rate(track: Track, log: DamageLog) -> list[Track]:
     """Return the track if its rate is constant, else its stretches of constant rate."""
     if track.time.size < 3:
         return [track]
@@ -352,7 +339,7 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
     median = np.median(steps)
     odd = np.abs(steps - median) > UNEVEN * median
     if not median > 0:
-        log.add(place, 'most of its stamps do not advance', count=int(np.sum(steps <= 0)),
+        log.add('most of its stamps do not advance', count=int(np.sum(steps <= 0)),
                 remedy='let the driver stamp each state with its time')  # fmt: skip
         return []
     if not odd.any() and wander < steady * mean:
@@ -368,11 +355,11 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
         what = f'its stamps jitter by up to {1e3 * wander:.3g} ms'
         if abs(mean / median - 1) > 0.01:
             what += f' (its driver was held up: {1 / mean:.4g} Hz on average)'
-        log.note(place, f'{what}; its samples are taken at an even rate, by their numbers',
+        log.note(f'{what}; its samples are taken at an even rate, by their numbers',
                  count=int(odd.sum()))  # fmt: skip
         return [track]
     if len(runs) < 2:
-        return [_resampled(track, place, log)]
+        return [_resampled(track, log)]
     periods = [float(np.median(steps[a:b])) for a, b in runs]
     listed = ', '.join(dict.fromkeys(f'{1 / period:.6g}' for period in periods if period > 0))
     what = f'the rate changes within the record ({listed} Hz)'
@@ -380,7 +367,7 @@ def _split_by_rate(track: Track, place: str, log: DamageLog) -> list[Track]:
     if max(periods) <= (1 + UNEVEN) * min(periods):
         what = f'its stamps jump by up to {float(np.abs(steps - median).max()):.3g} s'
         remedy = 'record again with a steady clock'
-    log.add(place, what, count=len(runs) - 1, remedy=remedy)
+    log.add(what, count=len(runs) - 1, remedy=remedy)
     ends = {b for _, b in runs}  # a sample between two rates belongs to the first
     return [track.take(slice(a + (a in ends), b + 1)) for a, b in runs]
 
@@ -419,16 +406,15 @@ def _even_runs(steps: FloatArray) -> list[tuple[int, int]]:
     return runs if sum(b - a for a, b in runs) >= 0.9 * steps.size else []
 
 
-def _resampled(track: Track, place: str, log: DamageLog) -> Track:
+def _resampled(track: Track, log: DamageLog) -> Track:
     """Return the samples interpolated at a constant rate: only on request."""
     steps = np.diff(track.time)
     low, high = 1e3 * np.quantile(steps, [0.05, 0.95])
     message = f'the rate is uneven, steps are {low:.4g} to {high:.4g} ms'
     if log.interpolate:
-        log.note(place, f'{message}: interpolated', count=track.time.size)
+        log.note(f'{message}: interpolated', count=track.time.size)
     else:
         log.add(
-            place,
             message,
             count=track.time.size,
             remedy='sample at a constant rate, `import` it with --resample RATE',
@@ -441,7 +427,7 @@ def _resampled(track: Track, place: str, log: DamageLog) -> Track:
     return Track(track.name, time, columns, None, track.info, 0.0)
 
 
-def _interval(track: Track, place: str, log: DamageLog) -> float:
+def _interval(track: Track, log: DamageLog) -> float:
     """Return the sampling interval [s]: as stated, or the roundest that the stamps allow."""
     number = track.time.size
     dt = float(track.time[-1] - track.time[0]) / (number - 1)
@@ -461,7 +447,7 @@ def _interval(track: Track, place: str, log: DamageLog) -> float:
         near = max(0.01, 2 * min(slack, SHORTEST) / number)
         if abs(stated * dt - 1) <= near or (track.sample is not None and _usually(track)):
             return 1 / stated
-        log.add(place, f'its marker says {stated:.6g} Hz but its samples come at {1 / dt:.6g} Hz')
+        log.add(f'its marker says {stated:.6g} Hz but its samples come at {1 / dt:.6g} Hz')
     for count in digits:
         exact = 1 / float(f'{1 / dt:.{count}g}')
         if abs(exact - dt) * number < slack * dt:
@@ -469,14 +455,14 @@ def _interval(track: Track, place: str, log: DamageLog) -> float:
     return dt
 
 
-def check_units(track: Track, dt: float, place: str, log: DamageLog) -> None:  # dt [s]
+def check_units(track: Track, dt: float, log: DamageLog) -> None:  # dt [s]
     """Refuse values that can only be a mistaken unit; list those that may be one."""
     found = unit_findings(dt, track.of('voltage'), track.of('displacement'), track.info.input_unit)
     for certain, sentence in found:
         if certain:
-            log.refuse(place, sentence)
+            log.refuse(sentence)
         else:
-            log.unlikely(place, sentence)
+            log.unlikely(sentence)
 
 
 # Numerator and denominator of the ratio of two rates are no larger.

@@ -112,7 +112,7 @@ class CompressedFile:
         self, path: Path, log: DamageLog, reader: Callable[[Path, DamageLog], Storage]
     ) -> None:
         self.path = path
-        self.log = log
+        self.log = log.at(path)
         self.topics: dict[int, Topic] = {}
         self._reader = reader
 
@@ -130,14 +130,14 @@ class CompressedFile:
                             raise EOFError(f'it holds more than {most} bytes')
                         target.write(piece)
             except (zstd.ZstdError, EOFError) as error:
-                self.log.add(self.path, f'it cannot be decompressed to its end ({error})')
+                self.log.add(f'it cannot be decompressed to its end ({error})')
             storage = self._reader(plain, self.log)
             for block in storage.blocks():
                 self.topics = storage.topics
                 yield block
 
 
-def decompressed(block: MessageBlock, path: Path, log: DamageLog) -> MessageBlock:
+def decompressed(block: MessageBlock, log: DamageLog) -> MessageBlock:
     """Return a block of individually compressed messages."""
     rows, bad, left = [], 0, LARGEST
     for index in range(block.topic.size):
@@ -148,12 +148,12 @@ def decompressed(block: MessageBlock, path: Path, log: DamageLog) -> MessageBloc
             continue
         left -= len(payload)
         if left < 0:
-            log.add(path, f'its messages are larger than {LARGEST} bytes, decompressed')
+            log.add(f'its messages are larger than {LARGEST} bytes, decompressed')
             bad += block.topic.size - index
             break
         rows.append((int(block.topic[index]), int(block.log_time[index]), payload))
     if bad:
-        log.add(path, f'{counted(bad, "message")} cannot be decompressed', count=bad, lost=bad)
+        log.add(f'{counted(bad, "message")} cannot be decompressed', count=bad, lost=bad)
     return block_of(rows)
 
 
@@ -165,13 +165,13 @@ class SqliteFile:
 
     def __init__(self, path: Path, log: DamageLog) -> None:
         self.path = path
-        self.log = log
+        self.log = log.at(path)
         self.topics: dict[int, Topic] = {}
 
     def blocks(self) -> Generator[MessageBlock]:
         """Yield messages; of a damaged file those in front of the damage."""
         if self.path.stat().st_size == 0:
-            self.log.add(self.path, 'the file is empty')
+            self.log.add('the file is empty')
             return
         rows: list[tuple[int, int, bytes]] = []
         try:
@@ -191,7 +191,7 @@ class SqliteFile:
             raise
         except Exception as error:  # SQLite allows any value in any column, unchecked
             self.log.add(
-                self.path, f'the database is damaged ({error})',
+                f'the database is damaged ({error})',
                 remedy='repair it with `sqlite3 FILE .recover`',
             )  # fmt: skip
 
@@ -202,7 +202,7 @@ class SqliteFile:
             assert isinstance(about, ConnectionExtRosbag2)
             kind, qos = about.serialization_format, about.offered_qos_profiles
             if kind != 'cdr':
-                self.log.add(self.path, f'topic {each.topic} is stored as {kind!r}, not cdr')
+                self.log.add(f'topic {each.topic} is stored as {kind!r}, not cdr')
             self.topics[each.id] = Topic(
                 each.topic, each.msgtype, definition.data, each.digest or '',
                 dump_qos_v8(qos) if qos else '',

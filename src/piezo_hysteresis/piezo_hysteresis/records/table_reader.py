@@ -53,6 +53,7 @@ def file_samples(
         raise RecordError(f'{path}: it holds no columns of numbers; save time, voltage and '
                           'displacement as vectors')  # fmt: skip
     info, name, rate = about(path)
+    log = log.at(path)
     found: list[SampledTrack] = []
     reasons: list[RecordError] = []
     several = len(tables) > 1
@@ -60,45 +61,44 @@ def file_samples(
         where = f'{path} ({table.name})' if several and table.name else str(path)
         part = f'{name}_{table.name}' if several and table.name else name
         try:
-            track = track_of(table, part, where, log, options, info=info, rate=rate)
+            track = track_of(table, part, log.at(where), options, info=info, rate=rate)
         except RecordError as error:
             reasons.append(error)
             continue
-        found += _cut(track, table, str(path), log)
+        found += _cut(track, table, log)
     if not found and not reasons:
         raise RecordError(f'{path}: nothing of it is readable as a record')
     if not found and several:
         whole = united(tables)
         try:
-            track = track_of(whole, name, str(path), log, options, info=info, rate=rate)
+            track = track_of(whole, name, log, options, info=info, rate=rate)
         except RecordError:
             raise reasons[0] from None
-        return sampled(track, str(path), log)
+        return sampled(track, log)
     if not found:
         raise reasons[0]
     for reason in reasons:
-        log.note(path, f'left out: {reason}')
+        log.note(f'left out: {reason}')
     return found
 
 
-def _cut(track: Track, table: ColumnTable, where: str, log: DamageLog) -> list[SampledTrack]:
+def _cut(track: Track, table: ColumnTable, log: DamageLog) -> list[SampledTrack]:
     """Return the samples of a table, which is cut where its names stand again without a time."""
     if table.count and track.time.size != table.count:
         what = (
             f'its header states {counted(table.count, "sample")}, the file holds {track.time.size}'
         )
-        log.add(where, what, lost=max(table.count - track.time.size, 0), remedy='save it again')
+        log.add(what, lost=max(table.count - track.time.size, 0), remedy='save it again')
     if not table.repeats or track.rate <= 0.0:
-        return sampled(track, where, log)
+        return sampled(track, log)
     edges = [0, *table.repeats, track.time.size]
-    log.note(where, f'the column names stand again: read as {len(edges) - 1} records')
+    log.note(f'the column names stand again: read as {len(edges) - 1} records')
     return [
         each
         for k, (a, b) in enumerate(pairwise(edges), 1)
         if b > a
-        for each in sampled(replace(track.take(slice(a, b)), name=f'{track.name}.{k}'),
-                                 where, log)
-    ]  # fmt: skip
+        for each in sampled(replace(track.take(slice(a, b)), name=f'{track.name}.{k}'), log)
+    ]
 
 
 def with_voltage(table: ColumnTable) -> ColumnTable:
@@ -119,7 +119,6 @@ def with_voltage(table: ColumnTable) -> ColumnTable:
 def track_of(
     table: ColumnTable,
     name: str,
-    where: str,
     log: DamageLog,
     options: ReadOptions,
     *,
@@ -129,20 +128,20 @@ def track_of(
 ) -> Track:
     """Return the samples of one table in SI units, with their times; of several axes if asked."""
     if options.axes:
-        return _track_of_axes(table, name, where, log, options, rate)
+        return _track_of_axes(table, name, log, options, rate)
     columns = table.columns
     hints = _known(columns)
     has_clock = any(each.time is not None for each in columns)
     stated = options.interval or table.interval
     needed = ('voltage', 'displacement') if stated or has_clock else _ALL
     meanings, guessed = assigned(
-        [each.name for each in columns], where, chosen=options.columns, hints=hints,
+        [each.name for each in columns], log.where, chosen=options.columns, hints=hints,
         length=options.unit, needed=needed, of_file=of_file,
     )  # fmt: skip
     for sentence in table.assumed:
-        log.guess(where, sentence)
+        log.guess(sentence)
     if guessed:
-        log.guess(where, f'reading {guessed}')
+        log.guess(f'reading {guessed}')
     found = {
         what: replace(
             columns[k],
@@ -158,8 +157,8 @@ def track_of(
         found['voltage'] = found.pop('force')
         info = replace(info, input_unit='N')
     if table.sparse:
-        found = _held(found, where, log)
-    time, values, step = _timed(found, table, where, log, options)
+        found = _held(found, log)
+    time, values, step = _timed(found, table, log, options)
     return Track(name, time, values, info=info, rate=1.0 / step if step else rate)
 
 
@@ -168,11 +167,11 @@ def _known(columns: Sequence[Column]) -> dict[int, Meaning]:
 
 
 def _track_of_axes(
-    table: ColumnTable, name: str, where: str, log: DamageLog, options: ReadOptions, rate: float
+    table: ColumnTable, name: str, log: DamageLog, options: ReadOptions, rate: float
 ) -> Track:
     """Return the samples of all axes on their one clock: the tracks of pairs of channels."""
     names = [each.name for each in table.columns]
-    places = channels_of(names, where, options, _known(table.columns))
+    places = channels_of(names, log.where, options, _known(table.columns))
     units = {what: pattern_of(options.columns.get(what, ''), what)[1] for what in QUANTITIES}
     pairs: list[Track] = []
     columns: dict[str, FloatArray] = {}
@@ -182,10 +181,10 @@ def _track_of_axes(
             for what, each in places.items()
         }
         one = replace(options, axes=False, columns={**options.columns, **chosen})
-        pairs.append(track_of(table, name, where, log, one, rate=rate))
+        pairs.append(track_of(table, name, log, one, rate=rate))
         if not np.array_equal(pairs[k].time, pairs[0].time):
             raise RecordError(
-                f'{where}: the displacements {names[places["displacement"][0]]!r} and '
+                f'{log.where}: the displacements {names[places["displacement"][0]]!r} and '
                 f'{chosen["displacement"]!r} have different times; save all axes from one clock'
             )
         columns |= {f'{w}_{k + 1}': pairs[k].columns[w] for w in QUANTITIES if k < len(places[w])}
@@ -196,28 +195,28 @@ _ALL = ('time', 'voltage', 'displacement')
 
 
 def _timed(
-    found: dict[str, Column], table: ColumnTable, where: str, log: DamageLog, options: ReadOptions
+    found: dict[str, Column], table: ColumnTable, log: DamageLog, options: ReadOptions
 ) -> tuple[FloatArray, dict[str, FloatArray], float]:
     """Return times, values by quantity and the stated interval [s]; 0 if the times count."""
     found = dict(found)
     own = found.pop('time', None)
     if options.interval is not None:
         if own is not None:
-            log.guess(where, f'its column {own.name!r} is not used: the interval is given')
-        values = _of_one_length(found, where)
+            log.guess(f'its column {own.name!r} is not used: the interval is given')
+        values = _of_one_length(found, log.where)
         return _even(options.interval, values), values, options.interval
     if own is not None:
-        values = _of_one_length({'time': own, **found}, where)
-        time = _checked(values.pop('time'), table.interval, where, log)
+        values = _of_one_length({'time': own, **found}, log.where)
+        time = _checked(values.pop('time'), table.interval, log)
         return time, values, 0.0
     if any(each.time is not None for each in found.values()):
-        return *_on_one_clock(found, where, log), 0.0
+        return *_on_one_clock(found, log), 0.0
     if table.interval <= 0.0:
         raise RecordError(
-            f'{where}: it has no time; give its sampling interval with --interval SECONDS (in '
+            f'{log.where}: it has no time; give its sampling interval with --interval SECONDS (in '
             'Python dt=)'
         )
-    values = _of_one_length(found, where)
+    values = _of_one_length(found, log.where)
     return _even(table.interval, values), values, table.interval
 
 
@@ -235,7 +234,7 @@ def _of_one_length(found: Mapping[str, Column], where: str) -> dict[str, FloatAr
     return {what: each.values for what, each in found.items()}
 
 
-def _checked(time: FloatArray, interval: float, where: str, log: DamageLog) -> FloatArray:
+def _checked(time: FloatArray, interval: float, log: DamageLog) -> FloatArray:
     """Return the times, made exact if they are rounded and the file states the interval."""
     if interval <= 0.0 or time.size < 3 or not np.all(np.isfinite(time)):
         return time
@@ -244,19 +243,19 @@ def _checked(time: FloatArray, interval: float, where: str, log: DamageLog) -> F
     even = time[0] + interval * np.arange(time.size)
     if np.abs(time - even).max() < interval:
         if np.any(steps <= 0):
-            log.guess(where, f'its times are rounded: every {interval:.6g} s, as it states')
+            log.guess(f'its times are rounded: every {interval:.6g} s, as it states')
             return np.asarray(even, np.float64)
         return time
     if abs(mean / interval - 1) > STATED:
         raise RecordError(
-            f'{where}: its header states an interval of {interval:.6g} s but its times one of '
+            f'{log.where}: its header states an interval of {interval:.6g} s but its times one of '
             f'{mean:.6g} s; give the true one with --interval SECONDS (in Python dt=)'
         )
     return time
 
 
 def _on_one_clock(
-    found: dict[str, Column], where: str, log: DamageLog
+    found: dict[str, Column], log: DamageLog
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Return the times of the displacement, and what every other column is at them.
 
@@ -269,8 +268,8 @@ def _on_one_clock(
     if silent:
         sizes = {what: each for what, each in found.items() if each.time is None}
         first = Column('its clock', clock)
-        _of_one_length({**sizes, 'time': first}, where)
-        log.guess(where, f'{", ".join(silent)} states no time: taken as that of the others')
+        _of_one_length({**sizes, 'time': first}, log.where)
+        log.guess(f'{", ".join(silent)} states no time: taken as that of the others')
     values = {'displacement': found['displacement'].values}
     ticks, step = clock, _step(clock)
     keep = np.ones(ticks.size, np.bool_)
@@ -283,22 +282,21 @@ def _on_one_clock(
             continue
         if abs(_step(times) / step - 1) > SAME_RATE:
             raise RecordError(
-                f'{where}: {what} and displacement have different increments: two rates are no '
-                f'record ({1 / _step(times):.6g} and {1 / step:.6g} Hz); save them at one rate'
+                f'{log.where}: {what} and displacement have different increments: two rates are '
+                f'no record ({1 / _step(times):.6g} and {1 / step:.6g} Hz); save them at one rate'
             )
         place = np.searchsorted(times, ticks + SAME_TICK * step, side='right') - 1
         keep &= (place >= 0) & (ticks < times[-1] + step * (1 - SAME_TICK))
         values[what] = each.values[np.maximum(place, 0)]
         log.guess(
-            where,
             f'{what} starts {1e3 * (times[0] - ticks[0]):.6g} ms after displacement: joined by '
-            'time, held until its next sample',
+            'time, held until its next sample'
         )
     if not keep.any():
-        raise RecordError(f'{where}: its columns share no time; save them from one clock')
+        raise RecordError(f'{log.where}: its columns share no time; save them from one clock')
     if not keep.all():
         lost = counted(int((~keep).sum()), 'sample')
-        log.note(where, f'{lost} at the ends left out, where a column is missing')
+        log.note(f'{lost} at the ends left out, where a column is missing')
     return ticks[keep], {what: column[keep] for what, column in values.items()}
 
 
@@ -311,7 +309,7 @@ def _step(times: FloatArray) -> float:
     return step
 
 
-def _in_order(found: dict[str, Column], where: str, log: DamageLog) -> dict[str, Column]:
+def _in_order(found: dict[str, Column], log: DamageLog) -> dict[str, Column]:
     """Return rows by time, where each signal is in its order but a row of another is not."""
     times = found['time'].values if 'time' in found else np.empty(0)
     signals = [each.values for what, each in found.items() if what != 'time']
@@ -320,20 +318,20 @@ def _in_order(found: dict[str, Column], where: str, log: DamageLog) -> dict[str,
     ):
         return found
     order = np.argsort(times, kind='stable')
-    log.guess(where, 'rows of one signal stand behind later ones of another: sorted by time')
+    log.guess('rows of one signal stand behind later ones of another: sorted by time')
     return {what: replace(each, values=each.values[order]) for what, each in found.items()}
 
 
-def _held(found: dict[str, Column], where: str, log: DamageLog) -> dict[str, Column]:
+def _held(found: dict[str, Column], log: DamageLog) -> dict[str, Column]:
     """Return rows with a displacement; the other columns hold their last value."""
-    found = _in_order(found, where, log)
+    found = _in_order(found, log)
     rows = np.flatnonzero(~np.isnan(found['displacement'].values))
     held: dict[str, FloatArray] = {}
     first, apart = 0, False
     for what, each in found.items():
         filled = np.flatnonzero(~np.isnan(each.values))
         if not filled.size or not rows.size:
-            raise RecordError(f'{where}: its column {each.name!r} is empty')
+            raise RecordError(f'{log.where}: its column {each.name!r} is empty')
         place = np.searchsorted(filled, rows, side='right') - 1
         first = max(first, int(np.sum(place < 0)))
         apart |= not np.array_equal(filled[np.maximum(place, 0)], rows)
@@ -345,11 +343,7 @@ def _held(found: dict[str, Column], where: str, log: DamageLog) -> dict[str, Col
             pauses = int(np.sum(steps > 1.5 * usual))
             pauses += bool(times[rows[-1]] - times[filled[-1]] > (1.0 + SAME_TICK) * usual)
             if pauses:
-                log.note(
-                    where, f'{what} pauses {counted(pauses, "time")} and is held', count=pauses
-                )
+                log.note(f'{what} pauses {counted(pauses, "time")} and is held', count=pauses)
     if apart:
-        log.guess(
-            where, 'its signals stand in rows of their own: a voltage is held until the next'
-        )
+        log.guess('its signals stand in rows of their own: a voltage is held until the next')
     return {what: replace(each, values=held[what][first:]) for what, each in found.items()}

@@ -59,7 +59,7 @@ def read_csv(path: str | Path, *, salvage: bool = False) -> Record:
 
 def text_tables(path: Path, log: DamageLog, options: ReadOptions) -> list[ColumnTable]:
     """Return the tables of a text file."""
-    large = path.stat().st_size > LARGE
+    log, large = log.at(path), path.stat().st_size > LARGE
     lines = _lines(path, log, most=_HEAD if large else -1)
     layouts = _layouts(lines, path, options)
     if large and len(layouts) == 1 and _is_simple(layouts[0], lines):
@@ -109,7 +109,7 @@ def _lines(path: Path, log: DamageLog, most: int = -1) -> list[str]:
     if text is None or any(letter < '\t' for letter in head) or 2 * letters < len(head):
         raise RecordError(f'{path} is not a text file; save it as CSV in UTF-8')
     if encoding == 'cp1252':
-        log.guess(path, 'read as Windows-1252, since it is no UTF-8')
+        log.guess('read as Windows-1252, since it is no UTF-8')
     return text.splitlines()
 
 
@@ -264,7 +264,7 @@ def _columns(
         mark, grouped = decimal_mark((c for k in chosen for c in cells[k]), path)
         if grouped:
             other = '.' if mark == ',' else ','
-            log.guess(path, f'{other!r} groups thousands, {mark!r} is the decimal mark')
+            log.guess(f'{other!r} groups thousands, {mark!r} is the decimal mark')
     found = []
     for k, name in enumerate(layout.names):
         values, known = _values(cells[k], name, mark, path)
@@ -285,7 +285,7 @@ def _columns(
         first = wrong[min(wrong)]
         many = len(wrong)
         what = f'{counted(many, "line")} cannot be read, {first}'
-        log.add(path, what, count=many, lost=many, remedy='mend them')
+        log.add(what, count=many, lost=many, remedy='mend them')
         good = np.ones(len(rows), np.bool_)
         good[list(wrong)] = False
         found = [replace(each, values=each.values[good]) for each in found]
