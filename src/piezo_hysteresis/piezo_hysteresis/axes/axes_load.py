@@ -30,7 +30,7 @@ from piezo_hysteresis.records.load import (
     uniquely_named,
     warn_of,
 )
-from piezo_hysteresis.records.sampling import SampledTrack, Track, check_units, sampled
+from piezo_hysteresis.records.sampling import Track, check_units, sampled
 from piezo_hysteresis.records.table_reader import file_samples, track_of
 
 
@@ -211,11 +211,10 @@ class AxesReading(Reading[AxesRecord]):
         )
         return voltage, displacement
 
-    def _record(self, samples: SampledTrack) -> AxesRecord:
-        track = samples.track
+    def _record(self, track: Track) -> AxesRecord:
         return AxesRecord(
             track.name,
-            samples.dt,
+            track.dt,
             np.column_stack(track.of('voltage')),
             np.column_stack(track.of('displacement')),
             periods=int(self.periodic or 0),
@@ -257,7 +256,7 @@ class AxesReading(Reading[AxesRecord]):
             for k in range(runs)
         ]
         for each in found:
-            check_units(_track(each), step, self.log.at(f'record {each.name}'))
+            check_units(_track(each), self.log.at(f'record {each.name}'))
         return found
 
     def _in_si(self, array: Any, what: str, name: str) -> FloatArray:
@@ -299,7 +298,7 @@ def _track(record: AxesRecord) -> Track:
     columns = {f'voltage_{k}': each for k, each in enumerate(record.voltage.T, 1)}
     columns |= {f'displacement_{k}': each for k, each in enumerate(record.displacement.T, 1)}
     time = np.asarray(record.dt * np.arange(len(record)), np.float64)
-    return Track(record.name, time, columns)
+    return Track(record.name, time, columns, dt=record.dt)
 
 
 def _in_time(array: FloatArray, run: int) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +149,7 @@ def _collect(
 def _decode(content: BagContent, held: TopicContent, block: MessageBlock, log: DamageLog) -> None:
     topic = held.topic
     try:
-        fields = _fields(topic)
+        fields = cdr.fixed_fields(topic)
     except RecordError as error:
         log.add(f'topic {topic.name}: {error} (salvaged: the agreed one is used)')
         fields = cdr.fixed_fields(Topic(topic.name, topic.msgtype, MESSAGES[topic.msgtype]))
@@ -163,12 +162,6 @@ def _decode(content: BagContent, held: TopicContent, block: MessageBlock, log: D
     held.log_times.append(block.log_time[decoded.good])
     for name, column in decoded.columns.items():
         held.columns.setdefault(name, []).append(column)
-
-
-@cache
-def _fields(topic: Topic) -> cdr.Fields:
-    """Return the fields of a topic as its bag defines them."""
-    return cdr.fixed_fields(topic)
 
 
 def _compare(content: BagContent, metadata: Metadata, log: DamageLog) -> None:

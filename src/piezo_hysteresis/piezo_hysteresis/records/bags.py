@@ -345,7 +345,7 @@ def _with_reference(track: Track, log: DamageLog) -> Track:
         )
         log.note(what, count=missing)
     columns = {key: column for key, column in track.columns.items() if key != 'reference'}
-    return Track(track.name, track.time, columns, track.sample, track.info, track.rate)
+    return replace(track, columns=columns)
 
 
 def axes_tracks(content: BagContent, log: DamageLog) -> list[Track]:
@@ -403,8 +403,7 @@ def _bag_axes_joined(tracks: Sequence[Track], log: DamageLog) -> Track:
         for k, each in enumerate(tracks, 1)
         for what in ('voltage', 'displacement')
     }
-    one = tracks[0]
-    return Track(one.name, one.time, columns, one.sample, one.info, one.rate)
+    return replace(tracks[0], columns=columns)
 
 
 def _nanoseconds(track: Track) -> IntArray:

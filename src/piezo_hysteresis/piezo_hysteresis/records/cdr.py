@@ -8,6 +8,7 @@ rclpy does not initialise it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ NUMPY_CODES = {
 }  # fmt: skip
 
 
+@cache
 def fixed_fields(topic: Topic) -> Fields:
     """Return name and NumPy type of the fields after the header of a topic."""
     from rosbags.interfaces import Nodetype

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -15,7 +16,7 @@ from piezo_hysteresis.records.columns import UNITS, ReadOptions, meaning
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, column
 from piezo_hysteresis.records.record import Record
-from piezo_hysteresis.records.sampling import SampledTrack, records_of
+from piezo_hysteresis.records.sampling import records_of
 from piezo_hysteresis.records.table_reader import track_of
 
 _WHERE = 'the data'
@@ -65,7 +66,7 @@ def frame_records(given: Columns, name: str, log: DamageLog, options: ReadOption
         raise RecordError(f'{_WHERE} have no time; name one time_s, or give dt [s]')
     track = track_of(ColumnTable('', columns), name, log, options, of_file=False)
     if options.interval is not None and not log.salvage:
-        return [SampledTrack(track, float(options.interval)).record()]
+        return [replace(track, dt=float(options.interval)).record()]
     return records_of(track, log)
 
 

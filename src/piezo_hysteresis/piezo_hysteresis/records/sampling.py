@@ -40,6 +40,7 @@ class Track:
     sample: IntArray | None = None  # number of each sample, if the source counts them, shape (n,)
     info: RecordInfo = field(default_factory=RecordInfo)  # metadata
     rate: float = 0.0  # sampling rate stated by the source, 0 if unknown [Hz]
+    dt: float = 0.0  # sampling interval, 0 until it is known to be constant [s]
 
     def take(self, index: IntArray | BoolArray | slice) -> Track:
         """Return some of the samples."""
@@ -54,26 +55,17 @@ class Track:
         """Return the columns of one quantity: one, or one for each axis."""
         return [each for key, each in self.columns.items() if key.startswith(quantity)]
 
-
-@dataclass(frozen=True)
-class SampledTrack:
-    """Samples of a track at a constant rate, and the interval between them [s]."""
-
-    track: Track
-    dt: float
-
     def record(self) -> Record:
-        """Return them as a record of one axis."""
-        columns = self.track.columns
+        """Return samples at a constant rate as a record of one axis."""
         return Record(
-            self.track.name,
+            self.name,
             self.dt,
-            columns['voltage'],
-            columns['displacement'],
-            start=float(self.track.time[0]),
-            reference=columns.get('reference'),
-            second=second_of(columns),
-            info=self.track.info,
+            self.columns['voltage'],
+            self.columns['displacement'],
+            start=float(self.time[0]),
+            reference=self.columns.get('reference'),
+            second=second_of(self.columns),
+            info=self.info,
         )
 
 
@@ -93,16 +85,16 @@ def records_of(track: Track, log: DamageLog) -> list[Record]:
     return [each.record() for each in sampled(track, log)]
 
 
-def sampled(track: Track, log: DamageLog) -> list[SampledTrack]:
+def sampled(track: Track, log: DamageLog) -> list[Track]:
     """Return the samples of a track at a constant rate, or its intact pieces when salvaging."""
     named = log.at(f'{log.where}: record {track.name}')
     if track.sample is not None and track.sample.size and np.all(track.sample == track.sample[0]):
-        track = Track(track.name, track.time, track.columns, None, track.info, track.rate)
+        track = replace(track, sample=None)
     track = _finite(track, named)
     return [piece for run in _runs(track, named) for piece in _pieces_of(run, log)]
 
 
-def _pieces_of(track: Track, log: DamageLog) -> list[SampledTrack]:
+def _pieces_of(track: Track, log: DamageLog) -> list[Track]:
     """Return one run at a constant rate, or its intact pieces when salvaging."""
     log = log.at(f'{log.where}: record {track.name}')
     track = _ordered(track, log)
@@ -118,11 +110,11 @@ def _pieces_of(track: Track, log: DamageLog) -> list[SampledTrack]:
     if len(whole) > 1:
         names = [f'{track.name}.{number}' for number in range(1, len(whole) + 1)]
     found = [
-        SampledTrack(replace(piece, name=name), _interval(piece, log))
+        replace(piece, name=name, dt=_interval(piece, log))
         for piece, name in zip(whole, names, strict=False)
     ]
     for each in found:
-        check_units(each.track, each.dt, log)
+        check_units(each, log)
     return found
 
 
@@ -424,7 +416,7 @@ def _resampled(track: Track, log: DamageLog) -> Track:
     number = track.time.size
     time = np.linspace(track.time[0], track.time[-1], number)
     columns = {key: np.interp(time, track.time, column) for key, column in track.columns.items()}
-    return Track(track.name, time, columns, None, track.info, 0.0)
+    return replace(track, time=time, columns=columns, sample=None, rate=0.0)
 
 
 def _interval(track: Track, log: DamageLog) -> float:
@@ -455,10 +447,10 @@ def _interval(track: Track, log: DamageLog) -> float:
     return dt
 
 
-def check_units(track: Track, dt: float, log: DamageLog) -> None:  # dt [s]
+def check_units(track: Track, log: DamageLog) -> None:
     """Refuse values that can only be a mistaken unit; list those that may be one."""
-    found = unit_findings(dt, track.of('voltage'), track.of('displacement'), track.info.input_unit)
-    for certain, sentence in found:
+    inputs, outputs = track.of('voltage'), track.of('displacement')
+    for certain, sentence in unit_findings(track.dt, inputs, outputs, track.info.input_unit):
         if certain:
             log.refuse(sentence)
         else:

@@ -27,7 +27,7 @@ from piezo_hysteresis.records.columns import (
 from piezo_hysteresis.records.damage import DamageLog
 from piezo_hysteresis.records.formats.column_table import Column, ColumnTable, united
 from piezo_hysteresis.records.record import Record, RecordInfo
-from piezo_hysteresis.records.sampling import SampledTrack, Track, sampled
+from piezo_hysteresis.records.sampling import Track, sampled
 from piezo_hysteresis.records.tabular import about
 
 SAME_RATE = 1e-3  # steps that differ by a smaller part are of one rate
@@ -44,7 +44,7 @@ def file_records(
 
 def file_samples(
     path: Path, tables: Sequence[ColumnTable], log: DamageLog, options: ReadOptions
-) -> list[SampledTrack]:
+) -> list[Track]:
     """Return the samples of a file: those of each table with the required columns.
 
     If no table has them all, the tables are read as one: some programs write one channel a group.
@@ -54,7 +54,7 @@ def file_samples(
                           'displacement as vectors')  # fmt: skip
     info, name, rate = about(path)
     log = log.at(path)
-    found: list[SampledTrack] = []
+    found: list[Track] = []
     reasons: list[RecordError] = []
     several = len(tables) > 1
     for table in tables:
@@ -82,7 +82,7 @@ def file_samples(
     return found
 
 
-def _cut(track: Track, table: ColumnTable, log: DamageLog) -> list[SampledTrack]:
+def _cut(track: Track, table: ColumnTable, log: DamageLog) -> list[Track]:
     """Return the samples of a table, which is cut where its names stand again without a time."""
     if table.count and track.time.size != table.count:
         what = (
