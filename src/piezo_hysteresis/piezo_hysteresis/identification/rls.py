@@ -243,24 +243,14 @@ class RlsSettings(OnlineSettings):
             raise IdentificationError(
                 f'{self.variant} (Tatebatake 2017) has no harmonic; choose V0 or V1 for it'
             )
-        self.require_seen(self.frequency)
+        if self.harmonic and not (0 < self.harmonic * self.frequency * self.dt < 0.5):
+            raise IdentificationError(
+                f'harmonic {self.harmonic} of {self.frequency:g} Hz cannot be seen at '
+                f'{1 / self.dt:g} samples/s; give the frequency of the drive'
+            )
         if self.unit not in WORKING_UNITS:
             raise IdentificationError(
                 f'unit {self.unit!r} is unknown{choices(self.unit, WORKING_UNITS)}'
-            )
-
-    def require_seen(self, frequency: float) -> None:
-        """Raise an error for a drive whose harmonic is above half the sampling rate.
-
-        Raises
-        ------
-        IdentificationError
-            If the harmonic is above half the rate, or the frequency of its drive is unknown.
-        """
-        if self.harmonic and not (0 < self.harmonic * frequency * self.dt < 0.5):
-            raise IdentificationError(
-                f'harmonic {self.harmonic} of {frequency:g} Hz cannot be seen at '
-                f'{1 / self.dt:g} samples/s; give the frequency of the drive'
             )
 
 
@@ -327,8 +317,7 @@ class OnlineRls(OnlineMethod):
         """
         s = self._settings
         if s.harmonic:
-            s.require_seen(frequency)
-            self._settings = replace(s, frequency=frequency)
+            self._settings = replace(s, frequency=frequency)  # checks it
             constants = self._state.constants
             constants[_OMEGA] = 2 * pi * s.harmonic * frequency * s.dt
             constants[_PHASE] = 2 * pi * s.harmonic * (frequency * start % 1.0)
