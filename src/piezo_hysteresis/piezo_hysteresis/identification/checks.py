@@ -12,6 +12,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.errors import IdentificationError
 from piezo_hysteresis.identification.noise import measured_without_outliers, stroke_of
+from piezo_hysteresis.identification.outliers import runs_of
 from piezo_hysteresis.identification.periods import cached_per_record, main_frequency
 from piezo_hysteresis.records import Record
 from piezo_hysteresis.records.plausible import unit_findings
@@ -118,15 +119,13 @@ def _clipping(x: FloatArray, what: str, cause: str) -> list[tuple[bool, str]]:
     if not np.any(changing):
         return []
     for extreme in (float(x.max()), float(x.min())):
-        on = x == extreme
-        runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], on.view(np.int8), [0]]))))[::2]
-        long = runs[runs >= 5]
+        long = [end - begin for begin, end in runs_of(x == extreme) if end - begin >= 5]
         # a waveform made of holds (staircase, square) rests at other levels too
         resting = float(np.mean(~changing))
-        share = float(long.sum()) / x.size
-        if long.size >= 2 and share > 0.02 and resting < 3 * share:
+        share = sum(long) / x.size
+        if len(long) >= 2 and share > 0.02 and resting < 3 * share:
             return _uncertain(
-                f'the {what} lies flat at {extreme:.4g} in {long.size} places: clipped at the '
+                f'the {what} lies flat at {extreme:.4g} in {len(long)} places: clipped at the '
                 f'{cause}; lower the amplitude'
             )
     return []

@@ -116,7 +116,7 @@ def _pulsed(u: FloatArray, y: FloatArray, beyond: BoolArray, far: bool) -> bool:
     if far and covered and np.count_nonzero(beyond) > 1 and float(np.ptp(y[beyond])) == 0.0:
         return False  # one value far away, at voltages next to the others: a code
     outside = (u < reached[0]) | (u > reached[1])
-    runs = _runs(beyond)
+    runs = runs_of(beyond)
     explained = [
         begin == 0 or end == y.size or bool(np.any(outside[max(begin - _LAG, 0) : end]))
         for begin, end in runs
@@ -131,7 +131,7 @@ def _follows(u: FloatArray, y: FloatArray, found: BoolArray) -> BoolArray:
     if reach == 0.0:
         return follows
     gain = _DRIVEN * float(np.ptp(y)) / reach
-    for begin, end in _runs(found):
+    for begin, end in runs_of(found):
         before, after = max(begin - 1, 0), min(end, y.size - 1)
 
         def away(x: FloatArray, shift: int, ends: tuple[int, int] = (before, after)) -> float:
@@ -144,7 +144,7 @@ def _follows(u: FloatArray, y: FloatArray, found: BoolArray) -> BoolArray:
     return follows
 
 
-def _runs(marked: BoolArray) -> list[tuple[int, int]]:
+def runs_of(marked: BoolArray) -> list[tuple[int, int]]:
     """Return first sample and the one after the last of every run of marked samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.view(np.int8), [0]])))
     return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
@@ -166,7 +166,7 @@ def _differences(periods: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _unlike(left: FloatArray, allowed: FloatArray) -> BoolArray:
     """Return which differences begin or end suddenly and are larger than allowed, shape (n,)."""
     found = np.abs(left) > allowed
-    for begin, end in _runs(found):
+    for begin, end in runs_of(found):
         height = _SUDDEN * float(np.median(np.abs(left[begin:end])))
         short = end - begin <= _WIDEST
         sides = []
@@ -187,7 +187,7 @@ def _transient(first: FloatArray, allowed: FloatArray, samples: int) -> BoolArra
     """
     found, size = np.zeros(samples, dtype=bool), np.abs(first)
     largest, last, swings = 0.0, 0, 0
-    for begin, end in _runs(size > allowed[: size.size]):
+    for begin, end in runs_of(size > allowed[: size.size]):
         height = float(np.max(size[begin:end]))
         next_swing = swings < 2 and begin - last <= max(end - begin, _WIDEST)
         if begin < _WIDEST or height <= largest or next_swing:
@@ -353,9 +353,8 @@ def frozen(y: FloatArray) -> BoolArray:
     same = np.diff(y) == 0.0
     if same.mean() > 0.2:  # coarse sensors and records at rest are constant anyway
         return found
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     usual = _MAD * _usual_size(np.diff(y)) + 1e-300
-    for begin, end in edges.reshape(-1, 2):
+    for begin, end in runs_of(same):
         if end - begin + 1 < _FROZEN or begin == 0 or end + 1 >= y.size:
             continue
         out, back = y[begin] - y[begin - 1], y[end + 1] - y[end]

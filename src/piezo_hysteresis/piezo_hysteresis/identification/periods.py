@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.identification.outliers import runs_of
 from piezo_hysteresis.numerics.harmonics import autocorrelation
 from piezo_hysteresis.records import Record
 
@@ -81,8 +82,7 @@ def like_lags(change: FloatArray, power: float, share: float) -> list[int]:  # c
         return []
     alike = change < share * power
     alike[: differs[0]] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], alike, [False]]))).reshape(-1, 2)
-    return [int(first + np.argmin(change[first:last])) + 1 for first, last in edges]
+    return [int(first + np.argmin(change[first:last])) + 1 for first, last in runs_of(alike)]
 
 
 def mean_changes(signal: FloatArray) -> FloatArray:
