@@ -331,19 +331,13 @@ def _seen_noise(record: Record) -> tuple[Noise, bool]:
         return robust_noise(steady[period:] - steady[:-period], period), True
     repeat = repeat_of(record)
     if repeat is not None and repeat.shows_from(record.warm_up_samples):
-        left = _between_samples(measured, repeat, record.warm_up_samples)
+        first = max(repeat.first, record.warm_up_samples)
+        if repeat.last - first >= 4 * repeat.period:  # a transient is over after a period
+            first += round(repeat.period)
+        left = less_the_period_before(measured[first : repeat.last], repeat.period)
         if left.size >= 4 * WIDTH:  # without a spectrum, creep would count as noise
             return robust_noise(left, repeat.period), False
     return differences_noise(measured[record.warm_up_samples :]), False
-
-
-def _between_samples(measured: FloatArray, repeat: Repeat, warm_up: int) -> FloatArray:
-    """Return the difference from the period before, for a fractional number of samples."""
-    first = max(repeat.first, warm_up)
-    if repeat.last - first >= 4 * repeat.period:  # a transient is over after a period
-        first += round(repeat.period)
-    steady = measured[first : repeat.last]
-    return less_the_period_before(steady, repeat.period)
 
 
 def noises_of(records: Sequence[Record]) -> list[Noise]:

@@ -73,24 +73,17 @@ class Objective:
             if name in self.free
         ]
         self._workers = workers
-        self.minimum_steps = self._grains()
-        self._fastest = self._limit()
-
-    def _grains(self) -> FloatArray:
-        """Return the smallest step of each unknown: a tick for delays of a held signal, else 0."""
-        tick = min((target.dt for target in self.targets), default=0.0)
-        held = delays_by_ticks(self.model)
-        return np.array([tick if name in held else 0.0 for name in self.free])
+        tick = min((target.dt for target in self.targets), default=1.0)
+        held = delays_by_ticks(model)
+        # smallest step of each unknown: a tick for delays of a held signal
+        self.minimum_steps = np.array([tick if name in held else 0.0 for name in self.free])
+        own = [values.get(each.name, each.default) for each in model.parameters]
+        # largest rate of a mode that the fit may reach [1/s]
+        self._fastest = max(_FASTEST / tick, _FASTER * model.fastest_rate(np.array(own)))
 
     def values(self, x: FloatArray) -> dict[str, float]:
         """Return all parameters of the chain, and the sampling offset, at the point `x`."""
         return {**self._fixed, **dict(zip(self.free, x.tolist(), strict=True))}
-
-    def _limit(self) -> float:
-        """Return the largest rate of a mode that the fit may reach [1/s]."""
-        tick = min((target.dt for target in self.targets), default=1.0)
-        own = [self._fixed.get(each.name, each.default) for each in self.model.parameters]
-        return max(_FASTEST / tick, _FASTER * self.model.fastest_rate(np.array(own)))
 
     def packed(self, x: FloatArray) -> FloatArray:
         """Return the parameters of the chain at `x`; ModelError if they are invalid."""
