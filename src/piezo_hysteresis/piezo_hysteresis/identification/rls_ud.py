@@ -333,7 +333,6 @@ class OnlineUd(OnlineMethod):
         found = self._estimate(self._layout(), self._usable(), covariance, rms)
         names, units, values = found.names, found.units, found.values
         spread, correlation = found.standard_deviations, found.correlation
-        self._orient(values, correlation)
         if s.natural_frequency > 0:
             names += ('natural_frequency', 'damping_ratio')
             units += ('Hz', '1')
@@ -357,21 +356,16 @@ class OnlineUd(OnlineMethod):
         """Return the parameters of the nearest model that can be inverted."""
         return self._state.theta
 
-    def _orient(self, values: FloatArray, correlation: FloatArray) -> None:
-        """For a negative A, h decays with the opposite sign of gamma."""
-        if values[1] < 0:
-            values[3] = -values[3]
-            correlation[3], correlation[:, 3] = -correlation[3], -correlation[:, 3]
-            correlation[3, 3] = 1.0
-
     def _layout(self) -> Layout:
         s = self._settings
         gain, shape = s.displacement_range / s.voltage_range, 1 / s.voltage_range
+        # for a negative A, h decays with the opposite sign of gamma
+        turned = -shape if self._state.theta[1] < 0 else shape
         return (
             ('A1', 'm/V', gain, 0),
             ('A', 'm/V', gain, 1),
             ('beta', '1/V', shape, 2),
-            ('gamma', '1/V', shape, 3),
+            ('gamma', '1/V', turned, 3),
             ('offset', 'm', s.displacement_range, 4),
         )
 
@@ -412,9 +406,6 @@ class OnlineBank(OnlineUd):
 
     def _usable(self) -> FloatArray:
         return invertible_bank(self._state.theta)
-
-    def _orient(self, values: FloatArray, correlation: FloatArray) -> None:
-        """Weights of either sign are what they are."""
 
     def _layout(self) -> Layout:
         metre = self._settings.displacement_range
