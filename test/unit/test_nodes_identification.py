@@ -100,7 +100,7 @@ def taped(order: list[int | SegmentEdge]) -> tuple[list[object], int]:
         else:
             feed(course, [each])
     assert isinstance(course.method, Tape)
-    assert course.taken == sum(isinstance(each, float) for each in course.method.did)
+    assert course.state.taken == sum(isinstance(each, float) for each in course.method.did)
     return course.method.did, course.late
 
 

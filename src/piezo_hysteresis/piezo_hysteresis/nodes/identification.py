@@ -94,7 +94,7 @@ class IdentificationNode(GuardedNode):
             message.voltage,
             message.displacement,
         )
-        if taken and self._course.taken % self._params.integer('publish_every') == 0:
+        if taken and self._course.state.taken % self._params.integer('publish_every') == 0:
             self._publish(message)
 
     def _on_marker(self, message: RecordMarker) -> None:
@@ -114,19 +114,17 @@ class IdentificationNode(GuardedNode):
     def _judge(self) -> Health:
         course = self._course
         counts = {
-            'refused': course.refused,
+            'refused': course.state.refused,
             'late': course.late,
             'unseen': course.unseen,
             'stamp_jumps': course.stamps.jumps,
             **course.intake.counters(),
         }
-        newest = self._course.intake.newest
-        fine = (
-            'waits for the first sample'
-            if newest < 0
-            else f'{counted(self._course.taken, "sample", "is")} used'
-        )
-        values = {'sample': newest, 'taken': self._course.taken, 'marked': self._marked, **counts}
+        newest, taken = course.intake.newest, course.state.taken
+        fine = f'{counted(taken, "sample", "is")} used'
+        if newest < 0:
+            fine = 'waits for the first sample'
+        values = {'sample': newest, 'taken': taken, 'marked': self._marked, **counts}
         return judge(self._watch.findings(counts), fine, values)
 
     def _publish(self, state: ActuatorState) -> None:

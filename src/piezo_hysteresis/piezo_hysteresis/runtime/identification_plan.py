@@ -128,8 +128,8 @@ class SegmenterState:
     key: tuple[float, float] = _ALL
     open: bool = True
     warm_up: float = 0.0  # [s]
-    refused: int = 0
-    taken: int = 0
+    refused: int = 0  # samples omitted because a value is not finite
+    taken: int = 0  # samples passed to the method
     voltage: list[float] = field(default_factory=list)  # since the actuator was at rest [V]
     displacement: list[float] = field(default_factory=list)  # [m]
 
@@ -177,27 +177,17 @@ class RecordSegmenter:
         self._passed: deque[SegmentEdge] = deque(maxlen=MOST_EDGES)
         self._past: deque[Checkpoint] = deque(maxlen=KEPT)
         self._useless = False
-        self._state = SegmenterState({_ALL: DriveEstimate(method)})
+        self.state = SegmenterState({_ALL: DriveEstimate(method)})
 
     @property
     def drive(self) -> DriveEstimate:
         """The present estimate with its drive."""
-        return self._state.drives[self._state.key]
+        return self.state.drives[self.state.key]
 
     @property
     def method(self) -> OnlineMethod:
         """The recursion of the present drive."""
         return self.drive.method
-
-    @property
-    def taken(self) -> int:
-        """Number of samples passed to the method."""
-        return self._state.taken
-
-    @property
-    def refused(self) -> int:
-        """Number of samples omitted because a value is not finite."""
-        return self._state.refused
 
     def mark(self, edge: SegmentEdge) -> None:
         """Note an edge; it acts on the samples from its time on, had they come already or not."""
@@ -230,7 +220,7 @@ class RecordSegmenter:
     def _remember(self, sample: ReceivedSample) -> None:
         """Keep a sample before it acts, and every so often the state."""
         if not self._past or len(self._past[-1].samples) == EVERY:
-            state = replace(self._state, drives=copy.deepcopy(self._state.drives))
+            state = replace(self.state, drives=copy.deepcopy(self.state.drives))
             self._past.append(Checkpoint(self._newest, state, len(state.voltage), []))
         self._past[-1].samples.append(sample)
 
@@ -246,10 +236,10 @@ class RecordSegmenter:
             edge = self._edges.popleft()
             self._passed.append(edge)
             self._note_order()
-            self._state.open, self._state.warm_up = bool(edge.record), edge.warm_up
+            self.state.open, self.state.warm_up = bool(edge.record), edge.warm_up
             self._rest()
             self._follow(edge)
-        state = self._state
+        state = self.state
         if self.only_records and not state.open:
             return False
         if not (math.isfinite(voltage) and math.isfinite(displacement)):
@@ -270,9 +260,9 @@ class RecordSegmenter:
         if not edge.record or edge.frequency <= 0.0:
             return
         if self.renew is not None:
-            key = self._state.key = edge.frequency, edge.amplitude
-            if key not in self._state.drives:
-                self._state.drives[key] = DriveEstimate(self.renew(), *key)
+            key = self.state.key = edge.frequency, edge.amplitude
+            if key not in self.state.drives:
+                self.state.drives[key] = DriveEstimate(self.renew(), *key)
                 self.drive.by_order()
             self._rest_drive()
         try:
@@ -293,7 +283,7 @@ class RecordSegmenter:
             self._passed.clear()
             return
         voltage, displacement = past.state.voltage, past.state.displacement
-        self._state = replace(
+        self.state = replace(
             past.state, voltage=voltage[: past.length], displacement=displacement[: past.length]
         )
         again = [each for each in self._passed if each.nanoseconds > past.before]
@@ -309,22 +299,22 @@ class RecordSegmenter:
 
     def set_forgetting(self, forgetting: float) -> None:
         """Continue with another forgetting factor, that of every drive."""
-        for drive in self._state.drives.values():
+        for drive in self.state.drives.values():
             for method in drive.rows.values():
                 method.forgetting = forgetting
         self._discard_past()
 
     def change(self, method: OnlineMethod) -> None:
         """Continue with another method, without prior information."""
-        state = self._state
+        state = self.state
         state.key, state.drives = _ALL, {_ALL: DriveEstimate(method)}
         self._discard_past()
 
     def reset(self) -> None:
         """Reset the estimates and the records."""
-        method = self._state.drives[_ALL].method
+        method = self.state.drives[_ALL].method
         method.reset()
-        self._state.open = True
+        self.state.open = True
         self.change(method)
 
     def settled(self, estimate: Estimate, free_run: float = math.nan) -> bool:
@@ -335,7 +325,7 @@ class RecordSegmenter:
         """
         drive = self.drive
         if not math.isnan(free_run):
-            motion = float(np.std(self._state.displacement or [0.0]))
+            motion = float(np.std(self.state.displacement or [0.0]))
             self._useless = not free_run <= _EXPLAINED * motion
         self._note_order()
         before, drive.before = drive.before, estimate
@@ -349,7 +339,7 @@ class RecordSegmenter:
     def _note_order(self) -> None:
         """Take the harmonic order of the drive from the record so far, once it has a period."""
         drive = self.drive
-        seen = np.array(self._state.displacement[round(self._state.warm_up * self.rate) :])
+        seen = np.array(self.state.displacement[round(self.state.warm_up * self.rate) :])
         if drive.frequency > 0.0 and seen.size * drive.frequency >= self.rate:
             drive.order = odd_oscillation(seen, drive.frequency, 1.0 / self.rate)
 
@@ -357,13 +347,13 @@ class RecordSegmenter:
         """Return the rms free-run error over the last second [m], NaN where it is not known."""
         if self.method.predicts_freely:
             return estimate.one_step_rms
-        count = len(self._state.voltage)
+        count = len(self.state.voltage)
         if count < 2 or count >= LONGEST_RUN * self.rate:
             return math.nan
         with np.errstate(all='ignore'):
-            free = self.method.free_run(np.array(self._state.voltage))
+            free = self.method.free_run(np.array(self.state.voltage))
             last = slice(-round(self.rate), None)
-            error = free[last] - np.array(self._state.displacement[last])
+            error = free[last] - np.array(self.state.displacement[last])
             rms = float(np.sqrt(np.nanmean(error**2)))
         return rms if math.isfinite(rms) else math.inf
 
@@ -374,7 +364,7 @@ class RecordSegmenter:
         """
         self._note_order()
         points = []
-        for drive in self._state.drives.values():
+        for drive in self.state.drives.values():
             if drive.frequency > 0.0 and drive.amplitude > 0.0:
                 with suppress(PiezoError):
                     own = self._model_of(drive, fit)
@@ -407,7 +397,7 @@ class RecordSegmenter:
 
     def _rest(self) -> None:
         self._rest_drive()
-        self._state.voltage, self._state.displacement = [], []
+        self.state.voltage, self.state.displacement = [], []
 
     def _rest_drive(self) -> None:
         for method in self.drive.rows.values():
