@@ -365,29 +365,12 @@ def identify(
     if base == 'output_error':
         more = {name: options[name] for name in _OF_FIT if name in options}
         fit = with_held_levels(fit, records, choices, workers=workers, progress=progress, **more)
-    remarks = [*remarks, *left_out]
-    found = from_fit(fit, method, records, remarks, started, choices, workers)
-    return replace(found, left_out=left_out)
-
-
-def from_fit(
-    fit: FitResult,
-    method: str,
-    records: Sequence[Record],
-    warnings: Sequence[str] = (),
-    started: float | None = None,
-    choices: RecordAssumptions | None = None,
-    workers: int = 1,
-) -> Identification:
-    """Return a fit with its errors over whole records."""
-    started = time.perf_counter() if started is None else started
     fit = with_input_error(fit)
     zeroed = with_mean_zero(fit.model, fit.values, fit.targets, fit.sampling_offset)
     fit = replace(fit, values=zeroed)
     std = fit.std.get(SAMPLING_OFFSET, 0.0)
-    given = Unsaved(fit.model, fit.values, fit.sampling_offset, std)
-    runs = free_runs(given, records, choices, workers=workers)
-    floor = floor_of(records).rms
+    own = Unsaved(fit.model, fit.values, fit.sampling_offset, std)
+    runs = free_runs(own, records, choices, workers=workers)
     return Identification(
         chain=fit.model,
         method=method,
@@ -398,9 +381,9 @@ def from_fit(
         condition=fit.condition,
         converged=fit.converged,
         message=fit.message,
-        warnings=(*warnings, *fit.warnings, *misfit_of(runs.errors)),
+        warnings=(*remarks, *left_out, *fit.warnings, *misfit_of(runs.errors)),
         records=runs.errors,
-        noise_floor=floor,
+        noise_floor=floor_of(records).rms,
         sampling_offset=fit.sampling_offset,
         history=fit.history,
         seconds=time.perf_counter() - started,
@@ -409,6 +392,7 @@ def from_fit(
         runs=runs,
         sampling_offset_std=std,
         seen=fingerprints(records),
+        left_out=left_out,
         data=tuple(records),
     )
 
