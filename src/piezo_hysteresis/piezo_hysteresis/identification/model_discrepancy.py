@@ -205,6 +205,7 @@ def condition_of(residual: RecordResidual) -> Condition:
     least = LEAST_POWER * rms**2
     lines, broadband = _split(residual) if periodic else ({}, error)
     sizes = {order: rms for order, rms in lines.items() if rms**2 > least}
+    squares = _beyond_noise(residual, broadband) if periodic else _octaves(error, residual.dt)
     return Condition(
         frequency=residual.frequency if periodic else 0.0,
         amplitude=residual.amplitude,
@@ -212,9 +213,7 @@ def condition_of(residual: RecordResidual) -> Condition:
         rms=rms,
         noise=residual.noise if isfinite(residual.noise) else None,
         harmonics=sizes,
-        bands=_beyond_noise(residual, broadband, least)
-        if periodic
-        else _octaves(error, residual.dt, least),
+        bands={low: sqrt(square) for low, square in squares.items() if square > least},
         phases=_phases(residual, sizes) if periodic else {},
         scatter=_scatter(residual, sizes) if periodic else {},
         drive=waveform_of(residual.voltage, residual.dt, residual.frequency if periodic else 0.0),
@@ -302,21 +301,19 @@ def _scatter(residual: RecordResidual, orders: Iterable[int]) -> dict[int, float
     return dict(zip(above, map(float, sqrt(0.5) * spread), strict=True))
 
 
-def _beyond_noise(residual: RecordResidual, left: FloatArray, least: float) -> dict[float, float]:
-    """Return the rms by octave between the harmonics, in excess of the noise."""
+def _beyond_noise(residual: RecordResidual, left: FloatArray) -> dict[float, float]:
+    """Return the mean square by octave between the harmonics, in excess of the noise."""
     count, dt = left.size, residual.dt
     known = residual.noise if isfinite(residual.noise) else 0.0
     angle = 2.0 * np.pi * np.fft.rfftfreq(count)[1:]
     noise = 2.0 * known**2 / count * density(residual.noise_colour, np.cos(angle))
-    found = _by_octave(_powers(left) - noise, count, dt, residual.frequency)
-    return {low: sqrt(square) for low, square in found.items() if square > least}
+    return _by_octave(_powers(left) - noise, count, dt, residual.frequency)
 
 
-def _octaves(error: FloatArray, dt: float, least: float) -> dict[float, float]:
-    """Return the rms by octave, from the lowest frequency that the record resolves."""
+def _octaves(error: FloatArray, dt: float) -> dict[float, float]:
+    """Return the mean square by octave, from the lowest frequency that the record resolves."""
     mean = float(np.mean(error))
-    squares = {0.0: mean**2, **_by_octave(_powers(error), error.size, dt, 0.0)}
-    return {low: sqrt(square) for low, square in squares.items() if square > least}
+    return {0.0: mean**2, **_by_octave(_powers(error), error.size, dt, 0.0)}
 
 
 def _powers(error: FloatArray) -> FloatArray:
