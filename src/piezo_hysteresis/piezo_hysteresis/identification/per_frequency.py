@@ -13,6 +13,7 @@ from piezo_hysteresis.errors import IdentificationError, PiezoError
 from piezo_hysteresis.identification.identify import Identification, identify, misfit_of
 from piezo_hysteresis.identification.methods import base_of
 from piezo_hysteresis.identification.model_discrepancy import discrepancy_of
+from piezo_hysteresis.identification.rls import BY_ORDER
 from piezo_hysteresis.identification.simulate import drive_of, free_runs
 from piezo_hysteresis.identification.solver import Progress
 from piezo_hysteresis.models import Model, ModelFile, named
@@ -20,9 +21,6 @@ from piezo_hysteresis.models.choice import ModelLike, chain_of
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
 from piezo_hysteresis.numerics.harmonics import odd_oscillation
 from piezo_hysteresis.records import Record, listed
-
-# Models of Fujii 2018 by the harmonic order that they have.
-_BY_ORDER = {0: 'extended', 3: 'enhanced3', 5: 'enhanced5'}
 
 
 @dataclass(frozen=True)
@@ -173,8 +171,8 @@ def _with_structure(
 def _fit_of(
     group: Sequence[Record], model: Model, settings: Mapping[str, Any], progress: Progress | None
 ) -> Identification:
-    if base_of(settings['method']) == 'rls' and model.name in _BY_ORDER.values():
-        model = named(_BY_ORDER[order_of(group[0])])
+    if base_of(settings['method']) == 'rls' and model.name in BY_ORDER.values():
+        model = named(BY_ORDER[order_of(group[0])])
     return identify(group, model, progress=progress, **settings)
 
 

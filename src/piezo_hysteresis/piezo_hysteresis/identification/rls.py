@@ -33,6 +33,8 @@ _TRACE_MAX = 1e3  # mean of the diagonal of P above which forgetting is suspende
 VARIANTS = ('V0', 'V1', 'V2', 'basic')
 BASIC = 3.0  # number of the variant without recursion and A0
 
+#: Models of Fujii 2018 by the harmonic order that they have.
+BY_ORDER = {0: 'extended', 3: 'enhanced3', 5: 'enhanced5'}
 #: Factors from metres to the working unit.
 WORKING_UNITS = {'m': 1.0, 'mm': 1e3, 'um': 1e6, 'nm': 1e9}
 
@@ -237,7 +239,7 @@ class RlsSettings(OnlineSettings):
             raise IdentificationError(
                 f'variant {self.variant!r} is unknown{choices(self.variant, VARIANTS)}'
             )
-        if self.harmonic not in (0, 3, 5):
+        if self.harmonic not in BY_ORDER:
             raise IdentificationError(f'harmonic must be 0, 3 or 5, got {self.harmonic}')
         if self.harmonic and self.variant in ('V2', 'basic'):
             raise IdentificationError(
@@ -382,7 +384,7 @@ class OnlineRls(OnlineMethod):
             return 'classical_euler'
         if self._settings.variant == 'V0':
             return '' if self._settings.harmonic else 'extended_free'
-        return {0: 'extended', 3: 'enhanced3', 5: 'enhanced5'}[self._settings.harmonic]
+        return BY_ORDER[self._settings.harmonic]
 
     def _notes(self) -> tuple[str, ...]:
         notes = [

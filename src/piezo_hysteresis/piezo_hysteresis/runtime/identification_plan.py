@@ -17,7 +17,7 @@ from piezo_hysteresis.errors import IdentificationError, PiezoError
 from piezo_hysteresis.identification.method_settings import pairs
 from piezo_hysteresis.identification.online import RECURSIONS, settled
 from piezo_hysteresis.identification.recursion import Estimate, OnlineMethod
-from piezo_hysteresis.identification.rls import OnlineRls
+from piezo_hysteresis.identification.rls import BY_ORDER, OnlineRls
 from piezo_hysteresis.models import ModelFile, Provenance
 from piezo_hysteresis.models.modelfile import OFFSET_NOTE
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
@@ -38,9 +38,6 @@ _ALL = (0.0, 0.0)
 
 # Edges that are remembered; more never lie within the samples that are.
 MOST_EDGES = 4096
-
-# Harmonic orders of the papers' RLS.
-_ORDERS = (3, 5)
 
 # Parameters of the node that describe its method; the settings of the methods have their names.
 _OF_METHODS = {f.name for each in RECURSIONS.values() for f in fields(each.Settings)}
@@ -114,7 +111,7 @@ class DriveEstimate:
             return
         plain = method.settings
         if plain.variant == 'V1' and plain.harmonic == 0 and not plain.start:
-            for order in _ORDERS:
+            for order in filter(None, BY_ORDER):
                 with suppress(IdentificationError):  # above half the rate
                     settings = replace(plain, harmonic=order, frequency=self.frequency)
                     self.rows[order] = OnlineRls(settings)
