@@ -108,11 +108,6 @@ class DamageLog:
             self.note(what)
             self.guesses.append(self.notes[-1])
 
-    @property
-    def lost(self) -> int:
-        """Number of samples or messages missing from the result."""
-        return sum(finding.lost for finding in self.findings)
-
 
 def read_advised(
     read: Callable[[DamageLog], R], log: DamageLog, usable: Callable[[R], object] = bool
