@@ -270,7 +270,13 @@ def fit(
     if not targets:
         raise IdentificationError('there is no record to fit; give at least one')
     names, values = _unknowns(model, start, free, sampling_offset)
-    low, high = _box(model, names, bounds, min(t.dt for t in targets))
+    limits = {q.name: (q.low, q.high) for q in model.parameters}
+    farthest = FARTHEST * min(t.dt for t in targets)
+    limits[SAMPLING_OFFSET] = (-farthest, farthest)
+    for name, (low, high) in (bounds or {}).items():
+        if name in limits:
+            limits[name] = (max(low, limits[name][0]), min(high, limits[name][1]))
+    lowest, highest = np.array([limits[name] for name in names]).T
     noise = pooled_noise(targets) if priors else 0.0
     if np.isnan(noise):
         raise IdentificationError(
@@ -290,8 +296,8 @@ def fit(
     solution = solve(
         objective,
         begin,
-        low,
-        high,
+        lowest,
+        highest,
         max_evaluations=max_evaluations,
         tolerance=tolerance,
         enough=enough,
@@ -326,18 +332,6 @@ def _unknowns(
     if not chosen:
         raise IdentificationError(f'model {model.name} has no free parameter; name some in free')
     return chosen, values
-
-
-def _box(
-    model: Model, names: Sequence[str], bounds: Mapping[str, tuple[float, float]] | None, dt: float
-) -> tuple[FloatArray, FloatArray]:
-    limits = {q.name: (q.low, q.high) for q in model.parameters}
-    limits[SAMPLING_OFFSET] = (-FARTHEST * dt, FARTHEST * dt)
-    for name, (low, high) in (bounds or {}).items():
-        if name in limits:
-            limits[name] = (max(low, limits[name][0]), min(high, limits[name][1]))
-    rows = np.array([limits[name] for name in names])
-    return rows[:, 0], rows[:, 1]
 
 
 def target_weights(targets: Sequence[FitData], weights: str | Mapping[str, float]) -> list[float]:

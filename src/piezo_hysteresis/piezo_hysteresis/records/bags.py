@@ -61,7 +61,8 @@ def bag_records(content: BagContent, log: DamageLog, actuator: str | None = None
     states, log = content.of_type(STATE), log.at(content.path)
     if not states:
         raise RecordError(no_states(content))
-    if actuator is None and _are_axes(states):
+    numbered = len(states) > 1 and alike([each.topic.name for each in states])
+    if actuator is None and numbered and all(on_one_clock(states[0], s) for s in states[1:]):
         raise several_axes(
             content.path,
             [f'{each.topic.name}.voltage' for each in states],
@@ -115,12 +116,6 @@ def _siblings(content: BagContent, msgtype: str, name: str, space: str, alone: b
         for held in content.of_type(msgtype)
         if alone or _namespace(held.topic.name, name) == space
     ]
-
-
-def _are_axes(states: list[TopicContent]) -> bool:
-    """Return whether topics are of the axes of one stage: numbered, and on one clock."""
-    numbered = len(states) > 1 and alike([each.topic.name for each in states])
-    return numbered and all(on_one_clock(states[0], each) for each in states[1:])
 
 
 def on_one_clock(one: TopicContent, other: TopicContent) -> bool:
@@ -385,7 +380,7 @@ def _names(runs: Sequence[Track]) -> list[str]:
 
 def _bag_axes_joined(tracks: Sequence[Track], log: DamageLog) -> Track:
     """Return the samples that all axes have, as one track."""
-    stamps = [_nanoseconds(each) for each in tracks]
+    stamps = [np.rint(1e9 * each.time).astype(np.int64) for each in tracks]
     if not all(np.array_equal(each, stamps[0]) for each in stamps):
         common = reduce(np.intersect1d, stamps)
         places = [np.unique(each, return_index=True) for each in stamps]
@@ -404,7 +399,3 @@ def _bag_axes_joined(tracks: Sequence[Track], log: DamageLog) -> Track:
         for what in ('voltage', 'displacement')
     }
     return replace(tracks[0], columns=columns)
-
-
-def _nanoseconds(track: Track) -> IntArray:
-    return np.rint(1e9 * track.time).astype(np.int64)

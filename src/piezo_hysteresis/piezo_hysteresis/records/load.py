@@ -42,10 +42,10 @@ from piezo_hysteresis.records.frames import (
 from piezo_hysteresis.records.metadata import NAME
 from piezo_hysteresis.records.record import Record, RecordList
 from piezo_hysteresis.records.table_reader import file_records, with_voltage
+from piezo_hysteresis.records.tabular import INFO_FILE
 from piezo_hysteresis.records.text_tables import text_tables
 
 _TEXT = ('.csv', '.txt', '.tsv', '.dat', '.lvm', '.asc', '.prn')
-_COMPANIONS = ('records.yaml',)  # belongs to files of columns
 
 
 def is_csv(path: Path) -> bool:
@@ -84,19 +84,19 @@ def content_of(folder: Path) -> FolderContent:
         tuple(columns),
         tuple(bags),
         tuple(each for each in folders if each not in known),
-        tuple(each for each in files if each not in known and each.name not in _COMPANIONS),
+        tuple(each for each in files if each not in known and each.name != INFO_FILE),
     )
 
 
 def files_of(path: Path) -> list[Path]:
     """Return the files on which the records of a path depend."""
     if not path.is_dir():
-        return [each for each in (path, path.with_name(_COMPANIONS[0])) if each.is_file()]
+        return [each for each in (path, path.with_name(INFO_FILE)) if each.is_file()]
     content = content_of(path)
     if content.is_bag:
         return [each for each in sorted(path.rglob('*')) if each.is_file()]
     inner = [each for bag in content.bags for each in files_of(bag)]
-    return [*content.files, *inner, *(each for each in [path / _COMPANIONS[0]] if each.is_file())]
+    return [*content.files, *inner, *(each for each in [path / INFO_FILE] if each.is_file())]
 
 
 def matching(pattern: str | Path) -> list[Path]:
@@ -397,7 +397,10 @@ class Reading(ABC, Generic[R]):
             return self.of_bag(content)
         if is_of_columns(path):
             return self.of_columns(path)
-        raise RecordError(unknown_kind(path))
+        raise RecordError(
+            f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3, CSV or '
+            f'{", ".join(FORMATS)}'
+        )
 
     def of_folder(self, path: Path) -> list[R]:
         """Return the records of all files and bags in a folder; others are left out with a note.
@@ -476,14 +479,6 @@ def sentences(path: Path) -> Iterator[None]:
         raise RecordError(
             f'{path}: it cannot be read ({reason or type(error).__name__})'
         ) from error
-
-
-def unknown_kind(path: Path) -> str:
-    """Return the sentence with which a file of another kind is refused."""
-    return (
-        f'{path}: data of this kind are not known; give a bag folder, .mcap, .db3, CSV or '
-        f'{", ".join(FORMATS)}'
-    )
 
 
 def column_records(path: Path, log: DamageLog, options: ReadOptions) -> list[Record]:
