@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from piezo_hysteresis.arrays import BoolArray, FloatArray
+from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Slot
 from piezo_hysteresis.common.wording import choices, near
 from piezo_hysteresis.errors import IdentificationError
@@ -96,21 +96,13 @@ def options_implied_by(method: str) -> Mapping[str, Any]:
 _TURNS = 2
 
 
-@dataclass(frozen=True)
-class Box:
-    """Bounds of a search, from the data."""
+def _box(
+    model: Model, targets: Sequence[FitData], free: Sequence[str]
+) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
+    """Return bounds that suit the gain, range and rate of the data, and the point of a search.
 
-    low: FloatArray  # (p,)
-    high: FloatArray  # (p,)
-    logarithmic: BoolArray  # whether each unknown is searched by its logarithm, shape (p,)
-
-    def point(self, z: FloatArray) -> FloatArray:
-        """Return the parameters at the searched point `z`, shape (p,)."""
-        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, z, 0.0)), z)
-
-
-def box_of(model: Model, targets: Sequence[FitData], free: Sequence[str]) -> Box:
-    """Return a box that suits the gain, the range and the rate of the data."""
+    An unknown of which only the order of magnitude is known is searched by its logarithm.
+    """
     known = {q.name: q for q in model.parameters}
     special = _ranges(targets)
     step = min(t.dt for t in targets)
@@ -131,8 +123,8 @@ def box_of(model: Model, targets: Sequence[FitData], free: Sequence[str]) -> Box
         log = low > 0 and high / low > 30
         rows.append((np.log(low), np.log(high)) if log else (low, high))
         logarithmic.append(log)
-    bounds = np.array(rows)
-    return Box(bounds[:, 0], bounds[:, 1], np.array(logarithmic))
+    (lowest, highest), by_log = np.array(rows).T, np.array(logarithmic)
+    return lowest, highest, lambda z: np.where(by_log, np.exp(np.where(by_log, z, 0.0)), z)
 
 
 def _ranges(targets: Sequence[FitData]) -> dict[str, tuple[float, float]]:
@@ -199,15 +191,15 @@ def identify_by_search(
         values = {**chain.defaults(), SAMPLING_OFFSET: 0.0}
         for part, free, seen in _steps(chain, targets, method, steps):
             names = (*free, *late)
-            box = box_of(chain, seen, names)
+            low, high, point = _box(chain, seen, names)
             base = {name: values[name] for name in (*part.parameter_names, SAMPLING_OFFSET)}
             objective = Objective(
                 part, seen, names, base, weights=target_weights(seen, weights), workers=workers
             )
             found = search(
-                lambda z, box=box, objective=objective: objective.cost(box.point(z)),  # type: ignore[misc]
-                box.low,
-                box.high,
+                lambda z, point=point, objective=objective: objective.cost(point(z)),  # type: ignore[misc]
+                low,
+                high,
                 method=method,
                 seed=seed,
                 max_evaluations=max_evaluations,
@@ -215,7 +207,7 @@ def identify_by_search(
                 progress=progress,
             )
             trail.append(found)
-            values.update(zip(names, (float(v) for v in box.point(found.x)), strict=True))
+            values.update(zip(names, (float(v) for v in point(found.x)), strict=True))
         own = {name: values[name] for name in chain.parameter_names}
         renewed = estimate_nuisances(
             chain, own, values[SAMPLING_OFFSET], targets, records, choices

@@ -57,11 +57,6 @@ class Repeat:
     first: int  # first sample of the section
     last: int  # the sample after its last
 
-    def shows_from(self, sample: int) -> bool:
-        """Return whether the section after a sample is long enough for a difference of periods."""
-        left = self.last - max(self.first, sample)
-        return left >= max(_PERIODS * self.period, 4 * _HALF)
-
 
 @cached_per_record
 def repeat_of(record: Record) -> Repeat | None:
@@ -330,8 +325,8 @@ def _seen_noise(record: Record) -> tuple[Noise, bool]:
     if period and steady.size >= 2 * period:
         return robust_noise(steady[period:] - steady[:-period], period), True
     repeat = repeat_of(record)
-    if repeat is not None and repeat.shows_from(record.warm_up_samples):
-        first = max(repeat.first, record.warm_up_samples)
+    first = 0 if repeat is None else max(repeat.first, record.warm_up_samples)
+    if repeat is not None and repeat.last - first >= max(_PERIODS * repeat.period, 4 * _HALF):
         if repeat.last - first >= 4 * repeat.period:  # a transient is over after a period
             first += round(repeat.period)
         left = less_the_period_before(measured[first : repeat.last], repeat.period)

@@ -39,11 +39,6 @@ class Metadata:
     custom: dict[str, str] = field(default_factory=dict)  # free entries
     compression: str = ''  # empty, ``file`` or ``message``
 
-    @property
-    def count(self) -> int:
-        """Messages in the bag."""
-        return sum(file.count for file in self.files)
-
     def content(self) -> dict[str, Any]:
         """Return what stands below the root of ``metadata.yaml``."""
         filled = [file for file in self.files if file.count]
@@ -54,7 +49,7 @@ class Metadata:
             'storage_identifier': self.storage,
             'duration': {'nanoseconds': last - first},
             'starting_time': {'nanoseconds_since_epoch': first},
-            'message_count': self.count,
+            'message_count': sum(file.count for file in self.files),
             'topics_with_message_count': [
                 {
                     'topic_metadata': {
