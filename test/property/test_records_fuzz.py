@@ -252,11 +252,10 @@ def test_a_recording_that_was_cut_off_and_then_damaged(
         ticks = np.arange(N)
         columns = {'sample': ticks, 'voltage': VOLTAGE, 'displacement': DISPLACEMENT}
         rows = cdr.encode(bag_writer.fixed_fields(STATE), ticks * 1_000_000, columns)
-        recorder = Recorder(path.with_name('growing'), flush_interval=30, split=1 << 16)
+        recorder = Recorder(path.with_name('growing'), flush_interval=1e-3, split=1 << 16)
         topic = recorder.add_topic('/actuator/state', STATE, definition=definition_of(STATE)[0])
         for k, row in enumerate(rows):
             recorder.write(topic, row.tobytes(), k * 1_000_000)
-        recorder.flush()
         while recorder.status.written < N:
             pass
         shutil.copytree(path.with_name('growing'), path)

@@ -69,7 +69,6 @@ class Recorder:
         self._interval, self._split, self._room = flush_interval, split, queue
         self._queue: deque[_Message] = deque()
         self._lock = threading.Lock()
-        self._written = threading.Condition(self._lock)
         self._wake = threading.Event()
         self._closing = False
         self._topics: list[Topic] = []
@@ -147,13 +146,6 @@ class Recorder:
                 sum(self._received), sum(self._counts), self._dropped, self._problem
             )
 
-    def flush(self, timeout: float = 0.0) -> None:  # timeout [s]
-        """Write the queue, as the thread does at every interval."""
-        self._wake.set()
-        with self._written:
-            goal = sum(self._received) - self._dropped
-            self._written.wait_for(lambda: sum(self._counts) >= goal or self._problem, timeout)
-
     def close(self) -> RecorderStatus:
         """Write the queue, close the bag and return the counters.
 
@@ -199,7 +191,6 @@ class Recorder:
                         self._queue.popleft()
                         self._waiting -= len(message.payload)
                         self._counts[message.topic - 1] += 1
-                    self._written.notify_all()
             if time.monotonic() >= self._metadata_due:
                 self._add_new_topics()
                 self._write_metadata(RECORDING)
