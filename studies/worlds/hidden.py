@@ -9,7 +9,8 @@ With ``--reference repeated`` the untouched records are the reference, and the e
 same records with noise of their own; with ``--reference parts`` the reference is the beginning of
 a sine, and the effect hides in the rest of it. With ``--second`` a curve of the sensor or of the
 actuator is hidden, and the records, and a repeated reference, have a second channel that the
-sensor does not bend. With ``--bends`` odd and even curves of the sensor are hidden, and a gain as large as that of the curve.
+sensor does not bend. With ``--bends`` odd and even curves of the sensor are hidden, and a gain as
+large as that of the curve.
 """
 
 from __future__ import annotations
