@@ -32,6 +32,7 @@ TESTS = {
     ),
     ('hidden', 'bends'): ('measured, [odd curves](detection_limits.md#curves-and-gains)', 'file'),
     ('hidden', 'second'): ('the same, [second channel](#second-channel), curves', 'file'),
+    ('hidden', 'second repeated'): ('the same, second channel in the reference, too', 'name'),
 }
 AGAIN = '[again](#the-same-experiment-again), {}'
 SUMS = ('first', 'class', 'pairs', 'wrong', 'class_without', 'none')
@@ -46,7 +47,11 @@ def exam_pages() -> dict[Path, str]:
 
 def filled(page: str, exams: Sequence[Entry]) -> str:
     """Return a page with its tables."""
-    present = [each for each in exams if each['search'] == 'present' and 'first' in each['counts']]
+    present = [
+        each
+        for each in exams
+        if each['search'] == 'present' and not {*SUMS}.isdisjoint(each.get('counts', ()))
+    ]
     tables = {
         'results': results(present),
         'draws': draws(present),
@@ -92,7 +97,7 @@ def by_effect(exams: Sequence[Entry]) -> list[str]:
     listed = [
         each
         for each in exams
-        if 'right' in each['rows'][0] and each['variant'] not in ('second', 'bends')
+        if 'right' in each['rows'][0] and not each['variant'].startswith(('second', 'bends'))
     ]
     cells: dict[str, list[list[bool]]] = {}
     for k, each in enumerate(listed):
