@@ -84,8 +84,7 @@ def inverse_section(link: InverseLink, model_fields: Sequence[Field]) -> Section
     """Return the feedforward; its fields are the parameters of the model, then two times."""
     names = [field.name for field in model_fields]
     section = _section(link.compiled(names), link.numbers, link.memory.size)
-    live = link.packing({name: k for k, name in enumerate(names)}).live
-    shown = [replace(each, fixed=each.name not in live) for each in model_fields]
+    shown = [replace(each, fixed=each.name not in link.live) for each in model_fields]
     return replace(section, fields=(*shown, *section.fields))
 
 

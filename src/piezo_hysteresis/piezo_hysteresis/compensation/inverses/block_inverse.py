@@ -376,7 +376,7 @@ class OscillatorInverse(InverseLink):
     memory_size = _OWN + 2 * STATE_SIZE
     run = staticmethod(invert_oscillator)
 
-    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+    def _packed(self, parameters: Mapping[str, float], before: FloatArray | None) -> FloatArray:
         packed = take({'z_exponent': 1.0, **parameters}, _NAMES, 'the inverse of the oscillator')
         if not (packed[0] > 0 and packed[2] > 0 and packed[2] + packed[3] > 0):
             raise CompensationError('mass, stiffness and stiffness + z_alpha must be positive')

@@ -358,7 +358,7 @@ class ChainInverse(InverseLink):
         super().set_parameters(parameters)
         self.numbers[OFFSET] = self.packed[REST]
 
-    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+    def _packed(self, parameters: Mapping[str, float], before: FloatArray | None) -> FloatArray:
         packed = self._model.pack(parameters)
         return _take_apart(self._model, packed, self._dt, self._scale).packed()
 

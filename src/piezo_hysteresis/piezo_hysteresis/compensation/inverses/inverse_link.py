@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -84,23 +84,6 @@ def condition(
         conditioned[0, k], conditioned[1, k], conditioned[2, k] = d, v, a
 
 
-@inline_jit
-def conditioned_point(
-    point: FloatArray, shaped: FloatArray, memory: FloatArray, numbers: FloatArray
-) -> None:
-    """Return the conditioned reference of one tick, see `condition`."""
-    row = scratch((3, 1))
-    row[0, 0], row[1, 0], row[2, 0] = point[1], point[2], point[3]
-    condition(row, shaped, memory[:FADING], numbers[OFFSET], numbers[EASING], numbers[DT])
-
-
-@inline_jit
-def faded_answer(answer: float, memory: FloatArray, numbers: FloatArray) -> float:
-    """Return the voltage of an inverse, smooth after a change of its parameters."""
-    changing = memory[FADING:OWN]
-    return float(fade(answer, changing, numbers[DT], numbers[DURATION], numbers[SLEW]))
-
-
 @functools.cache
 def stepping(run: Run) -> Callable[..., float]:
     """Return the kernel of a link: ``step(given, received, memory, numbers)``.
@@ -110,28 +93,31 @@ def stepping(run: Run) -> Callable[..., float]:
 
     @jit
     def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
-        shaped, answer, p = scratch((3, 1)), scratch(1), numbers[SETTINGS:]
-        conditioned_point(given, shaped, memory, numbers)
-        run(shaped, answer, memory[OWN:], p, numbers[DT], numbers[LOW], numbers[HIGH])
-        return received + faded_answer(answer[0], memory, numbers)
+        row, shaped, answer, dt = scratch((3, 1)), scratch((3, 1)), scratch(1), numbers[DT]
+        row[0, 0], row[1, 0], row[2, 0] = given[1], given[2], given[3]
+        condition(row, shaped, memory[:FADING], numbers[OFFSET], numbers[EASING], dt)
+        run(shaped, answer, memory[OWN:], numbers[SETTINGS:], dt, numbers[LOW], numbers[HIGH])
+        changing, slew = memory[FADING:OWN], numbers[SLEW]
+        return received + fade(answer[0], changing, dt, numbers[DURATION], slew)
 
     return step
 
 
-class Packing(NamedTuple):
-    """Packed values of an inverse as a function of the parameters of its model."""
+#: ``pack(values, p, own, dt, first)`` fills the packed parameters `p` from the values of `reads`,
+#: and converts the memory `own` unless `first`; it returns OK, or IMPOSSIBLE with both unchanged.
+Pack = Callable[[FloatArray, FloatArray, FloatArray, float, bool], int]
 
-    #: ``pack(values, p, own, first)``: fills the packed values `p` from the parameters and
-    #: converts the memory `own` unless `first`; returns OK, or IMPOSSIBLE.
-    pack: Callable[[FloatArray, FloatArray, FloatArray, bool], int]
-    live: tuple[str, ...]  # parameters that can change; the others are constants in the code
+
+@inline_jit
+def _unchanged(values: FloatArray, p: FloatArray, own: FloatArray, dt: float, first: bool) -> int:
+    return OK
 
 
 class InverseLink(CompiledLink):
     """Base of the feedforward links; the first of a chain.
 
-    Subclasses define `counter_names`, their kernel, the size of its memory and the order of its
-    parameters.
+    Subclasses define `counter_names`, their kernel, the size of its memory and how their
+    parameters are packed.
 
     Parameters
     ----------
@@ -157,6 +143,12 @@ class InverseLink(CompiledLink):
     memory_size: int = 8
     #: Kernel of the inverse.
     run: Any
+    pack: Any = staticmethod(_unchanged)
+    #: Parameters that `pack` takes, in order, 0 where they are missing; how many numbers they
+    #: become; which of them is the gain, whose sign a running inverse keeps.
+    reads: tuple[str, ...] = ()
+    packed_size, leading = 0, 0
+    live: tuple[str, ...] = ()  # parameters that can change in C; the others are constants
 
     def __init__(
         self,
@@ -172,7 +164,7 @@ class InverseLink(CompiledLink):
         self.dt = dt
         bound = Limits(-math.inf, math.inf, math.inf) if limits is None else limits
         self._parameters = dict(parameters)
-        packed = self._pack(self._parameters)
+        packed = self._packed(self._parameters, None)
         offset = float(self._parameters.get('offset', 0.0))
         ease = float(round(start / dt))
         settings = (dt, bound.low, bound.high, offset, ease, transition, bound.slew)
@@ -192,11 +184,11 @@ class InverseLink(CompiledLink):
 
     def compiled(self, names: Sequence[str] = ()) -> CompiledLaw:
         """Return its kernels; the parameters of the model, in the order of `names`, may change."""
-        pack, live = self.packing({name: k for k, name in enumerate(names)})
-        rest, count, offset = self.initial_memory(), len(names), -1
-        if 'offset' in names:
-            offset = list(names).index('offset')
-        at_rest, changes = not np.any(rest), bool(live)
+        rest, count = self.initial_memory(), len(names)
+        place = {name: k for k, name in enumerate(names)}
+        at = np.array([place.get(name, -1) for name in self.reads], np.int64)
+        offset, pack, size = place.get('offset', -1), self.pack, len(self.reads)
+        at_rest, changes = not np.any(rest), bool(place.keys() & set(self.live))
         if rest.size == 0:
             rest = np.zeros(1)
 
@@ -215,7 +207,10 @@ class InverseLink(CompiledLink):
                 before = scratch(numbers.size)
                 for k in range(numbers.size):
                     before[k] = numbers[k]
-                code = pack(values, numbers[SETTINGS:], memory[OWN:], first)
+                own = scratch(size)
+                for k in range(size):
+                    own[k] = values[at[k]] if at[k] >= 0 else 0.0
+                code = int(pack(own, numbers[SETTINGS:], memory[OWN:], numbers[DT], first))
                 if code != OK:
                     return code
                 if offset >= 0:
@@ -235,15 +230,6 @@ class InverseLink(CompiledLink):
             ('transition', float(self.numbers[DURATION])),
         )
         return CompiledLaw('feedforward', self.kernel, reset, take, settable)
-
-    def packing(self, place: Mapping[str, int]) -> Packing:
-        """Return how it packs parameters, by their place; by default none can change."""
-
-        @inline_jit
-        def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
-            return OK
-
-        return Packing(pack, ())
 
     def respond(
         self,
@@ -288,8 +274,7 @@ class InverseLink(CompiledLink):
             If the new set cannot be inverted; the previous one is kept.
         """
         merged = {**self._parameters, **parameters}
-        packed = self._pack(merged)
-        self._carry_over(self.packed, packed)
+        packed = self._packed(merged, self.packed)
         self.numbers = np.concatenate([self.numbers[:SETTINGS], packed])
         self._parameters = merged
         self.numbers[OFFSET] = float(merged.get('offset', 0.0))
@@ -329,11 +314,26 @@ class InverseLink(CompiledLink):
         """Return the memory of the inverse itself at rest."""
         return np.zeros(self.memory_size)
 
-    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+    def _packed(self, parameters: Mapping[str, float], before: FloatArray | None) -> FloatArray:
+        """Return the packed parameters; a memory that runs with those `before` is converted."""
+        values, first = np.array(self._values(parameters)), before is None
+        packed = np.zeros(self.packed_size) if before is None else before.copy()
+        own = np.zeros(self.memory_size) if before is None else self.own
+        if self.pack(values, packed, own, self.dt, first) != OK:
+            raise CompensationError(
+                self._reason(values)
+                or f'{self.reads[self.leading]} = {values[self.leading]:g} m/V would reverse the '
+                'voltage of a running inverse; load the model anew'
+            )
+        return packed
+
+    def _values(self, parameters: Mapping[str, float]) -> list[float]:
+        """Return the values of `reads`; refuse those that are missing or no numbers."""
         raise NotImplementedError
 
-    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        """Convert the memory for new parameters; by default it is unchanged."""
+    def _reason(self, values: FloatArray) -> str:
+        """Return why `pack` refuses `values`, '' if it does so only while it runs."""
+        raise NotImplementedError
 
 
 def take(parameters: Mapping[str, float], required: tuple[str, ...], what: str) -> list[float]:

@@ -20,10 +20,10 @@ from piezo_hysteresis.compensation.inverses.block_inverse import (
     invert_structure,
     mode_coefficients,
 )
-from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Packing, Run, take
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Pack, Run, take
 from piezo_hysteresis.compensation.link import IMPOSSIBLE, OK, Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import inline_jit, jit, scratch
+from piezo_hysteresis.jit import jit, scratch
 
 Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
 _Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
@@ -37,6 +37,8 @@ _KERNELS: dict[str, _Kernel] = {
 }
 BOUC_WEN = ('A1', 'A', 'A0', 'beta', 'gamma')
 PLAYS = ('pi_range', 'w0', *(f'w{j}' for j in range(1, COUNT + 1)))
+# One mode, or none where all are 0; then the delay.
+STRUCTURE = ('mass', 'damping', 'stiffness', 'natural_frequency', 'damping_ratio', 'delay')
 
 # Indices of the values before those of the hysteresis, and in the memory, where the structure
 # follows the hysteresis.
@@ -89,8 +91,6 @@ class PhysicalInverse(InverseLink):
         dt: float,  # [s]
         *,
         law: Law = 'exact',
-        minimum_slope: float | None = None,  # [m/V]
-        lead: float | None = None,  # [s]
         limits: Limits | None = None,
         start: float = 0.5,
         transition: float = 0.2,
@@ -100,90 +100,54 @@ class PhysicalInverse(InverseLink):
                 f'there is no inverse {law!r} of a hysteresis{choices(law, _KERNELS)}'
             )
         self.law = law
-        self.run = _RUNS[law]
-        self._minimum_slope = minimum_slope
-        self._lead_given = lead
+        self.run, self.pack = _RUNS[law], _PACKS[law]
+        own = PLAYS if law == 'plays' else BOUC_WEN
+        self.reads, self.packed_size = (*own, *STRUCTURE), FIRST + len(own)
+        self.leading = 1 if law == 'plays' else 0
+        self.live = () if law == 'gain' else (*self.reads, 'offset')
         self.memory_size = _SIZES[law] + STATE_SIZE
         super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
 
-    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
-        packed = self._pack_hysteresis(parameters)
-        steepest = packed[1] if self.law == 'plays' else packed[0]
-        minimum = 0.1 * abs(steepest) if self._minimum_slope is None else self._minimum_slope
-        if not minimum > 0:
-            raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
-        k1, k2 = structure_coefficients(parameters)
-        lead = 0.5 * self.dt if k2 > 0.0 else 0.0
-        if self._lead_given is not None:
-            lead = self._lead_given
-        lead += parameters.get('delay', 0.0)
-        return np.array([minimum, k1, k2, lead, *packed])
+    def _values(self, parameters: Mapping[str, float]) -> list[float]:
+        given, own = {'A0': 0.0, **parameters}, self.reads[: -len(STRUCTURE)]
+        if self.law == 'gain':
+            given, own = {**parameters, **dict.fromkeys(BOUC_WEN[1:], 0.0)}, BOUC_WEN
+        found = take(given, own, f'the inverse {self.law!r}')
+        structure_coefficients(parameters)
+        return [*found, *(float(parameters.get(name, 0.0)) for name in STRUCTURE)]
 
-    def _pack_hysteresis(self, parameters: Mapping[str, float]) -> list[float]:
-        what = f'the inverse {self.law!r}'
+    def _reason(self, values: FloatArray) -> str:
         if self.law == 'plays':
-            packed = take(parameters, PLAYS, what)
-            if not monotonic_plays(np.array(packed)):
-                raise CompensationError(
-                    'the Prandtl-Ishlinskii model has no inverse: pi_range must be positive, and '
-                    'w0 and the sum of all weights must have one sign; identify again'
-                )
-            return packed
-        if self.law == 'gain':
-            packed = take(parameters, ('A1',), what)
-            packed += [0.0] * 4
-        else:
-            packed = take({'A0': 0.0, **parameters}, BOUC_WEN, what)
+            if monotonic_plays(values[: len(PLAYS)]):
+                return ''
+            return (
+                'the Prandtl-Ishlinskii model has no inverse: pi_range must be positive, and '
+                'w0 and the sum of all weights must have one sign; identify again'
+            )
         # The delayed law only divides by A1.
-        check_monotonic(packed if self.law != 'delayed' else [packed[0], 0.0, 0.0])
-        return packed
-
-    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        keep_sign('w0' if self.law == 'plays' else 'A1', old[FIRST:], new[FIRST:])
-        # The states of the plays are voltages, which are unchanged.
-        if self.law != 'plays':
-            ratio = saturation(new[FIRST:]) / max(saturation(old[FIRST:]), 1e-300)
-            self.own[hysteresis.H] *= ratio
-
-    def packing(self, place: Mapping[str, int]) -> Packing:
-        """Return how it packs parameters; a mere gain has none that can change."""
-        if self.law == 'gain':
-            return super().packing(place)
-        return _packing(self.law, place, self.dt)
+        a1, a, a0 = (float(values[0]), 0.0, 0.0) if self.law == 'delayed' else values[:3].tolist()
+        if monotonic_bouc_wen(a1, a, a0):
+            return ''
+        return (
+            f'A1 = {a1:g} m/V and the slope from rest, A1 - A -+ A0 = {a1 - a - a0:g} and '
+            f'{a1 - a + a0:g} m/V, have not one sign: the model turns back, so it has no '
+            'inverse; identify with that bound'
+        )
 
     def counters(self) -> dict[str, int]:
         """Return the error counters; ``corners`` counts steps of the slope of the reference."""
         return {**super().counters(), 'corners': int(self.own[_SIZES[self.law] + CORNERS])}
 
 
-# How a structure is given.
-_MODE, _MASS, _RIGID = range(3)
+def _packing(law: str) -> Pack:
+    """Return the kernel that packs the parameters of `PhysicalInverse`."""
+    plays, solved = law == 'plays', law != 'delayed'
+    count, slope = (len(PLAYS), 1) if plays else (len(BOUC_WEN), 0)
 
-
-def _packing(law: str, place: Mapping[str, int], dt: float) -> Packing:
-    """Return the packing of `PhysicalInverse`."""
-    plays = law == 'plays'
-    known = tuple(name for name in (PLAYS if plays else BOUC_WEN) if name in place)
-    at = tuple(place.get(name, -1) for name in (PLAYS if plays else BOUC_WEN))
-    delay = place.get('delay', -1)
-    if 'mass' in place:
-        kind, structure = _MASS, tuple(place[n] for n in ('mass', 'damping', 'stiffness'))
-    elif 'natural_frequency' in place:
-        kind, structure = _MODE, (place['natural_frequency'], place['damping_ratio'], 0)
-    else:
-        kind, structure = _RIGID, (0, 0, 0)
-    count, solved, slope = len(at), law != 'delayed', 1 if plays else 0
-
-    @inline_jit
-    def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
-        new, k1, k2 = scratch(count), 0.0, 0.0
-        for k in range(count):
-            new[k] = values[at[k]] if at[k] >= 0 else 0.0
-        if kind == _MODE:
-            k1, k2 = mode_coefficients(values[structure[0]], values[structure[1]])
-        elif kind == _MASS:
-            stiffness = values[structure[2]]
-            k1, k2 = values[structure[1]] / stiffness, values[structure[0]] / stiffness
+    @jit
+    def pack(values: FloatArray, p: FloatArray, own: FloatArray, dt: float, first: bool) -> int:
+        new, delay = values[:count], values[count + 5]
+        k1, k2 = coefficients(values[count:])
         if not (k1 >= 0.0 and k2 >= 0.0):
             return IMPOSSIBLE
         if plays and not monotonic_plays(new):
@@ -193,43 +157,45 @@ def _packing(law: str, place: Mapping[str, int], dt: float) -> Packing:
         inner, shift = (new[1], new[2]) if solved else (0.0, 0.0)
         if not plays and not monotonic_bouc_wen(new[0], inner, shift):
             return IMPOSSIBLE
+        # The states of the plays are voltages, which are unchanged.
         if not (plays or first):
             own[hysteresis.H] *= saturation(new) / max(saturation(p[FIRST:]), 1e-300)
-        lead = 0.5 * dt if k2 > 0.0 else 0.0
         p[MINIMUM] = 0.1 * abs(new[slope])
         p[K1], p[K2] = k1, k2
-        p[LEAD] = lead + (values[delay] if delay >= 0 else 0.0)
+        p[LEAD] = (0.5 * dt if k2 > 0.0 else 0.0) + delay
         for k in range(count):
             p[FIRST + k] = new[k]
         return OK
 
-    names = (
-        'natural_frequency',
-        'damping_ratio',
-        'mass',
-        'damping',
-        'stiffness',
-        'delay',
-        'offset',
-    )
-    return Packing(pack, (*known, *(name for name in names if name in place)))
+    return pack
+
+
+@jit
+def coefficients(structure: FloatArray) -> tuple[float, float]:
+    """Return k1 [s] and k2 [s^2] of ``w = d + k1 d' + k2 d''`` for values of `STRUCTURE`."""
+    mass, damping, stiffness, natural_frequency, damping_ratio = structure[:5]
+    if stiffness != 0.0:
+        return damping / stiffness, mass / stiffness
+    if natural_frequency == 0.0:
+        return 0.0, 0.0
+    return mode_coefficients(natural_frequency, damping_ratio)
+
+
+_PACKS = {law: _packing(law) for law in _KERNELS}
 
 
 def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, float]:
     """Return k1 [s] and k2 [s^2] of ``w = d + k1 d' + k2 d''`` for the structure of a model."""
     if 'mass' in parameters:
-        mass, damping, stiffness = take(
-            parameters, ('mass', 'damping', 'stiffness'), 'the structure'
-        )
+        mass, _, stiffness = take(parameters, STRUCTURE[:3], 'the structure')
         if not (mass > 0 and stiffness > 0):
             raise CompensationError('mass and stiffness must be positive')
-        return damping / stiffness, mass / stiffness
-    if parameters.get('natural_frequency', 0.0) == 0.0:
-        return 0.0, 0.0
-    frequency, ratio = take(parameters, ('natural_frequency', 'damping_ratio'), 'the mode')
-    if not frequency > 0:
-        raise CompensationError(f'natural_frequency must be positive, got {frequency:g} Hz')
-    return mode_coefficients(frequency, ratio)
+    elif parameters.get('natural_frequency', 0.0) != 0.0:
+        frequency, _ = take(parameters, STRUCTURE[3:5], 'the mode')
+        if not frequency > 0:
+            raise CompensationError(f'natural_frequency must be positive, got {frequency:g} Hz')
+    k1, k2 = coefficients(np.array([parameters.get(name, 0.0) for name in STRUCTURE], np.float64))
+    return float(k1), float(k2)
 
 
 @jit
@@ -251,27 +217,6 @@ def monotonic_bouc_wen(a1: float, a: float, a0: float) -> bool:
     """Return whether the slope of a Bouc-Wen model from rest has the sign of A1."""
     sign = 1.0 if a1 > 0.0 else -1.0
     return bool(a1 != 0.0 and sign * (a1 - a) - abs(a0) > 0.0)
-
-
-def keep_sign(name: str, old: FloatArray, new: FloatArray) -> None:
-    """Refuse parameters that reverse a running inverse; the first gain is named `name`."""
-    place = 1 if name == 'w0' else 0
-    if old[place] * new[place] < 0.0:
-        raise CompensationError(
-            f'{name} = {new[place]:g} m/V would reverse the voltage of a running inverse; load '
-            'the model anew'
-        )
-
-
-def check_monotonic(bouc_wen: list[float]) -> None:
-    """Refuse A1, A, A0, ... of a model whose slope from rest has not the sign of A1."""
-    a1, a, a0 = bouc_wen[:3]
-    if not monotonic_bouc_wen(a1, a, a0):
-        raise CompensationError(
-            f'A1 = {a1:g} m/V and the slope from rest, A1 - A -+ A0 = {a1 - a - a0:g} and '
-            f'{a1 - a + a0:g} m/V, have not one sign: the model turns back, so it has no '
-            'inverse; identify with that bound'
-        )
 
 
 def least_slope(parameters: Mapping[str, float]) -> float:
@@ -367,26 +312,18 @@ def _invert_printed(
 _EXTENDED = {'solved': _invert_extended, 'printed': _invert_printed}
 
 
-def _extended_packing(place: Mapping[str, int]) -> Packing:
-    """Return the packing of `ExtendedInverse`."""
-    at = tuple(place.get(name, -1) for name in NAMES)
-    count = len(NAMES)
-
-    @inline_jit
-    def pack(values: FloatArray, p: FloatArray, own: FloatArray, first: bool) -> int:
-        new = scratch(count)
-        for k in range(count):
-            new[k] = values[at[k]] if at[k] >= 0 else 0.0
-        if new[0] == 0.0 or (not first and new[0] * p[0] < 0.0):
-            return IMPOSSIBLE
-        if not first:
-            own[_H] *= saturation(new) / max(saturation(p), 1e-300)
-        for k in range(count):
-            p[k] = new[k]
-        p[count] = 0.1 * abs(new[0])
-        return OK
-
-    return Packing(pack, tuple(name for name in (*NAMES, 'offset') if name in place))
+@jit
+def _pack_extended(
+    values: FloatArray, p: FloatArray, own: FloatArray, dt: float, first: bool
+) -> int:
+    if values[0] == 0.0 or (not first and values[0] * p[0] < 0.0):
+        return IMPOSSIBLE
+    if not first:
+        own[_H] *= saturation(values) / max(saturation(p), 1e-300)
+    for k in range(values.size):
+        p[k] = values[k]
+    p[values.size] = 0.1 * abs(values[0])
+    return OK
 
 
 class ExtendedInverse(InverseLink):
@@ -398,17 +335,17 @@ class ExtendedInverse(InverseLink):
 
     Fujii 2018 (15), (16), (17) are one law: with ``r = d[k] - d[k-1] - c1 d[k-2] - c2 d[k-3]
     + h[k-1] - A1 u[k-1]`` the increment of the voltage is ``r / D``, where D is the slope of the
-    branch with the sign of r. If D is not above `minimum_slope`, the model has no inverse; D is
-    then clamped and counted, and its sign is kept.
+    branch with the sign of r. If D is not above a tenth of A1, the model has no inverse; D is then
+    clamped and counted, and its sign is kept.
     """
 
-    memory_size = 7
+    memory_size, packed_size = 7, len(NAMES) + 1
+    pack, reads, live = staticmethod(_pack_extended), NAMES, (*NAMES, 'offset')
 
     def __init__(
         self,
         parameters: Mapping[str, float],
         dt: float,  # [s]
-        minimum_slope: float | None = None,  # [m/V]
         *,
         law: str = 'solved',
         limits: Limits | None = None,
@@ -420,26 +357,13 @@ class ExtendedInverse(InverseLink):
                 f'there is no inverse {law!r} of the extended model; choose solved or printed'
             )
         self.run = _EXTENDED[law]
-        self._minimum_slope = minimum_slope
         super().__init__(parameters, dt, limits=limits, start=start, transition=transition)
 
-    def packing(self, place: Mapping[str, int]) -> Packing:
-        """Return how it packs parameters."""
-        return _extended_packing(place)
+    def _values(self, parameters: Mapping[str, float]) -> list[float]:
+        return take({'A0': 0.0, **parameters}, NAMES, 'the inverse of the extended model')
 
-    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
-        with_defaults = {'A0': 0.0, **parameters}
-        packed = take(with_defaults, NAMES, 'the inverse of the extended model')
-        if packed[0] == 0.0:
-            raise CompensationError('A1 is 0, so the model has no inverse; identify again')
-        minimum = 0.1 * abs(packed[0]) if self._minimum_slope is None else self._minimum_slope
-        if not minimum > 0:
-            raise CompensationError(f'minimum_slope must be positive, got {minimum:g} m/V')
-        return np.array([*packed, minimum])
-
-    def _carry_over(self, old: FloatArray, new: FloatArray) -> None:
-        keep_sign('A1', old, new)
-        self.own[_H] *= saturation(new) / max(saturation(old), 1e-300)
+    def _reason(self, values: FloatArray) -> str:
+        return '' if values[0] else 'A1 is 0, so the model has no inverse; identify again'
 
 
 _SLOPE_SELECTOR_CLAMPED, _SLOPE_SELECTOR_STROKE, _D, _SLOPE_SELECTOR_U, _SLOPE_SELECTOR_H, _OWN = (
@@ -497,7 +421,7 @@ class SlopeSelectedInverse(InverseLink):
     memory_size = _OWN
     run = staticmethod(_select)
 
-    def _pack(self, parameters: Mapping[str, float]) -> FloatArray:
+    def _packed(self, parameters: Mapping[str, float], before: FloatArray | None) -> FloatArray:
         what = 'the inverse Bouc-Wen law'
         if 'selector_slope' not in parameters:
             row = take(parameters, _NAMES, what)
