@@ -15,7 +15,7 @@ from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import (
 )
 from piezo_hysteresis.compensation.inverses.inverse_choice import inverse_for, model_gain
 from piezo_hysteresis.compensation.inverses.physical import ExtendedInverse, PhysicalInverse
-from piezo_hysteresis.compensation.linear_gain import linear_gain
+from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.offline_loop import LoopResult
 from piezo_hysteresis.identification import OnlineRls, RlsSettings
@@ -190,7 +190,9 @@ def links(frequency: float, kind: str, seconds: float) -> list[Link]:
             forgetting=1.0,
             sign_rule='computed' if kind.endswith('computed sign') else 'printed',
         )
-        chain.append(HarmonicAttenuation(settings, linear_gain(values, DT), DT))
+        mode = values['natural_frequency'], values['damping_ratio']
+        plant = ModeGain(values['A1'] - values['A'], *mode, DT, values.get('delay', 0.0))
+        chain.append(HarmonicAttenuation(settings, plant, DT))
     return chain
 
 

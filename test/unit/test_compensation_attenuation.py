@@ -29,7 +29,7 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     folded,
 )
 from piezo_hysteresis.compensation.limiter import Limiter
-from piezo_hysteresis.compensation.linear_gain import ArGain, ModeGain, linear_gain
+from piezo_hysteresis.compensation.linear_gain import ModeGain
 from piezo_hysteresis.compensation.link import Limits, Measured
 from piezo_hysteresis.compensation.offline_loop import (
     LoopResult,
@@ -354,15 +354,10 @@ def test_orders_whose_images_coincide_are_not_fitted_together() -> None:
     assert list(kept[:count]) == [3, 5]
 
 
-def test_gains_of_mode_and_recursion() -> None:
-    mode = linear_gain(VALUES, DT)
+def test_gain_of_a_mode() -> None:
+    mode = ModeGain(110e-6, 68.0, 0.015, DT)
     assert mode(0.0) == pytest.approx(110e-6)
     assert abs(mode(68.0)) == pytest.approx(110e-6 / 0.03, rel=1e-6)
-    recursion = linear_gain({'A1': 50e-6, 'A': 10e-6, 'c1': 0.4752, 'c2': -0.7983}, DT)
-    assert isinstance(recursion, ArGain)
-    assert recursion(0.0) == pytest.approx(40e-6 / (0.7983 - 0.4752))
-    peak = max(range(40, 100), key=lambda f: abs(recursion(float(f))))
-    assert peak == pytest.approx(68, abs=1)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from piezo_hysteresis.compensation.inverses.inverse_choice import (
     model_gain,
 )
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
-from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain
+from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain, PulseGain
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
@@ -78,7 +78,8 @@ class Controllers:
 
     def gain(self) -> LinearGain | None:
         """Return the gain for small tones, None for an unknown plant."""
-        return self.plant or self._gain_of(self.gain_model or self.model)
+        given = self.gain_model or self.model
+        return self.plant or (None if given is None else self._gain_of(given))
 
     @property
     def scheduled_plant(self) -> ModelFile | None:
@@ -91,14 +92,10 @@ class Controllers:
         given = self.model if of_inverted else self.gain_model or self.model
         if self.plant is not None or given is None:
             return self.plant
-        gain = self._gain_of(given)
-        assert gain is not None
-        return mode_of(given.model.unpack(given.packed), gain(0.0).real, self.dt)
+        gain = self._gain_of(given)(0.0).real
+        return mode_of(given.model.unpack(given.packed), gain, self.dt)
 
-    def _gain_of(self, given: ModelFile | None) -> LinearGain | None:
-        return None if given is None else self._gain_of_one(given)
-
-    def _gain_of_one(self, given: ModelFile) -> LinearGain:
+    def _gain_of(self, given: ModelFile) -> PulseGain:
         return model_gain(given.model, given.values, self.dt, self.amplitude)
 
     def straight(self) -> Link:
@@ -132,7 +129,7 @@ class Controllers:
         scheduled = self.scheduled_plant
         if gain is None and scheduled is not None:
             return ScheduledAttenuation(
-                settings, scheduled, self._gain_of_one, self.dt, self.limits, self._decay(),
+                settings, scheduled, self._gain_of, self.dt, self.limits, self._decay(),
                 self.transition,
             )  # fmt: skip
         gain = gain or self.gain()

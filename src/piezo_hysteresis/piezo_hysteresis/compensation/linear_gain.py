@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -12,7 +11,7 @@ from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.jit import jit
 
 # Kinds of packed gains, by their first number.
-_MODE, _RECURSION, _PULSE = range(3)
+_MODE, _PULSE = range(2)
 
 
 class LinearGain(Protocol):
@@ -66,41 +65,19 @@ class ModeGain(NamedTuple):
         return complex(gain_at(float(frequency), self.packed))
 
 
-class ArGain(NamedTuple):
-    """The linear part of the extended model, Fujii 2018 (3): third-order all-pole recursion."""
+class PulseGain:
+    """A gain that is known by the response to a pulse, [m/V] per tick."""
 
-    gain: float  # A1 - A, the slope where h is 0 [m/V]
-    c1: float
-    c2: float
-    dt: float  # sampling interval [s]
-
-    @property
-    def packed(self) -> FloatArray:
-        """Numbers that `gain_at` reads."""
-        return np.array([_RECURSION, *self])
+    def __init__(self, pulse: FloatArray, dt: float) -> None:  # pulse (n,); dt [s]
+        self.packed = np.concatenate([(_PULSE, dt), pulse])
 
     def __call__(self, frequency: float) -> complex:
         """Return the gain [m/V] at `frequency` [Hz]."""
         return complex(gain_at(float(frequency), self.packed))
 
-
-class ScaledGain(NamedTuple):
-    """A multiple of another gain."""
-
-    gain: LinearGain  # the other one
-    factor: float  # what it is multiplied by
-
-    @property
-    def packed(self) -> FloatArray:
-        """Numbers that `gain_at` reads."""
-        numbers = np.array(self.gain.packed)
-        sizes = slice(2, None) if numbers[0] == _PULSE else slice(1, 2)
-        numbers[sizes] *= self.factor
-        return numbers
-
-    def __call__(self, frequency: float) -> complex:
-        """Return the gain [m/V] at `frequency` [Hz]."""
-        return self.factor * self.gain(frequency)
+    def scaled(self, factor: float) -> PulseGain:
+        """Return a multiple of this gain."""
+        return PulseGain(self.packed[2:] * factor, self.packed[1])
 
 
 @jit
@@ -115,11 +92,6 @@ def gain_at(frequency: float, packed: FloatArray) -> complex:
             answer /= complex(1.0 - ratio * ratio, 2.0 * mode.damping_ratio * ratio)
         lag = 2.0 * math.pi * frequency * (0.5 * mode.dt + mode.delay)
         return answer * complex(math.cos(lag), -math.sin(lag))
-    if kind == _RECURSION:
-        row = ArGain(packed[1], packed[2], packed[3], packed[4])
-        turn = 2.0 * math.pi * frequency * row.dt
-        z = complex(math.cos(turn), -math.sin(turn))
-        return complex(row.gain / (1.0 - z - row.c1 * z * z - row.c2 * z * z * z))
     # Horner's rule: a sine and a cosine per number would take as long as many ticks.
     dt, pulse = packed[1], packed[2:]
     turn = 2.0 * math.pi * frequency * dt
@@ -128,22 +100,3 @@ def gain_at(frequency: float, packed: FloatArray) -> complex:
     for k in range(pulse.size - 1, -1, -1):
         total = total * z + pulse[k]
     return total
-
-
-def packed_pulse(pulse: FloatArray, dt: float) -> FloatArray:
-    """Return the numbers of a gain that is known by its response to a pulse, [m/V] per tick."""
-    return np.concatenate([(_PULSE, dt), pulse])
-
-
-def linear_gain(parameters: Mapping[str, float], dt: float) -> LinearGain:  # dt [s]
-    """Return the gain that named parameters describe."""
-    gain = parameters['A1'] - parameters.get('A', 0.0)
-    if 'c1' in parameters and 'c2' in parameters:
-        return ArGain(gain, parameters['c1'], parameters['c2'], dt)
-    return ModeGain(
-        gain,
-        parameters.get('natural_frequency', 0.0),
-        parameters.get('damping_ratio', 1.0),
-        dt,
-        parameters.get('delay', 0.0),
-    )

@@ -18,7 +18,7 @@ from piezo_hysteresis.compensation.harmonics.lines import (
     AttenuationSettings,
     Harmonic,
 )
-from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain, ScaledGain
+from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain, PulseGain
 from piezo_hysteresis.compensation.link import (
     ACCELERATION,
     DISPLACEMENT,
@@ -376,7 +376,7 @@ class HarmonicAttenuation(CompiledLink):
     settings : AttenuationSettings
         Method, orders and their tuning.
     gain : callable
-        Modelled plant gain [m/V] by frequency [Hz], see `linear_gain`.
+        Modelled plant gain [m/V] by frequency [Hz], see `LinearGain`.
     dt : float
         Sampling interval [s].
     limits : Limits
@@ -480,7 +480,7 @@ class ScheduledAttenuation(HarmonicAttenuation):
         self,
         settings: AttenuationSettings,
         model: ModelFile,
-        gain_of: Callable[[ModelFile], LinearGain],
+        gain_of: Callable[[ModelFile], PulseGain],
         dt: float,  # [s]
         limits: Limits,
         decay: float,  # [s]
@@ -536,13 +536,13 @@ class ScheduledAttenuation(HarmonicAttenuation):
         self._fade.reset()
         self._changes = 0
 
-    def _gains_of(self, model: ModelFile) -> dict[str, ScaledGain]:
+    def _gains_of(self, model: ModelFile) -> dict[str, PulseGain]:
         assert model.schedule is not None
         gains = {}
         for point in model.schedule.points:
             usual = abs(self._gain_of_all(point.frequency))
             size = abs(self._gain_of(point.model)(point.frequency))
-            gains[point.name] = ScaledGain(self._gain_of_all, size / usual if usual > 0.0 else 1.0)
+            gains[point.name] = self._gain_of_all.scaled(size / usual if usual > 0.0 else 1.0)
         return gains
 
     def _take(self, chosen: OperatingPoint) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple, TypedDict, cast
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from piezo_hysteresis.compensation.inverses.physical import (
     SlopeSelectedInverse,
     structure_coefficients,
 )
-from piezo_hysteresis.compensation.linear_gain import LinearGain, ModeGain, gain_at, packed_pulse
+from piezo_hysteresis.compensation.linear_gain import ModeGain, PulseGain
 from piezo_hysteresis.compensation.link import (
     INVERSES,
     Limits,
@@ -46,6 +46,19 @@ _LAWS: dict[InverseRole | None, Law] = {
     InverseRole.GAIN: 'gain',
 }
 _EXTENDED = (InverseRole.EULER, InverseRole.RECURSION)
+# Chains with an inverse of their own.
+_ALONE: dict[tuple[InverseRole | None, ...], str] = {
+    _EXTENDED: 'solved',
+    (InverseRole.OSCILLATOR,): 'oscillator',
+    (InverseRole.SELECTOR,): 'selector',
+}
+# Laws of papers by the names of their inverses; Fang 2019 (feedforward) is one of them.
+_OWN = {
+    'fujii2018': 'solved', 'tatebatake2017': 'printed', 'zhou2021': 'delayed',
+    'fang2019': 'exact', 'xiao2014': 'selector',
+}  # fmt: skip
+# Length of the response that gives the gain of a model [s]: several time constants of the mode.
+_PULSE = 3.0
 
 
 class _Anatomy(NamedTuple):
@@ -109,34 +122,37 @@ def inverse_for(
     """
     if law not in INVERSES:
         raise CompensationError(f'there is no inverse {law!r}{choices(law, INVERSES)}')
-    options: _Options = {'limits': limits, 'start': start, 'transition': transition}
-    if law != 'auto':
-        return _by_law(model, values, dt, law, scale, options)
     named = model.unpack(model.pack(values))
+    own = _best(model) if law == 'auto' else _own_law(model, law)
+    options: _Options = {'limits': limits, 'start': start, 'transition': transition}
+    if own == 'numeric':
+        return ChainInverse(model, named, dt, scale=scale, **options)
+    if own == 'oscillator':
+        return OscillatorInverse(named, dt, **options)
+    if own == 'selector':
+        return SlopeSelectedInverse(named, dt, **options)
+    if own in ('solved', 'printed'):
+        return ExtendedInverse(named, dt, law=own, **options)
+    if law == 'gain':
+        mean = float(named.get('offset', 0.0)) + _mean_by_asymmetry(model, named, scale, dt)
+        named = {'A1': model_gain(model, values, dt, scale)(0.0).real, 'offset': mean}
+    return PhysicalInverse(named, dt, law=cast('Law', own), **options)
+
+
+def _best(model: Model) -> str:
+    """Return the own name of the most accurate law for a model."""
     core, delayed, simple = _anatomy(model)
-    if simple and not delayed:
-        if core == _EXTENDED:
-            return ExtendedInverse(named, dt, limits=limits, start=start, transition=transition)
-        if core == (InverseRole.OSCILLATOR,):
-            return OscillatorInverse(named, dt, limits=limits, start=start, transition=transition)
-        if core == (InverseRole.SELECTOR,):
-            return SlopeSelectedInverse(
-                named, dt, limits=limits, start=start, transition=transition
-            )
+    if simple and not delayed and core in _ALONE:
+        return _ALONE[core]
     structured = len(core) == 1 or core[1:] == (InverseRole.STRUCTURE,)
     if simple and structured and core[0] in _LAWS:
-        law = _LAWS[core[0]]
-        return PhysicalInverse(
-            named, dt, law=law, limits=limits, start=start, transition=transition
-        )
+        return _LAWS[core[0]]
     if InverseRole.OSCILLATOR in core:
         raise CompensationError(
             f'model {model.name} has an oscillator with further blocks, which has no inverse '
             'here; use a model whose hysteresis stands before the structure'
         )
-    return ChainInverse(
-        model, named, dt, scale=scale, limits=limits, start=start, transition=transition
-    )
+    return 'numeric'
 
 
 class _Options(TypedDict):
@@ -163,11 +179,8 @@ def _called(part: InverseRole) -> str:
     return ' or '.join(block.name for block in BLOCKS.values() if block.role is part)
 
 
-def _by_law(
-    model: Model, values: Mapping[str, float], dt: float, law: str, scale: float, options: _Options
-) -> InverseLink:
-    """Return the inverse by a named law; Fang 2019 (feedforward) is one of them."""
-    named = model.unpack(model.pack(values))
+def _own_law(model: Model, law: str) -> str:
+    """Return the own name of a law that was asked for; refuse a model that it does not invert."""
     core = tuple(part for part in _anatomy(model).core if part is not InverseRole.STRUCTURE)
     if law in _FOR and core not in _FOR[law]:
         blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
@@ -177,22 +190,8 @@ def _by_law(
             'take another law or identify that model'
         )
     if law == 'fang2019' and core == (InverseRole.MODIFIED,):
-        law = 'numeric'
-    if law in ('fujii2018', 'tatebatake2017'):
-        printed = 'printed' if law == 'tatebatake2017' else 'solved'
-        return ExtendedInverse(named, dt, law=printed, **options)
-    if law in ('zhou2021', 'exact', 'fang2019'):
-        return PhysicalInverse(
-            named, dt, law='delayed' if law == 'zhou2021' else 'exact', **options
-        )
-    if law == 'xiao2014':
-        return SlopeSelectedInverse(named, dt, **options)
-    if law == 'numeric':
-        return ChainInverse(model, named, dt, scale=scale, **options)
-    slope = model_gain(model, values, dt, scale)(0.0).real
-    mean = float(named.get('offset', 0.0)) + _mean_by_asymmetry(model, named, scale, dt)
-    straight = {'A1': slope, 'offset': mean}
-    return PhysicalInverse(straight, dt, law='gain', **options)
+        return 'numeric'
+    return _OWN.get(law, law)
 
 
 def _mean_by_asymmetry(
@@ -217,8 +216,10 @@ def _mean_by_asymmetry(
     return means[0] - means[1]
 
 
-class ModelGain:
-    """Complex gain [m/V] of a model for a small tone on top of a large drive.
+def model_gain(
+    model: Model, values: Mapping[str, float], dt: float, amplitude: float = 1.0
+) -> PulseGain:
+    """Return the complex gain [m/V] of a model for a small tone on top of a large drive.
 
     The hysteresis contributes its mean local slope along a full loop, the rest of the chain its
     response to a small pulse. Added tones, friction, drift and offset are ignored.
@@ -233,35 +234,13 @@ class ModelGain:
         Sampling interval [s].
     amplitude : float
         Amplitude of the drive [V].
-    seconds : float
-        Length of the pulse response [s]; several time constants of the mode.
     """
-
-    def __init__(
-        self,
-        model: Model,
-        values: Mapping[str, float],
-        dt: float,
-        *,
-        amplitude: float = 1.0,
-        seconds: float = 3.0,
-    ) -> None:
-        pulse = np.zeros(round(seconds / dt))
-        pulse[0] = 1e-3 * amplitude
-        small, packed = _for_small_tones(model, model.pack(values), amplitude, dt)
-        response = small.respond(pulse, packed, dt)
-        rest = small.respond(np.zeros_like(pulse), packed, dt)
-        self._dt = dt
-        self._pulse: FloatArray = (response - rest) / pulse[0]
-
-    @property
-    def packed(self) -> FloatArray:
-        """Packed values for `gain_at`."""
-        return packed_pulse(self._pulse, self._dt)
-
-    def __call__(self, frequency: float) -> complex:
-        """Return the gain [m/V] at `frequency` [Hz]."""
-        return complex(gain_at(float(frequency), self.packed))
+    pulse = np.zeros(round(_PULSE / dt))
+    pulse[0] = 1e-3 * amplitude
+    small, packed = _for_small_tones(model, model.pack(values), amplitude, dt)
+    response = small.respond(pulse, packed, dt)
+    rest = small.respond(np.zeros_like(pulse), packed, dt)
+    return PulseGain((response - rest) / pulse[0], dt)
 
 
 def _for_small_tones(
@@ -293,13 +272,6 @@ def _mean_slope(model: Model, packed: FloatArray, amplitude: float, dt: float) -
     difference = 0.5 * (with_probe - against_probe)[2000:]
     small = probe[2000:]
     return float(difference @ small / (small @ small))
-
-
-def model_gain(
-    model: Model, values: Mapping[str, float], dt: float, amplitude: float = 1.0
-) -> LinearGain:
-    """Return the plant gain that a model predicts; see `ModelGain`."""
-    return ModelGain(model, values, dt, amplitude=amplitude)
 
 
 def mode_of(values: Mapping[str, float], gain: float, dt: float) -> ModeGain:
