@@ -18,8 +18,7 @@ from piezo_hysteresis.compensation.limiter import EnergyLimits, Limiter
 from piezo_hysteresis.compensation.link import Measured
 from piezo_hysteresis.compensation.offline_loop import LoopResult, reference_points
 from piezo_hysteresis.compensation.study import track
-from piezo_hysteresis.export.header import Drive
-from piezo_hysteresis.export.library import Request, files_of
+from piezo_hysteresis.export.library import Drive, Request, files_of
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
 from piezo_hysteresis.runtime.laws import (

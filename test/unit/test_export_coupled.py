@@ -17,7 +17,8 @@ from piezo_hysteresis.compensation.coupled.axes_chain import AxesChain, axes_cha
 from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits, Measured, ReferencePoint
-from piezo_hysteresis.export.coupled_library import coupled_component, coupled_doors
+from piezo_hysteresis.export.compensator import compensator_doors
+from piezo_hysteresis.export.coupled_library import coupled_component
 from piezo_hysteresis.export.native import object_code
 
 pytestmark = pytest.mark.slow
@@ -72,7 +73,9 @@ def at(array: np.ndarray) -> ctypes.c_void_p:
 
 def built(chain: AxesChain, axes: int, folder: Path) -> tuple[ctypes.CDLL, int]:
     part = coupled_component(chain, [LIMITS] * axes, MARK)
-    (folder / 'all.o').write_bytes(object_code(coupled_doors('piezo', part, axes), 'x86_64-linux'))
+    (folder / 'all.o').write_bytes(
+        object_code(compensator_doors('piezo', part, axes), 'x86_64-linux')
+    )
     files = [str(folder / 'all.so'), str(folder / 'all.o')]
     subprocess.run(['gcc', '-shared', '-o', *files, '-lm'], check=True, capture_output=True)
     return ctypes.CDLL(files[0]), part.size

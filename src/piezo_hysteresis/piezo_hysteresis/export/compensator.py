@@ -12,7 +12,7 @@ from numba import carray
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.limiter import LIMITER_SIZE, slow_enough
 from piezo_hysteresis.compensation.link import GIVEN_SIZE, IMPOSSIBLE, OK
-from piezo_hysteresis.export.header import UNINITIALISED, Component, Field, changing, checking
+from piezo_hysteresis.export.header import UNINITIALISED, Component, Field, checking, component
 from piezo_hysteresis.export.native import Entry
 from piezo_hysteresis.export.sections import Section, in_chain
 from piezo_hysteresis.jit import inline_jit, scratch
@@ -108,13 +108,9 @@ def compensator_of(
         s[_TICK] = s[_ASKED] = s[_VOLTAGE] = 0.0
 
     start = np.concatenate([np.zeros(HEAD), whole.start])
-    return Component(
-        _stepping(whole.step, size, 0.5 / dt, mark, safe),
-        *changing(_judging(fields, dt), take, reset, start, mark),
-        size,
-        fields,
-        (('head', HEAD), *((section.name, section.start.size) for section in sections)),
-    )
+    rows = (('head', HEAD), *((section.name, section.start.size) for section in sections))
+    step = _stepping(whole.step, size, 0.5 / dt, mark, safe)
+    return component(step, _judging(fields, dt), take, reset, start, mark, fields, rows)
 
 
 def _judging(fields: Sequence[Field], dt: float) -> Callable[[FloatArray], int]:
@@ -155,13 +151,13 @@ def _stepping(
     return step
 
 
-def compensator_doors(name: str, chain: Component) -> list[Entry]:
+def compensator_doors(name: str, chain: Component, axes: int = 1) -> list[Entry]:
     """Return the functions of a chain under the name of the library."""
-    run, size = chain.step, chain.size
+    run, size, inputs = chain.step, chain.size, axes * INPUT_SIZE
 
     @inline_jit
-    def step(s: Any, x: Any, voltage: Any) -> int:
-        return run(carray(s, (size,)), carray(x, (INPUT_SIZE,)), carray(voltage, (1,)))
+    def step(s: Any, x: Any, voltages: Any) -> int:
+        return run(carray(s, (size,)), carray(x, (inputs,)), carray(voltages, (axes,)))
 
     return [Entry(f'{name}_step', step, 'ppp'), *common_doors(name, chain)]
 

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import carray
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.axes.modal_model import ModalModel
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.compensation.coupled import matrix_attenuation as matrix
-from piezo_hysteresis.compensation.coupled.axes_chain import (
-    AxesChain,
-    AxesLoopResult,
-    axes_chain,
-    axes_loop,
-)
+from piezo_hysteresis.compensation.coupled.axes_chain import AxesChain, axes_chain, axes_loop
 from piezo_hysteresis.compensation.coupled.decoupling import decouple
 from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
 from piezo_hysteresis.compensation.limiter import (
@@ -32,22 +25,25 @@ from piezo_hysteresis.compensation.limiter import (
     reset_limiter,
 )
 from piezo_hysteresis.compensation.link import GIVEN_SIZE, IMPOSSIBLE, OK, WATCH_SIZE, Limits
-from piezo_hysteresis.export.compensator import INPUT_SIZE, common_doors, limiter_bits, take_input
+from piezo_hysteresis.export.compensator import (
+    INPUT_SIZE,
+    compensator_doors,
+    limiter_bits,
+    take_input,
+)
 from piezo_hysteresis.export.header import (
     UNINITIALISED,
     About,
     Component,
     Field,
-    archive,
-    changing,
     checking,
-    cmake,
-    coupled_header,
+    component,
     filled,
-    makefile,
+    header,
     of_table,
 )
-from piezo_hysteresis.export.native import Entry, known_target, object_code
+from piezo_hysteresis.export.library import fingerprint, packaged, vectors_of
+from piezo_hysteresis.export.native import known_target
 from piezo_hysteresis.jit import inline_jit, scratch
 from piezo_hysteresis.parameters.links import COUPLED
 from piezo_hysteresis.parameters.links import VOLTAGE as VOLTAGE_TABLE
@@ -61,41 +57,27 @@ _OF_AXIS = 3  # fields: low, high, slew
 _SETTINGS = 6  # numbers of a limiter
 
 
-@dataclass(frozen=True)
-class CoupledRequest:
-    """Specification of a library of several axes."""
-
-    name: str
-    text: str  # the model file
-    chain: Callable[[], AxesChain]  # returns the chain at rest
-    limits: tuple[Limits, ...]  # of each axis
-    target: str
-
-
-def coupled_files(asked: CoupledRequest) -> dict[str, bytes | str]:
-    """Return the files of a library by name."""
-    known_target(asked.target)
-    digest = hashlib.sha256(asked.text.encode()).hexdigest()
-    mark = float(int(digest[:12], 16) + 1)
-    chain, name, axes = asked.chain(), asked.name, len(asked.limits)
-    part = coupled_component(chain, asked.limits, mark)
-    doors = coupled_doors(name, part, axes)
-    modes = chain.model.layout.modes
-    kinds = 'decoupling, attenuation' if chain.attenuation is not None else 'decoupling'
+def coupled_files(
+    name: str, text: str, model: ModalModel, limits: Limits, settings: MatrixSettings | None,
+    target: str,
+) -> dict[str, bytes | str]:  # fmt: skip
+    """Return the files of a library by name; `limits` are of each axis, `text` the model file."""
+    known_target(target)
+    each = (limits,) * model.layout.inputs
+    chain = axes_chain(model, each, settings, 1.0 / model.dt)
+    digest, mark = fingerprint(text)
+    axes, modes = len(each), model.layout.modes
+    part = coupled_component(chain, each, mark)
+    kinds = 'decoupling, attenuation' if settings is not None else 'decoupling'
     about = About(
-        name, counted(axes, 'axis'), counted(modes, 'natural mode'), digest[:12], __version__,
-        1.0 / chain.model.dt, asked.target, f'The loop is {kinds}, limits.',
+        name, counted(axes, 'axis'), counted(modes, 'natural mode'), digest, __version__,
+        1.0 / model.dt, target, f'The loop is {kinds}, limits.',
     )  # fmt: skip
-    code = object_code(doors, asked.target)
-    return {
-        f'{name}.h': coupled_header(about, part, axes),
-        f'lib{name}.a': archive('piezo.o', code, [door.name for door in doors]),
-        'Makefile': makefile(name, False),
-        'CMakeLists.txt': cmake(name, __version__, False),
-        'model.yaml': asked.text,
-        'vectors.h': _vectors(asked),
-        'selftest.c': filled('coupled_selftest.c', name=name, axes=axes),
-    }
+    return packaged(
+        about, header(about, part, None, axes), compensator_doors(name, part, axes), text,
+        _vectors(chain, each),
+        {'selftest.c': filled('coupled_selftest.c', name=name, axes=axes)},
+    )  # fmt: skip
 
 
 def coupled_fields(chain: AxesChain, limits: Sequence[Limits]) -> tuple[Field, ...]:
@@ -130,11 +112,9 @@ def coupled_component(chain: AxesChain, limits: Sequence[Limits], mark: float) -
     first = dict(zip(sizes, (ends - list(sizes.values())).tolist(), strict=True))
     size = int(ends[-1])
     learn = _attenuating(law, first, size)
-    return Component(
-        _stepping(chain, axes, first, learn, mark),
-        *_changing(fields, axes, dt, first, size, law, mark),
-        size, fields, tuple(sizes.items()),
-    )  # fmt: skip
+    step = _stepping(chain, axes, first, learn, mark)
+    changing = _changing(fields, axes, dt, first, size, law)
+    return component(step, *changing, mark, fields, tuple(sizes.items()))
 
 
 def _attenuating(law: Any, first: Mapping[str, int], size: int) -> Any:
@@ -204,10 +184,9 @@ def _stepping(
 
 
 def _changing(
-    fields: Sequence[Field], axes: int, dt: float, first: Mapping[str, int], size: int, law: Any,
-    mark: float,
-) -> tuple[Any, Any, Any]:  # fmt: skip
-    """Return the kernels that initialise, change and reset a state."""
+    fields: Sequence[Field], axes: int, dt: float, first: Mapping[str, int], size: int, law: Any
+) -> tuple[Any, Any, Any, FloatArray]:
+    """Return what judges and takes values, what resets a state, and the state before."""
     check, limiters, each = checking(fields), first['limits'], _SETTINGS + LIMITER_SIZE
     count = _OF_AXIS * axes
     has_law = law is not None
@@ -249,18 +228,7 @@ def _changing(
         start[limiters + i * each : limiters + i * each + _SETTINGS] = packed_limits(Limits(), dt)
     if has_law:
         start[own : own + law.settings.size] = law.settings
-    return changing(judge, take, rest, start, mark)
-
-
-def coupled_doors(name: str, part: Component, axes: int) -> list[Entry]:
-    """Return the functions under the name of the library."""
-    run, size, inputs = part.step, part.size, axes * INPUT_SIZE
-
-    @inline_jit
-    def step(s: Any, x: Any, voltages: Any) -> int:
-        return run(carray(s, (size,)), carray(x, (inputs,)), carray(voltages, (axes,)))
-
-    return [Entry(f'{name}_step', step, 'ppp'), *common_doors(name, part)]
+    return judge, take, rest, start
 
 
 class _Answering:
@@ -275,44 +243,23 @@ class _Answering:
         return np.asarray((self._gain * (u + 0.03 * np.roll(u, 1) + 1e-3 * u**2))[None])
 
 
-def vectors_of(asked: CoupledRequest) -> AxesLoopResult:
-    """Return a run in Python that the self-test repeats."""
-    chain, dt = asked.chain(), asked.chain().model.dt
+def _vectors(chain: AxesChain, limits: Sequence[Limits]) -> str:
+    """Return inputs and voltages of a run in Python, which the self-test repeats."""
+    dt, axes = chain.model.dt, len(limits)
     gain = float(1.0 / abs(chain.decoupling.numbers.drive[0]).max())
-    reach = 0.3 * min(min(-each.low, each.high) for each in asked.limits) * gain
+    reach = 0.3 * min(min(-each.low, each.high) for each in limits) * gain
     time = np.arange(_VECTORS, dtype=np.float64) * dt
     sines = [
         Sine(reach, _FREQUENCY * (1.0 + 0.25 * i), _VECTORS * dt, ramp=0.1).sample(time)
-        for i in range(len(asked.limits))
+        for i in range(axes)
     ]
-    return axes_loop(sines, chain, _Answering(len(asked.limits), gain), asked.limits)
-
-
-def _vectors(asked: CoupledRequest) -> str:
-    """Return inputs and voltages of a run as a C table of exact numbers."""
-    run = vectors_of(asked)
-    measured = np.concatenate([np.full((1, len(asked.limits)), np.nan), run.displacement[:-1]])
-    columns = []
-    for i in range(len(asked.limits)):
+    run = axes_loop(sines, chain, _Answering(axes, gain), limits)
+    measured = np.concatenate([np.full((1, axes), np.nan), run.displacement[:-1]])
+    columns: list[FloatArray] = []
+    for i in range(axes):
         columns += [*run.inputs[i], measured[:, i], np.ones(len(measured))]
-    columns += list(run.voltage.T)
-    rows = [
-        '    {' + ', '.join('NAN' if v != v else float(v).hex() for v in row) + '},'
-        for row in zip(*columns, strict=True)
-    ]
-    head = (
-        '/* of each axis displacement, velocity, acceleration, frequency, phase, measured, age; '
-        'then voltages */'
+    words = (
+        'of each axis displacement, velocity, acceleration, frequency, phase, measured, age; '
+        'then voltages'
     )
-    first = f'static const double vectors[{len(rows)}][{len(columns)}] = {{'
-    return '\n'.join([head, f'#define VECTORS {len(rows)}', first, *rows, '};', ''])
-
-
-def coupled_request(
-    name: str, text: str, model: Any, limits: Limits, settings: MatrixSettings | None, target: str
-) -> CoupledRequest:
-    """Return the specification with the same limits of all axes, at the rate of the model."""
-    each = (limits,) * model.layout.inputs
-    return CoupledRequest(
-        name, text, lambda: axes_chain(model, each, settings, 1.0 / model.dt), each, target
-    )
+    return vectors_of(words, [*columns, *run.voltage.T])

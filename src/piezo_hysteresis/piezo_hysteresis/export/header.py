@@ -7,7 +7,7 @@ import re
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -102,14 +102,17 @@ class Component(NamedTuple):
     rows: tuple[tuple[str, int], ...]  # sections of the state and their sizes
 
 
-def changing(
+def component(
+    step: Callable[..., int],
     judge: Callable[[FloatArray], int],  # returns the reason of a rejection of values
     take: Callable[[FloatArray, FloatArray, bool], int],  # sets values in a state
     reset: Callable[[FloatArray], None],
     start: FloatArray,  # the state before it takes values; its first number is its mark
     mark: float,
-) -> tuple[Any, Any, Any]:
-    """Return the kernels that initialise, change and reset a state."""
+    fields: Sequence[Field],
+    rows: Sequence[tuple[str, int]],
+) -> Component:
+    """Return a state with the kernels that initialise, change and reset it."""
     places = np.flatnonzero((start != 0.0) | np.signbit(start))
     numbers, total, size = start[places], places.size, start.size
     if total == 0:
@@ -148,7 +151,7 @@ def changing(
         reset(s)
         return OK
 
-    return begin, change, reset_marked
+    return Component(step, begin, change, reset_marked, size, tuple(fields), tuple(rows))
 
 
 _ENVIRONMENT = Environment(
@@ -162,55 +165,6 @@ _ENVIRONMENT = Environment(
 def filled(file: str, **values: object) -> str:
     """Return the text of a template with its values."""
     return _ENVIRONMENT.get_template(file).render(values)
-
-
-@dataclass(frozen=True)
-class Drive:
-    """The reference of the example and of the vectors."""
-
-    frequency: float  # frequency [Hz]
-    amplitude: float  # [m]
-    middle: float  # centre [m]
-    gain: float  # displacement per volt without compensation [m/V]
-    centre: float  # voltage in the middle of its range [V]
-
-
-def example(name: str, drive: Drive, links: tuple[str, ...], moved: tuple[str, ...]) -> str:
-    """Return the example: track a sine without, with feedforward, and with everything."""
-    off = ''.join(f'        p.{link}_on = everything;\n' for link in links)
-    moves = ''.join(
-        f'    plant.{field} *= {1.0 + 0.002 * (-1) ** k!r};\n' for k, field in enumerate(moved)
-    )
-    return filled('example.c', name=name, drive=drive, links=links, off=off, moves=moves)
-
-
-def selftest(name: str, stroke: float) -> str:
-    """Return the self-test: test vectors, and the limits for any input."""
-    return filled('selftest.c', name=name, stroke=stroke)
-
-
-def plant_test(name: str, stroke: float) -> str:
-    """Return the self-test of a plant alone."""
-    return filled('plant_selftest.c', name=name, stroke=stroke)
-
-
-def bench(name: str, drive: Drive) -> str:
-    """Return the benchmark: time of single steps, and a real-time loop."""
-    return filled('bench.c', name=name, drive=drive)
-
-
-def makefile(name: str, with_loop: bool) -> str:
-    """Return the Makefile of example, self-test and benchmark; for a plant only the test."""
-    return filled('Makefile.txt', name=name, programs=_programs(with_loop))
-
-
-def cmake(name: str, version: str, with_loop: bool) -> str:
-    """Return the CMakeLists.txt."""
-    return filled('CMakeLists.txt', name=name, version=version, programs=_programs(with_loop))
-
-
-def _programs(with_loop: bool) -> str:
-    return 'example selftest bench' if with_loop else 'selftest'
 
 
 _MAGIC = b'!<arch>\n'
@@ -247,12 +201,15 @@ class About:
     links: str  # description of the links
 
 
-def header(about: About, chain: Component | None, plant: Component) -> str:
-    """Return the text of the header."""
+def header(
+    about: About, chain: Component | None, plant: Component | None, axes: int | None = None
+) -> str:
+    """Return the text of the header; `axes` is their number for a loop of several."""
     n, whole = about.name, f'{about.name}_plant'
     values = {
         'upper': n.upper(),
         'short_rate': f'{about.rate:.10g}',
+        'axes': axes,
         **{key: _harmless(v) for key, v in vars(about).items()},
     }
     parts = [filled('head.h', **values)]
@@ -262,38 +219,18 @@ def header(about: About, chain: Component | None, plant: Component) -> str:
             _struct(f'{n}_parameters', text, chain.fields),
             filled('input.h', **values),
             _state(f'{n}_state', chain.rows),
-            filled('loop.h', **values),
+            filled('loop.h' if axes is None else 'coupled.h', **values),
             filled('common.h', **values),
         ]
-    plain = {**values, 'name': whole}
-    parts += [
-        _struct(f'{whole}_parameters', 'The model as a plant: what may be set.', plant.fields),
-        _state(f'{whole}_state', plant.rows),
-        filled('plant.h', **plain),
-        filled('common.h', **plain),
-        filled('foot.h', **values),
-    ]
-    return '\n'.join(parts)
-
-
-def coupled_header(about: About, chain: Component, axes: int) -> str:
-    """Return the text of the header of a loop of several axes."""
-    n = about.name
-    values = {
-        'upper': n.upper(),
-        'short_rate': f'{about.rate:.10g}',
-        **{key: _harmless(v) for key, v in vars(about).items()},
-    }
-    known = filled('input.h', **values).partition('\n')[2]
-    text = f'What may be set, with {n}_init and between steps with {n}_set.'
-    return '\n'.join([
-        filled('head.h', **values),
-        _struct(f'{n}_parameters', text, chain.fields),
-        _state(f'{n}_state', chain.rows),
-        filled('coupled.h', **values, axes=axes, input=known),
-        filled('common.h', **values),
-        filled('foot.h', **values),
-    ])  # fmt: skip
+    if plant is not None:
+        text, plain = 'The model as a plant: what may be set.', {**values, 'name': whole}
+        parts += [
+            _struct(f'{whole}_parameters', text, plant.fields),
+            _state(f'{whole}_state', plant.rows),
+            filled('plant.h', **plain),
+            filled('common.h', **plain),
+        ]
+    return '\n'.join([*parts, filled('foot.h', **values)])
 
 
 def _harmless(value: object) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,21 +18,8 @@ from piezo_hysteresis.compensation.limiter import EnergyLimits
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.offline_loop import ModelPlant, closed_loop
 from piezo_hysteresis.export.compensator import compensator_doors, compensator_of, plant_doors
-from piezo_hysteresis.export.header import (
-    About,
-    Component,
-    Drive,
-    archive,
-    bench,
-    cmake,
-    example,
-    header,
-    makefile,
-    of_model,
-    plant_test,
-    selftest,
-)
-from piezo_hysteresis.export.native import ExportError, known_target, object_code
+from piezo_hysteresis.export.header import About, Component, archive, filled, header, of_model
+from piezo_hysteresis.export.native import Entry, ExportError, known_target, object_code
 from piezo_hysteresis.export.pieces import plant_of
 from piezo_hysteresis.export.sections import (
     Section,
@@ -47,6 +34,17 @@ from piezo_hysteresis.waveforms import Sine
 
 #: Number of ticks of the test vectors, and duration of the smooth start of their sine [s].
 _VECTORS = 4000
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The reference of the example and of the vectors."""
+
+    frequency: float  # frequency [Hz]
+    amplitude: float  # [m]
+    middle: float  # centre [m]
+    gain: float  # displacement per volt without compensation [m/V]
+    centre: float  # voltage in the middle of its range [V]
 
 
 @dataclass(frozen=True)
@@ -66,12 +64,11 @@ class Request:
 def files_of(asked: Request) -> dict[str, bytes | str]:
     """Return the files of a library by name."""
     known_target(asked.target)
-    texts = {'model.yaml': asked.model.text()}
+    text = asked.model.text()
     require_rate(asked.model, asked.dt)
-    digest = hashlib.sha256(''.join(texts.values()).encode()).hexdigest()
+    digest, mark = fingerprint(text)
     model, packed, name = asked.model.model, asked.model.packed, asked.name
     links = list(asked.links())
-    mark = float(int(digest[:12], 16) + 1)
     plant = plant_of(model, packed, asked.dt, -mark)
     chain, kinds = None, ''
     doors = plant_doors(f'{name}_plant', plant)
@@ -82,19 +79,39 @@ def files_of(asked: Request) -> dict[str, bytes | str]:
         doors = [*compensator_doors(name, chain), *doors]
         kinds = ', '.join(each.name for each in sections)
     about = About(
-        name, model.name, ' + '.join(block.name for block in model.blocks), digest[:12],
+        name, model.name, ' + '.join(block.name for block in model.blocks), digest,
         __version__, 1.0 / asked.dt, asked.target,
         f'The loop is {kinds}.' if links else 'The plant alone, without a compensator.',
     )  # fmt: skip
-    code = object_code(doors, asked.target)
+    return packaged(
+        about, header(about, chain, plant), doors, text, _vectors(asked, links),
+        _programs(asked, plant, chain),
+    )  # fmt: skip
+
+
+def fingerprint(text: str) -> tuple[str, float]:
+    """Return what identifies a model file, and the mark of a state that belongs to it."""
+    digest = hashlib.sha256(text.encode()).hexdigest()[:12]
+    return digest, float(int(digest, 16) + 1)
+
+
+def packaged(
+    about: About, text: str, doors: Sequence[Entry], model: str, vectors: str,
+    programs: Mapping[str, str],
+) -> dict[str, bytes | str]:  # fmt: skip
+    """Return the files of a library by name; `text` is its header."""
+    code, name = object_code(doors, about.target), about.name
+    built = ' '.join(each.removesuffix('.c') for each in programs)
     return {
-        f'{name}.h': header(about, chain, plant),
+        f'{name}.h': text,
         f'lib{name}.a': archive('piezo.o', code, [door.name for door in doors]),
-        'Makefile': makefile(name, bool(links)),
-        'CMakeLists.txt': cmake(name, __version__, bool(links)),
-        **texts,
-        'vectors.h': _vectors(asked, links),
-        **_programs(asked, links, plant, chain),
+        'Makefile': filled('Makefile.txt', name=name, programs=built),
+        'CMakeLists.txt': filled(
+            'CMakeLists.txt', name=name, version=about.version, programs=built
+        ),
+        'model.yaml': model,
+        'vectors.h': vectors,
+        **programs,
     }
 
 
@@ -142,28 +159,25 @@ def _vectors(asked: Request, links: Sequence[Link]) -> str:
         samples.value, samples.velocity, samples.acceleration, samples.frequency, samples.phase,
         voltage, displacement,
     )  # fmt: skip
+    words = 'displacement, velocity, acceleration, frequency, phase; voltage, displacement'
+    return vectors_of(words, columns)
+
+
+def vectors_of(words: str, columns: Sequence[FloatArray]) -> str:
+    """Return a C table of exact numbers."""
     rows = [
-        '    {' + ', '.join(float(v).hex() for v in row) + '},'
+        '    {' + ', '.join('NAN' if v != v else float(v).hex() for v in row) + '},'
         for row in zip(*columns, strict=True)
     ]
-    return '\n'.join(
-        [
-            '/* displacement, velocity, acceleration, frequency, phase; voltage, displacement */',
-            f'#define VECTORS {len(rows)}',
-            f'static const double vectors[{len(rows)}][7] = {{',
-            *rows,
-            '};',
-            '',
-        ]
-    )
+    first = f'static const double vectors[{len(rows)}][{len(columns)}] = {{'
+    return '\n'.join([f'/* {words} */', f'#define VECTORS {len(rows)}', first, *rows, '};', ''])
 
 
-def _programs(
-    asked: Request, links: Sequence[Link], plant: Component, chain: Component | None
-) -> dict[str, str]:
-    stroke = 2.0 * asked.drive.amplitude
+def _programs(asked: Request, plant: Component, chain: Component | None) -> dict[str, str]:
+    """Return example, self-test and benchmark; of a plant alone only the self-test."""
+    name, drive, stroke = asked.name, asked.drive, 2.0 * asked.drive.amplitude
     if chain is None:
-        return {'selftest.c': plant_test(asked.name, stroke)}
+        return {'selftest.c': filled('plant_selftest.c', name=name, stroke=stroke)}
     switches = tuple(
         field.name.removesuffix('_on') for field in chain.fields if field.name.endswith('_on')
     )
@@ -175,8 +189,14 @@ def _programs(
         and field.low <= 0.98 * field.value <= 1.02 * field.value <= field.high
         and field.unit != 'Hz'
     )
+    off = ''.join(f'        p.{each}_on = everything;\n' for each in switches)
+    moves = ''.join(
+        f'    plant.{field} *= {1.0 + 0.002 * (-1) ** k!r};\n' for k, field in enumerate(moved[:3])
+    )
     return {
-        'example.c': example(asked.name, asked.drive, switches, moved[:3]),
-        'selftest.c': selftest(asked.name, stroke),
-        'bench.c': bench(asked.name, asked.drive),
+        'example.c': filled(
+            'example.c', name=name, drive=drive, links=switches, off=off, moves=moves
+        ),
+        'selftest.c': filled('selftest.c', name=name, stroke=stroke),
+        'bench.c': filled('bench.c', name=name, drive=drive),
     }

@@ -21,8 +21,8 @@ from piezo_hysteresis.export.header import (
     UNINITIALISED,
     Component,
     Field,
-    changing,
     checking,
+    component,
     of_model,
 )
 from piezo_hysteresis.jit import inline_jit, scratch
@@ -312,13 +312,9 @@ def plant_of(model: Model, packed: FloatArray, dt: float, mark: float) -> Compon
         for k in range(states):
             s[first + k] = rest[k]
 
-    return Component(
-        _stepping(whole.run, first, states, mark),
-        *changing(checking(fields), take, reset, np.zeros(first + states), mark),
-        first + states,
-        fields,
-        (('head', HEAD), ('parameters', values), ('memory', states)),
-    )
+    rows = (('head', HEAD), ('parameters', values), ('memory', states))
+    step, start = _stepping(whole.run, first, states, mark), np.zeros(first + states)
+    return component(step, checking(fields), take, reset, start, mark, fields, rows)
 
 
 def _stepping(

@@ -31,7 +31,7 @@ from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.offline_loop import ProcessPlant, command_of
 from piezo_hysteresis.compensation.study import PRESET
 from piezo_hysteresis.errors import CompensationError, IdentificationError
-from piezo_hysteresis.export.coupled_library import coupled_files, coupled_request
+from piezo_hysteresis.export.coupled_library import coupled_files
 from piezo_hysteresis.export.native import known_target
 from piezo_hysteresis.interface.model_functions import IDENTIFIER
 from piezo_hysteresis.models.modelfile import is_modal
@@ -243,6 +243,6 @@ def write_coupled_library(
     require_limits(limits)
     settings = orders_of(orders)
     text = Path(model).read_text(encoding='utf-8')
-    files = coupled_files(coupled_request(name, text, found, limits, settings, target))
+    files = coupled_files(name, text, found, limits, settings, target)
     write_folder(path, files, 'export')
     return len(files[f'lib{name}.a'])

@@ -28,8 +28,7 @@ from piezo_hysteresis.compensation.operating_limits import (
     rate_of,
 )
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.export.header import Drive
-from piezo_hysteresis.export.library import Request, files_of
+from piezo_hysteresis.export.library import Drive, Request, files_of
 from piezo_hysteresis.export.native import known_target
 from piezo_hysteresis.models.choice import ModelLike, with_values
 from piezo_hysteresis.models.model_actions import InverseResult

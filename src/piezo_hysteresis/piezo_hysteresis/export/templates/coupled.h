@@ -1,5 +1,3 @@
-/* What is known of one axis in a tick. */
-{{ input }}
 #define {{ upper }}_AXES {{ axes }}
 
 /* One tick of all axes: takes {{ axes }} inputs and writes {{ axes }} voltages [V], which are finite, within

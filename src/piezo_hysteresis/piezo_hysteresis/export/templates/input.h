@@ -1,4 +1,4 @@
-/* What is known in a tick. */
+/* What is known {% if axes %}of one axis {% endif %}in a tick. */
 typedef struct {
     double displacement; /* wanted [m] */
     double velocity;     /* its derivative [m/s] */
