@@ -34,15 +34,20 @@ PAGE, FIGURES = ROOT / 'docs' / 'target.md', ROOT / 'docs' / 'target.json'
 #: What is between these two lines of the page is written by this program.
 PLACE = re.compile(r'(<!--figures-->\n).*?(<!---->\n)', re.DOTALL)
 
-PID = ('--pid', '100', '3e4', '1')
-FUZZY = ('--feedback', 'fuzzy_pid', *PID, '--fuzzy', '5e-6', '1e-3', '50', '1e4')
-NONE = ('--attenuation', 'none')
+GAINS = ('feedback.pid.proportional=100', 'feedback.pid.derivative=1')
+PID = ('--set', 'feedback.method=pid', *GAINS)
+FUZZY = ('--set', 'feedback.method=fuzzy_pid', *GAINS, 'feedback.fuzzy.proportional_range=50')
+NONE = ('--set', 'attenuation.enabled=false')
 ROWS: dict[str, tuple[str, ...]] = {
     'inverse + limits': NONE,
     'inverse + PID + limits': (*NONE, *PID),
     'inverse + fuzzy PID + limits': (*NONE, *FUZZY),
-    'inverse + H-infinity + limits': (*NONE, '--feedback', 'h_infinity', '--bandwidth', '2'),
-    'inverse + rls of 4 orders + limits': ('--attenuation', 'rls', '--orders', '1', '2', '3', '5'),
+    'inverse + H-infinity + limits': (*NONE, 'feedback.method=h_infinity'),
+    'inverse + rls of 4 orders + limits': (
+        '--set',
+        'attenuation.method=rls',
+        'attenuation.orders=[1,2,3,5]',
+    ),
     'inverse + afc of 5 orders + PID + limits': PID,
 }
 

@@ -118,7 +118,7 @@ def _timed(name: str, run: Callable[[], FloatArray], ticks: int) -> Row:
 
 def library(model: Path, folder: Path, ticks: int, steps: int) -> list[Row]:
     """Run the library against the same actuator, and in C against its own plant."""
-    words = ['--rate', repr(RATE), '--orders', *map(str, ORDERS)]
+    words = ['--rate', repr(RATE), '--set', f'attenuation.orders={list(ORDERS)}']
     if verb(['export', str(model), '--out', str(folder), *words]):
         raise SystemExit('the export failed')
     shared = folder / 'piezo.so'

@@ -14,8 +14,9 @@ class Equation(NamedTuple):
 
 
 _RLS = 'identify --method fujii2018'
-_CONTROL = 'compensate --law fujii2018'
-_ATTENUATED = f'{_CONTROL} --attenuation rls'
+_LAW = 'compensate --set feedforward.law'
+_CONTROL = f'{_LAW}=fujii2018'
+_ATTENUATED = f'{_CONTROL} attenuation.method=rls'
 _BASIC = 'identify --method rls --model classical'
 
 EQUATIONS: dict[str, dict[str, Equation]] = {
@@ -37,21 +38,22 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
         '12': Equation('regressor, fifth harmonic', _RLS, 'figure 10'),
         '13': Equation('sine for the identification',
                        'piezo_sim sweep --waveform sine --frequencies 1:50', 'figures 2 to 7'),
-        '14': Equation('direct inverse of the classical model', 'compensate --law zhou2021'),
+        '14': Equation('direct inverse of the classical model', f'{_LAW}=zhou2021'),
         '15': Equation('direct inverse of the extended model, not causal', _CONTROL),
         '16': Equation('direct inverse, rising voltage', _CONTROL, 'figures 13, 16, 17'),
         '17': Equation('direct inverse, falling voltage', _CONTROL, 'figures 13, 16, 17'),
-        '18': Equation('third harmonic of the error', f'{_ATTENUATED} --orders 3',
+        '18': Equation('third harmonic of the error', f'{_ATTENUATED} attenuation.orders=[3]',
                        'figures 16, 17'),
-        '19': Equation('fifth harmonic of the error', f'{_ATTENUATED} --orders 5', 'figure 16'),
-        '20': Equation('voltage less the third harmonic', f'{_ATTENUATED} --orders 3',
+        '19': Equation('fifth harmonic of the error', f'{_ATTENUATED} attenuation.orders=[5]',
+                       'figure 16'),
+        '20': Equation('voltage less the third harmonic', f'{_ATTENUATED} attenuation.orders=[3]',
                        'figures 16, 17'),
-        '21': Equation('voltage less the fifth harmonic', f'{_ATTENUATED} --orders 5',
+        '21': Equation('voltage less the fifth harmonic', f'{_ATTENUATED} attenuation.orders=[5]',
                        'figure 16'),
         '22': Equation('sign of the error up to 66 Hz',
-                       f'{_ATTENUATED} --attenuation-set sign_rule=printed', 'figures 16, 17'),
+                       f'{_ATTENUATED} attenuation.sign_rule=printed', 'figures 16, 17'),
         '23': Equation('sign of the error above 66 Hz',
-                       f'{_ATTENUATED} --attenuation-set sign_rule=printed', 'figures 16, 17'),
+                       f'{_ATTENUATED} attenuation.sign_rule=printed', 'figures 16, 17'),
         '24': Equation('desired displacement',
                        'compensate --reference sine:frequency=23,amplitude=...',
                        'figures 16, 17'),
@@ -71,7 +73,7 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
         '9': Equation('parameters', 'identify --method tatebatake2017', 'figure 11'),
         '10': Equation('regressor as printed', 'identify --method tatebatake2017', 'figure 11'),
         '11': Equation('error of the regression', 'identify --method tatebatake2017'),
-        '12': Equation('feedforward as printed', 'compensate --law tatebatake2017',
+        '12': Equation('feedforward as printed', f'{_LAW}=tatebatake2017',
                        'figures 14 to 16, 20 to 22'),
         '13': Equation('desired displacement',
                        'compensate --reference sine:frequency=10,amplitude=...', 'figure 14'),
@@ -92,7 +94,7 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
                       'identify --model second_order --hold mass=...'),
         '6': Equation('quasi-static displacement', 'identify --method zhou2021', 'figure 6'),
         '7': Equation('objective of the swarm', 'identify --method zhou2021', 'table 2'),
-        '8': Equation('feedforward', 'compensate --law zhou2021', 'figures 9, 11 to 13'),
+        '8': Equation('feedforward', f'{_LAW}=zhou2021', 'figures 9, 11 to 13'),
         '9': Equation('sum of sinusoids', 'compensate --reference composite_zhou2021_low:...',
                       'figure 13'),
     },
@@ -100,11 +102,11 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
         '1': Equation('Bouc-Wen model', 'identify --method xiao2014 --model classical',
                       'figures 7, 8'),
         '2': Equation('objective of the swarm', 'identify --method xiao2014', 'figures 7, 8'),
-        '3': Equation('inverse before the plant', 'compensate --law xiao2014',
+        '3': Equation('inverse before the plant', f'{_LAW}=xiao2014',
                       'table 1, figures 14 to 18'),
         '4': Equation('transfer function by ARX', 'linear --method arx', 'figure 12'),
         '5': Equation('its state space, for H-infinity',
-                      'compensate --feedback h_infinity --transfer-function', 'figures 19, 20'),
+                      'compensate --transfer-function', 'figures 19, 20'),
     },
     # Its equations are pictures that are missing from the text, which has one number, (9).
     'Fang 2019': {
@@ -116,11 +118,11 @@ EQUATIONS: dict[str, dict[str, Equation]] = {
         '9': Equation('modified model, reconstructed',
                       'identify --method fang2019 --model rate_dependent', 'figure 4, table 1'),
         'feedforward': Equation('inverse by the estimated hysteresis',
-                                'compensate --law fang2019', 'figures 7 to 11'),
-        'PID': Equation('feedback', 'compensate --pid KP KI KD', 'figures 7 to 11'),
+                                f'{_LAW}=fang2019', 'figures 7 to 11'),
+        'PID': Equation('feedback', 'compensate --set feedback.method=pid', 'figures 7 to 11'),
         'switch': Equation('one model below and one above 1 Hz',
                            'python studies/papers/fang2019.py --figure 7', 'figures 7 to 11'),
-        'fuzzy PID': Equation('gains by fuzzy rules', 'compensate --feedback fuzzy_pid',
+        'fuzzy PID': Equation('gains by fuzzy rules', 'compensate --set feedback.method=fuzzy_pid',
                               'figures 7 to 11'),
     },
 }  # fmt: skip

@@ -47,7 +47,7 @@ MISSING: dict[str, tuple[str, ...]] = {
     'Fang 2019': (
         'Figures 1, 2, 5, 6: drawings and block diagrams.',
         'The guide, 47.52 N/um: `python -m piezo_sim stage --preset fang_p845_stage`, 47.53 N/um.',
-        'Table 2: its rules are missing; this project uses a file, `compensate --fuzzy-tables`.',
+        'Table 2: its rules are missing; this project uses a file, `feedback.fuzzy.tables`.',
     ),
 }
 
@@ -78,7 +78,8 @@ REMARKS: dict[str, tuple[str, ...]] = {
         ),
         (
             'ZV input shaping and the odd harmonic repetitive controller have no figure in '
-            'the paper and none here. Cancellation of odd orders (`--orders 1 3 5`) contains '
+            'the paper and none here. Cancellation of odd orders (`attenuation.orders=[1,3,5]`) '
+            'contains '
             'the same model of the disturbance at these orders as the latter.'
         ),
     ),
@@ -125,11 +126,14 @@ _BIMORPH = '--plant preset:fdk_pzba_00030'
 _BIMORPH_SWEEP = 'piezo_sim sweep --preset fdk_pzba_00030 --seconds 100'
 _STACK = (
     '--plant preset:xiao_pi_stack --plant-set amplifier.range_low=-30 amplifier.range_high=130 '
-    '--law xiao2014 --attenuation none'
+    '--set feedforward.law=xiao2014 attenuation.enabled=false'
 )
 _STAGE = (
-    'compensate --model fang_slow/model.yaml --law fang2019 --plant preset:fang_p845_stage '
-    '--attenuation none --feedback fuzzy_pid --pid 1.43e5 1.43e8 120 --fuzzy 1e-7 2e-5 7.1e4 7.1e7'
+    'compensate --model fang_slow/model.yaml --plant preset:fang_p845_stage --set '
+    'feedforward.law=fang2019 attenuation.enabled=false feedback.method=fuzzy_pid '
+    'feedback.pid.proportional=1.43e5 feedback.pid.integral=1.43e8 feedback.pid.derivative=120 '
+    'feedback.fuzzy.error_scale=1e-7 feedback.fuzzy.rate_scale=2e-5 '
+    'feedback.fuzzy.proportional_range=7.1e4 feedback.fuzzy.integral_range=7.1e7'
 )
 _STAGE_SWEEP = (
     'piezo_sim sweep --preset fang_p845_stage --amplitudes 4.8 --options '
@@ -143,9 +147,9 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
                 'figures 10, 11'),
         Command('identify b23 --method fujii2018 --model enhanced3 --warm-up 80 --out enhanced',
                 'figures 10, 11', 'enhanced/summary.json records[0].free_run_rms_m < 2e-6'),
-        Command(f'compensate --model enhanced/model.yaml {_BIMORPH} --low -5 --high 5 --law '
-                'fujii2018 --attenuation rls --orders 3 --attenuation-set forgetting=1 '
-                'sign_rule=printed --reference '
+        Command(f'compensate --model enhanced/model.yaml {_BIMORPH} --low -5 --high 5 --set '
+                'feedforward.law=fujii2018 attenuation.method=rls attenuation.orders=[3] '
+                'attenuation.forgetting=1 attenuation.sign_rule=printed --reference '
                 'sine:frequency=23,amplitude=143e-6,duration=40,ramp=1 --from-seconds 20 --out '
                 'tracked', 'figures 16, 17',
                 'tracked/summary.json runs[2].rms_without_mean_m < 5e-6'),
@@ -155,8 +159,8 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command('identify b10 --method rls --model classical --out basic', 'figure 11'),
         Command('identify b10 --method rls --model extended --out extended', 'figure 11',
                 'extended/summary.json records[0].free_run_rms_m < 3e-6'),
-        Command(f'compensate --model extended/model.yaml {_BIMORPH} --law tatebatake2017 '
-                '--attenuation none --reference '
+        Command(f'compensate --model extended/model.yaml {_BIMORPH} --set '
+                'feedforward.law=tatebatake2017 attenuation.enabled=false --reference '
                 'sine:frequency=10,amplitude=120e-6,duration=40,ramp=1 --from-seconds 20 --out '
                 'tracked', 'figures 14, 20',
                 'tracked/summary.json runs[1].rms_without_mean_m < 4e-6'),
@@ -166,8 +170,9 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
         Command('identify flap --method zhou2021 --model second_order --hold A1=5.5e-6 '
                 'stiffness=8e5 mass=0.05138 --out zhou', 'table 2, figures 6, 7',
                 'zhou/summary.json records[1].free_run_rms_m < 1e-6'),
-        Command('compensate --model zhou/model.yaml --plant preset:zhou_tef --law zhou2021 --pid '
-                '1e5 5e7 0 --attenuation none --reference '
+        Command('compensate --model zhou/model.yaml --plant preset:zhou_tef --set '
+                'feedforward.law=zhou2021 attenuation.enabled=false feedback.method=pid '
+                'feedback.pid.proportional=1e5 feedback.pid.integral=5e7 --reference '
                 'sine:frequency=10,amplitude=200e-6,duration=4,ramp=0.3 --out tracked',
                 'figures 9, 11, 12', 'tracked/summary.json runs[2].largest_m < 9e-6'),
     ),
@@ -182,8 +187,9 @@ COMMANDS: dict[str, tuple[Command, ...]] = {
                 'offset=0,delay=0.005 --seconds 0.6 --warm-up 0 --out step'),
         Command('linear step --method arx --out linear.yaml', 'figure 12',
                 'linear.yaml nrmse_percent < 5.0'),
-        Command(f'compensate --model xiao/model.yaml {_STACK} --feedback h_infinity --bandwidth '
-                '150 --h-infinity-set peak=2 control=0.3 --transfer-function linear.yaml '
+        Command(f'compensate --model xiao/model.yaml {_STACK} feedback.method=h_infinity '
+                'feedback.h_infinity.bandwidth=150 feedback.h_infinity.peak=2 '
+                'feedback.h_infinity.control=0.3 --transfer-function linear.yaml '
                 '--reference composite_xiao2014:amplitude=12e-6,duration=1.5,ramp=0.3 '
                 '--from-seconds 0.75 --out closed', 'figure 19',
                 'closed/summary.json runs[2].largest_m < 1e-6'),

@@ -42,7 +42,7 @@ ARROWS = {
     'investigation models records reporting waveforms',
     'batch': 'common interface records reporting',
     'cli': 'axes batch common compensation discovery drivers experiments identification '
-    'interface investigation models nodes parameters records reporting ros waveforms',
+    'interface investigation models nodes parameters records reporting ros runtime waveforms',
 }
 # Rooms within `compensation`: what they share imports none of them.
 WITHIN_COMPENSATION: dict[str, set[str]] = {

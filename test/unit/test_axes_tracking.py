@@ -113,8 +113,8 @@ def test_what_of_a_reference_is_not_followed_is_stated(
         (['--reference', FAST.replace('1=', '3=', 1)], 'axes are 1 to 2'),
         (['--reference', FAST, '--reference', FAST], 'each at most once'),
         (['--reference', FAST, '--reference', SLOW.replace('0.5', '1')], 'one duration for all'),
-        (['--reference', FAST, '--orders', '3'], 'give --periods'),
-        (['--reference', FAST, '--law', 'gain'], '--law: of one axis'),
+        (['--reference', FAST, '--set', 'coupled.orders=[3]'], 'give --periods'),
+        (['--reference', FAST, '--together'], '--together: of one axis'),
         (['--reference', FAST, '--high', '1'], 'beyond --low and --high'),
         (['--reference', FAST, '--slew', '10'], 'more than --slew'),
         (['--reference', FAST, '--low', '5', '--high', '1'], 'must be below --high'),
@@ -204,7 +204,7 @@ def test_the_law_of_the_nodes_follows_the_references_tick_by_tick(
     assert main(words) == 2
     assert 'on a simulated plant preset:NAME' in capsys.readouterr().err
     words[4] = 'preset:xy_scanner'
-    assert main([*words, '--orders', '0', '1', '3']) == 0
+    assert main([*words, '--set', 'coupled.orders=[0,1,3]']) == 0
     runs = json.loads((Path(files[-1]) / 'summary.json').read_text())['runs']
     names = ['feedforward, by ticks', 'attenuation, by ticks', 'with attenuation']
     assert [each['run'] for each in runs][-3:] == names

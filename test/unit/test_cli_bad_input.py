@@ -59,7 +59,7 @@ WORDS = {
     'discover': lambda f: ['discover', str(f / 'base.csv'), '--baseline', 'classical'],
     'compensate': lambda f: [
         'compensate', '--model', str(f / 'model.yaml'), '--plant', str(f / 'model.yaml'),
-        '--attenuation', 'none',
+        '--set', 'attenuation.enabled=false',
     ],
 }  # fmt: skip
 SINE = '--reference sine:frequency=5,amplitude=2e-5,duration=1'
@@ -101,7 +101,7 @@ BAD = [
     ('compensate', f'{SINE} --noise nan', 'noise must be a number of 0 or more'),
     ('compensate', f'{SINE} --noise -1', 'noise must be a number of 0 or more'),
     ('compensate', f'{SINE} --from-seconds nan', 'from_seconds must be a number of 0 or more'),
-    ('compensate', f'{SINE} --resonance -3', '--resonance must be 0 or more'),
+    ('compensate', f'{SINE} --set attenuation.resonance=-3', 'resonance = -3 Hz is outside'),
     ('compensate', f'{SINE} --rate 0', 'rate must be positive'),
     ('compensate', f'{SINE} --low nan', 'limits nan .. 1.2 V are not finite'),
     ('compensate', f'{SINE} --low 2 --high 1', 'limits are empty'),

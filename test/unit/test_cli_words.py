@@ -69,7 +69,7 @@ def refused(words: str, capsys: Any, program: Any = main) -> str:
          'no waveform sin (did you mean sine?)'),
         ('node attenution', 'no node attenution (did you mean attenuation?)'),
         ('export one --rate 20000 --out o', '--rate belongs to the export of a MODEL.yaml'),
-        ('export one --pid 1 2 3 --out o', '--pid belongs to the export of a MODEL.yaml'),
+        ('export one --together --out o', '--together belongs to the export of a MODEL.yaml'),
         ('export model.yaml --unit m --out o', '--unit belongs to the export of records'),
         ('-q -v info one', 'not allowed with'),
     ],
@@ -149,10 +149,10 @@ def test_no_sentence_gives_a_count_a_fixed_plural() -> None:
 @pytest.mark.parametrize('low', ['-50', '-5e1', '-.5E+2', '-5.e1'])
 def test_a_negative_number_is_no_option(low: str) -> None:
     """The library knows no exponent; a verb and the simulator take it, alone and in a list."""
-    words = ['model.yaml', '--out', 'o', '--limits', low, '150', '1e6', '--pid', '1', low, low]
+    words = ['model.yaml', '--out', 'o', '--limits', low, '150', '1e6', '--energy', '1', low, low]
     given = parser_of('export').parse_args(words)
     assert given.limits == [float(low), 150.0, 1e6]
-    assert given.pid == [1.0, float(low), float(low)]
+    assert given.energy == [1.0, float(low), float(low)]
     sweep = ['sweep', '--out', 'o', '--frequencies', '5', '--amplitudes', f'{low},{low}']
     assert build_parser().parse_args(sweep).amplitudes == [float(low)] * 2
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from dataclasses import fields, replace
 from typing import Any
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.cli.compensate_links import attenuation_of, configure
 from piezo_hysteresis.common.node_sheet import Level
 from piezo_hysteresis.common.parameter_table import specs_of
 from piezo_hysteresis.compensation.controllers import UNKNOWN_PLANT
@@ -386,9 +384,6 @@ def test_there_is_one_default_of_the_attenuation() -> None:
     for field in fields(one):
         value = getattr(one, field.name)
         assert table[field.name] == (list(value) if isinstance(value, tuple) else value)
-    parser = argparse.ArgumentParser()
-    configure(parser)
-    assert attenuation_of(parser.parse_args([])) == one
     for name in (spec.name for spec in specs_of(AttenuationSettings)):
         assert f'    {name} : ' in (AttenuationSettings.__doc__ or '')
 

@@ -24,6 +24,9 @@ from piezo_sim.sweep import simulate
 
 VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6,
           'natural_frequency': 68.0, 'damping_ratio': 0.015}  # fmt: skip
+OFF = ('--set', 'attenuation.enabled=false')
+PID = ('--set', 'feedback.method=pid', 'feedback.pid.integral=3e3')
+H_INFINITY = '--set feedback.method=h_infinity'
 REFERENCE = 'sine:frequency=23,amplitude=1e-4,duration=10,ramp=1'
 
 
@@ -54,7 +57,7 @@ def test_study_reports_each_run_and_what_every_link_gains(
 ) -> None:
     out = tmp_path / 'out'
     words = ['compensate', *files, '--reference', REFERENCE, '--out', str(out)]
-    assert main([*words, '--orders', '0', '1', '3', '--pid', '0', '3e3', '0']) == 0
+    assert main([*words, '--set', 'attenuation.orders=[0,1,3]', *PID]) == 0
     summary = json.loads((out / 'summary.json').read_text())
     rms = {run['run']: run['rms_m'] for run in summary['runs']}
     assert list(rms) == ['no compensation', 'feedforward', 'with attenuation', 'with PID']
@@ -81,7 +84,7 @@ def test_study_reports_each_run_and_what_every_link_gains(
 @pytest.mark.component
 def test_a_perfect_model_leaves_nothing(files: list[Any], tmp_path: Path) -> None:
     out = tmp_path / 'out'
-    words = ['compensate', '--model', files[1], '--plant', files[1], '--attenuation', 'none']
+    words = ['compensate', '--model', files[1], '--plant', files[1], *OFF]
     assert main([*words, '--reference', REFERENCE, '--out', str(out)]) == 0
     runs = json.loads((out / 'summary.json').read_text())['runs']
     assert runs[1]['rms_m'] < 20e-9
@@ -136,14 +139,13 @@ def study(files: Any, tmp_path: Any, *words: Any, reference: Any = SHORT) -> Any
 def test_every_feedback_lowers_the_error(
     files: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    none = ('--attenuation', 'none', '--feedback')
-    gains = ('--pid', '0', '5e4', '0')
-    rms, _ = study(files, tmp_path, *none, 'pid', *gains, reference=SLOW)
+    gain = 'feedback.pid.integral=5e4'
+    rms, _ = study(files, tmp_path, *OFF, 'feedback.method=pid', gain, reference=SLOW)
     assert rms['with PID'] < 0.5 * rms['feedforward']
-    scales = ('--fuzzy', '5e-6', '1e-3', '0', '1e4')
-    rms, _ = study(files, tmp_path, *none, 'fuzzy_pid', *gains, *scales, reference=SLOW)
+    rms, _ = study(files, tmp_path, *OFF, 'feedback.method=fuzzy_pid', gain, reference=SLOW)
     assert rms['with fuzzy PID'] < 0.5 * rms['feedforward']
-    rms, summary = study(files, tmp_path, *none, 'h_infinity', '--bandwidth', '8', reference=SLOW)
+    words = ('feedback.method=h_infinity', 'feedback.h_infinity.bandwidth=8')
+    rms, summary = study(files, tmp_path, *OFF, *words, reference=SLOW)
     assert rms['with H-infinity'] < 0.5 * rms['feedforward']
     (note,) = (each for each in summary['notes'] if each.startswith('H-infinity: gamma 0.'))
     assert note in capsys.readouterr().out
@@ -154,16 +156,19 @@ def test_tables_of_a_user_change_the_fuzzy_pid(files: list[Any], tmp_path: Path)
     rows = {level: [3] * 7 for level in ('NB', 'NM', 'NS', 'ZO', 'PS', 'PM', 'PB')}
     table = tmp_path / 'mine.yaml'
     table.write_text(yaml.safe_dump({'proportional': rows, 'integral': rows}))
-    words = ('--attenuation', 'none', '--feedback', 'fuzzy_pid', '--pid', '0', '2e4', '0',
-             '--fuzzy', '5e-7', '1e-5', '0', '2e4')  # fmt: skip
+    words = (
+        *OFF, 'feedback.method=fuzzy_pid', 'feedback.pid.integral=2e4',
+        'feedback.fuzzy.error_scale=5e-7', 'feedback.fuzzy.rate_scale=1e-5',
+        'feedback.fuzzy.integral_range=2e4',
+    )  # fmt: skip
     own, _ = study(files, tmp_path, *words, reference=SLOW)
-    mine, _ = study(files, tmp_path, *words, '--fuzzy-tables', str(table), reference=SLOW)
+    mine, _ = study(files, tmp_path, *words, f'feedback.fuzzy.tables={table}', reference=SLOW)
     assert mine['with fuzzy PID'] < 0.95 * own['with fuzzy PID']  # all of the integral, always
 
 
 @pytest.mark.component
 def test_no_two_runs_of_a_report_have_one_colour(files: list[Any], tmp_path: Path) -> None:
-    study(files, tmp_path, '--pid', '0', '3e3', '0', '--together')
+    study(files, tmp_path, *PID, '--together')
     page = (tmp_path / 'out' / 'report.html').read_text()
     for role in ('uncompensated', 'feedforward', 'attenuated', 'fed_back', 'everything'):
         assert ROLES[role] in page
@@ -172,9 +177,7 @@ def test_no_two_runs_of_a_report_have_one_colour(files: list[Any], tmp_path: Pat
 
 @pytest.mark.component
 def test_attenuation_and_feedback_may_act_together(files: list[Any], tmp_path: Path) -> None:
-    rms, _ = study(
-        files, tmp_path, '--orders', '0', '1', '3', '--pid', '0', '2e3', '0', '--together'
-    )
+    rms, _ = study(files, tmp_path, *PID, 'attenuation.orders=[0,1,3]', '--together')
     assert list(rms)[2:] == ['with attenuation', 'with PID', 'with both']
     assert rms['with both'] < rms['feedforward']
 
@@ -182,19 +185,20 @@ def test_attenuation_and_feedback_may_act_together(files: list[Any], tmp_path: P
 @pytest.mark.slow
 def test_sign_rules_are_settings_of_the_attenuation(files: list[Any], tmp_path: Path) -> None:
     """Fujii's printed rule has the wrong sign below the mode, the computed one has not."""
-    words = ('--attenuation', 'rls', '--orders', '3', '--attenuation-set', 'switch_frequency=66')
+    words = ('--set', 'attenuation.method=rls', 'attenuation.orders=[3]')
     reference = 'sine:frequency=20,amplitude=5e-5,duration=6,ramp=0.5'
     computed, _ = study(files, tmp_path, *words, reference=reference)
-    printed, _ = study(files, tmp_path, *words, 'sign_rule=printed', reference=reference)
+    printed, _ = study(
+        files, tmp_path, *words, 'attenuation.sign_rule=printed', reference=reference
+    )
     assert computed['with attenuation'] < computed['feedforward']
     assert printed['with attenuation'] > computed['with attenuation']
 
 
 @pytest.mark.slow
 def test_the_laws_of_the_papers_are_chosen_by_name(files: list[Any], tmp_path: Path) -> None:
-    words = ('--attenuation', 'none', '--law')
-    exact, _ = study([*files[:3], files[1]], tmp_path, *words, 'exact')
-    late, summary = study([*files[:3], files[1]], tmp_path, *words, 'zhou2021')
+    exact, _ = study([*files[:3], files[1]], tmp_path, *OFF, 'feedforward.law=exact')
+    late, summary = study([*files[:3], files[1]], tmp_path, *OFF, 'feedforward.law=zhou2021')
     assert late['feedforward'] > 3 * exact['feedforward']
     assert summary['law'] == 'zhou2021'
 
@@ -203,7 +207,7 @@ def test_the_selector_is_a_model_like_any_other(tmp_path: Path) -> None:
     model = named('inverse_selector')
     ModelFile(model, model.defaults()).save(tmp_path / 'selector.yaml')
     both = ['--model', str(tmp_path / 'selector.yaml'), '--plant', str(tmp_path / 'selector.yaml')]
-    rms, _ = study(both, tmp_path, '--attenuation', 'none', '--law', 'xiao2014')
+    rms, _ = study(both, tmp_path, *OFF, 'feedforward.law=xiao2014')
     assert rms['feedforward'] < 0.1 * rms['no compensation']
 
 
@@ -213,13 +217,12 @@ def test_the_selector_is_a_model_like_any_other(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_preset_of_the_simulator_is_a_plant(files: list[Any], tmp_path: Path) -> None:
     plain = [*files[:2], '--plant', 'preset:generic_bouc_wen']
-    words = ('--attenuation', 'none')
-    rms, summary = study(plain, tmp_path, *words)
+    rms, summary = study(plain, tmp_path, *OFF)
     assert summary['plant'] == 'preset:generic_bouc_wen'
     assert rms['feedforward'] < rms['no compensation']
-    again, _ = study(plain, tmp_path, *words)
+    again, _ = study(plain, tmp_path, *OFF)
     assert again == rms
-    crept, _ = study(plain, tmp_path, *words, '--plant-set', 'effects.creep=true')
+    crept, _ = study(plain, tmp_path, *OFF, '--plant-set', 'effects.creep=true')
     assert crept != rms
 
 
@@ -236,9 +239,9 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
                      method='xiao2014', seed=1)  # fmt: skip
     found.model_file((), 1e4).save(folder / 'model.yaml')
     return [
-        '--model', str(folder / 'model.yaml'), '--plant', 'preset:xiao_pi_stack', '--law',
-        'xiao2014', '--plant-set', 'amplifier.range_low=-30', 'amplifier.range_high=130',
-        '--attenuation', 'none', '--reference',
+        '--model', str(folder / 'model.yaml'), '--plant', 'preset:xiao_pi_stack', *OFF,
+        'feedforward.law=xiao2014', '--plant-set', 'amplifier.range_low=-30',
+        'amplifier.range_high=130', '--reference',
         'triangle:frequency=10,amplitude=15e-6,duration=2',
     ]  # fmt: skip
 
@@ -276,10 +279,12 @@ def test_the_gain_of_another_model_steers_the_attenuation(
     ModelFile(
         named('classical'), {k: VALUES[k] for k in ('A1', 'A', 'A0', 'beta', 'gamma', 'offset')}
     ).save(poor)
-    words = ['--model', str(poor), *files[2:], '--attenuation', 'rls', '--orders', '3',
-             '--attenuation-set', 'forgetting=1', 'sign_rule=computed']  # fmt: skip
+    words = ['--model', str(poor), *files[2:], '--set', 'attenuation.method=rls',
+             'attenuation.orders=[3]', 'attenuation.forgetting=1']  # fmt: skip
     alone, _ = study(words, tmp_path, reference=REFERENCE)
-    steered, summary = study([*words, '--gain-model', files[1]], tmp_path, reference=REFERENCE)
+    steered, summary = study(
+        [*words, f'attenuation.model_file={files[1]}'], tmp_path, reference=REFERENCE
+    )
     assert summary['gain_model'] == 'bouc_wen_mode'
     assert steered['with attenuation'] < 0.9 * alone['with attenuation'], (steered, alone)
 
@@ -318,19 +323,18 @@ def test_a_plant_that_ends_is_reported(tmp_path: Path) -> None:
         ('--plant preset:generic_bouc_wen --plant-set colour=3', 'cannot be started'),
         ('--plant preset:generic_bouc_wen --noise 1e-8', 'its own noise'),
         ('--plant-set effects.creep=true', '--plant-set is for a simulated plant'),
-        ('--feedback pid', '--feedback pid needs --pid'),
-        ('--feedback fuzzy_pid --pid 0 1 0', 'needs --fuzzy'),
-        ('--feedback h_infinity', 'needs --bandwidth'),
-        ('--feedback h_infinity --bandwidth 600', 'beyond half the sampling rate'),
-        ('--feedback h_infinity --bandwidth 200', 'gamma is'),
-        ('--feedback h_infinity --bandwidth 5 --h-infinity-set peak=x', 'peak must be a number'),
-        ('--feedback h_infinity --bandwidth 5 --h-infinity-set size=2', 'no setting of h_inf'),
-        ('--bandwidth 5', '--bandwidth belongs to --feedback h_infinity'),
-        ('--pid 0 1 0 --fuzzy 1 1 1 1', '--fuzzy belongs to --feedback fuzzy_pid'),
-        ('--attenuation-set sign_rule=guessed', 'sign_rule'),
-        ('--attenuation-set gain=big', 'gain must be a number'),
-        ('--attenuation-set orders=3', 'no setting of the attenuation'),
-        ('--law tatebatake2017', 'inverts bouc_wen and autoregressive'),
+        (f'{H_INFINITY} feedback.h_infinity.bandwidth=600', 'beyond half the sampling rate'),
+        (f'{H_INFINITY} feedback.h_infinity.bandwidth=200', 'gamma is'),
+        (f'{H_INFINITY} feedback.h_infinity.peak=x', 'h_infinity.peak must be of type float'),
+        (f'{H_INFINITY} feedback.h_infinity.peek=2', 'did you mean feedback.h_infinity.peak?'),
+        ('--set feedback.h_infinity.bandwidth=5', 'bandwidth changes nothing here'),
+        ('--set feedback.limits.low=-1', 'low changes nothing here'),
+        ('--set attenuation.sign_rule=guessed', 'sign_rule'),
+        ('--set attenuation.orders=3', 'orders must be a list of int'),
+        ('--set coupled.step=0.1', 'sets no parameter of feedforward, attenuation, feedback'),
+        ('--set orders', 'write NODE.PARAMETER=VALUE'),
+        ('--transfer-function plant.yaml', 'belongs to feedback.method=h_infinity'),
+        ('--set feedforward.law=tatebatake2017', 'inverts bouc_wen and autoregressive'),
     ],
 )
 def test_what_cannot_be_is_one_line(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,8 @@ from piezo_hysteresis.runtime.laws import (
     FeedbackLaws,
     HarmonicLaws,
     Inversion,
-    feedback_settings,
+    chain_settings,
     forward_settings,
-    harmonic_settings,
 )
 from piezo_hysteresis.waveforms import Sine
 
@@ -63,13 +61,7 @@ def inverted() -> ModelFile:
 
 def settings(values: dict[str, dict[str, Any]]) -> Controllers:
     """Return the one settings object of the file."""
-    harmonic = harmonic_settings(values['attenuation'], DT)
-    return replace(
-        forward_settings(values['feedforward'], DT, inverted()),
-        attenuation=harmonic.attenuation,
-        feedback=feedback_settings(values['feedback'], DT).feedback,
-        plant=harmonic.plant,
-    )
+    return chain_settings(values, DT, inverted())
 
 
 def studied(method: str) -> LoopResult:

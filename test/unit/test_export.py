@@ -45,8 +45,18 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('export')
     out = folder / 'lib'
     model = saved(folder, natural_frequency=68.0)
-    words = ['export', model, '--out', out, '--rate', RATE, '--orders', 0, 1, 2, 3, 5]
-    assert main([str(word) for word in (*words, '--pid', *GAINS)]) == 0
+    words = [
+        'export',
+        model,
+        '--out',
+        out,
+        '--rate',
+        RATE,
+        '--set',
+        'attenuation.orders=[0,1,2,3,5]',
+    ]
+    words += ['feedback.method=pid', 'feedback.pid.proportional=100', 'feedback.pid.derivative=1']
+    assert main([str(word) for word in words]) == 0
     return out
 
 
@@ -171,7 +181,7 @@ def test_the_header_is_cpp_too(exported: Path, tmp_path: Path) -> None:
 )
 def test_the_same_on_aarch64(tmp_path: Path) -> None:
     out = tmp_path / 'lib'
-    words = [saved(tmp_path), '--out', out, '--rate', RATE, '--attenuation', 'none']
+    words = [saved(tmp_path), '--out', out, '--rate', RATE, '--set', 'attenuation.enabled=false']
     words += ['--target', 'aarch64-linux']
     assert main(['export', *map(str, words)]) == 0
     done = make(out, 'test', f'CC={CROSS} -static', 'RUN=qemu-aarch64')
@@ -283,7 +293,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     recursion = saved(tmp_path, 'extended', rate=1000.0)
     assert '1000 Hz' in refused(capsys, recursion, '--out', out, '--rate', 20000)
     falling = saved(tmp_path, A1=1e-5)
-    text = refused(capsys, falling, '--out', out, '--attenuation', 'none')
+    text = refused(capsys, falling, '--out', out, '--set', 'attenuation.enabled=false')
     assert 'no inverse' in text
     assert not out.exists()
     assert not [each for each in tmp_path.iterdir() if each.name.startswith('.')]

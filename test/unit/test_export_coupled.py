@@ -57,7 +57,7 @@ def test_the_command_writes_a_library_whose_own_test_finds_the_same_bits(
     assert '--limits LOW HIGH SLEW' in capsys.readouterr().err
     words += ['--limits', '-20', '25', '1e5']
     assert main([*words, '--rate', '1000']) == 2
-    assert main([*words, '--pid', '1', '2', '3']) == 2
+    assert main([*words, '--set', 'feedback.method=pid']) == 2
     assert main(words) == 0
     subprocess.run(['make', '-C', str(out), 'selftest'], check=True, capture_output=True)
     done = subprocess.run(

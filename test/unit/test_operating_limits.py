@@ -175,7 +175,16 @@ def test_the_command_writes_the_voltage_and_prints_what_is_limited(
     stage().save(tmp_path / 'model.yaml')
     path, out = str(tmp_path / 'model.yaml'), tmp_path / 'out'
     wanted = 'sine:frequency=30,amplitude=5e-6,offset=8e-6,duration=0.4'
-    given = ['--model', path, '--plant', path, '--reference', wanted, '--attenuation', 'none']
+    given = [
+        '--model',
+        path,
+        '--plant',
+        path,
+        '--reference',
+        wanted,
+        '--set',
+        'attenuation.enabled=false',
+    ]
     assert main(['compensate', *given, '--slew', '400', '--out', str(out)]) == 0
     assert limited(Limits(20.0, 140.0, 400.0))['slew_limited'] in capsys.readouterr().out
     first, *rows = (out / 'voltage.csv').read_text('utf-8').splitlines()

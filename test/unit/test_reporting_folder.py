@@ -137,7 +137,8 @@ VERBS: dict[str, Words] = {
     'validate': lambda data, model: ['validate', str(data), '--model', str(model)],
     'discover': lambda data, _: ['discover', str(data), '--baseline', 'classical'],
     'compensate': lambda _, model: [
-        'compensate', '--model', str(model), '--plant', str(model), '--attenuation', 'none',
+        'compensate', '--model', str(model), '--plant', str(model),
+        '--set', 'attenuation.enabled=false',
         '--reference', 'sine:frequency=5,amplitude=1e-6,duration=0.4',
     ],
     'demo': lambda data, _: ['demo', '--data', str(data)],

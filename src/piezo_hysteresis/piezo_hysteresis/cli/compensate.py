@@ -33,7 +33,7 @@ EXAMPLE = (
 # Options of both modes, options that only a controller takes, and those for several axes.
 _COMMON = {'model', 'reference', 'out', 'overwrite', 'low', 'high', 'slew', 'plant', 'on'}
 _OF_CONTROLLER = {'axis', 'rounds', 'take_over'}
-_OF_SEVERAL = {'noise', 'seed', 'plant_set', 'periods', 'orders'}
+_OF_SEVERAL = {'noise', 'seed', 'plant_set', 'periods', 'set'}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

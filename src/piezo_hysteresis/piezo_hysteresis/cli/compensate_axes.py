@@ -10,11 +10,13 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.axes import modal_file
 from piezo_hysteresis.axes.axes_tracking import tracked
-from piezo_hysteresis.cli import compensate_links, verbosity
+from piezo_hysteresis.cli import verbosity
+from piezo_hysteresis.cli.compensate_links import stated
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.study import require_sampled, waveform_of
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.interface.axes_runs import axes_plant, orders_of, tick_by_tick
+from piezo_hysteresis.interface.axes_runs import axes_plant, tick_by_tick
+from piezo_hysteresis.runtime.coupled_ticks import matrix_settings
 from piezo_hysteresis.waveforms.waveform import Samples
 
 # Ratio of a level to that of the identification from which its model extrapolates.
@@ -29,6 +31,7 @@ def compensate_several(arguments: argparse.Namespace) -> int:
 
     model = modal_file.load(arguments.model)
     _require_numbers(arguments)
+    settings = matrix_settings(stated(arguments.set, ('coupled',))['coupled'])
     texts, samples = references_of(arguments.reference, model.layout.outputs, model.dt)
     reference = np.stack([each.value for each in samples], 1)
     noise, seed = arguments.noise, arguments.seed
@@ -37,7 +40,7 @@ def compensate_several(arguments: argparse.Namespace) -> int:
     ) as plant:
         runs = tracked(model, plant, reference, noise=noise, seed=seed)
         if arguments.periods:
-            limits, settings = _limits(arguments, plant, model.dt), orders_of(arguments.orders)
+            limits = _limits(arguments, plant, model.dt)
             runs[-1:-1] = tick_by_tick(model, plant, samples, limits, settings, arguments.periods)
     _require_within(arguments, runs[-1].voltage, model.dt)
     write_axes_tracking(arguments.out, runs, model.dt, texts)
@@ -123,10 +126,8 @@ def _require_numbers(arguments: argparse.Namespace) -> None:
     if not arguments.noise >= 0.0:
         raise CompensationError(f'--noise must be 0 or more, got {arguments.noise!r}')
     low, high, slew = arguments.low, arguments.high, arguments.slew
-    if not arguments.periods and tuple(arguments.orders) != compensate_links.DEFAULT.orders:
-        raise CompensationError(
-            '--orders: of the runs tick by tick; give --periods, or leave it out'
-        )
+    if not arguments.periods and arguments.set:
+        raise CompensationError('--set: of the runs tick by tick; give --periods, or leave it out')
     if arguments.periods < 0:
         raise CompensationError(f'--periods must be 0 or more, got {arguments.periods}')
     if low is not None and high is not None and not low < high:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 from piezo_hysteresis.cli import compensate_links as chain
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.operating_limits import above_nyquist, operating_limits, rate_of
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile, is_modal
+from piezo_hysteresis.runtime.coupled_ticks import matrix_settings
 
 TARGETS = ('x86_64-linux', 'aarch64-linux')
 _LIMITS = ('low', 'high', 'slew')
@@ -61,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     model = ModelFile.load(arguments.data[0])
     rate = rate_of(model, arguments.rate)
     bounds = operating_limits(model, **dict(zip(_LIMITS, arguments.limits or (), strict=False)))
-    controllers = chain.controllers_of(arguments, model, 1.0 / rate, bounds.limits)
+    controllers = replace(chain.controllers_of(arguments, model, 1.0 / rate), limits=bounds.limits)
     size = write_library(
         model, controllers, arguments.out, name=arguments.name, target=arguments.target,
         frequency=arguments.frequency, only_plant=bool(arguments.only), energy=arguments.energy,
@@ -77,17 +79,18 @@ def _run_several(arguments: argparse.Namespace) -> int:
     """Write the library of a model of several axes."""
     from piezo_hysteresis.interface.axes_runs import write_coupled_library
 
-    for name in ('energy', 'only', 'frequency', 'pid', 'feedback'):
+    for name in ('energy', 'only', 'frequency', 'transfer_function'):
         if getattr(arguments, name, None) is not None:
-            raise CompensationError(f'--{name} is for a model of one axis; leave it out')
+            option = name.replace('_', '-')
+            raise CompensationError(f'--{option} is for a model of one axis; leave it out')
     if arguments.limits is None:
         raise CompensationError(
             'a model of several axes states no limits; give --limits LOW HIGH SLEW, for each axis'
         )
     size = write_coupled_library(
         arguments.data[0], arguments.out, limits=Limits(*arguments.limits), rate=arguments.rate,
-        orders=() if arguments.attenuation == 'none' else arguments.orders, name=arguments.name,
-        target=arguments.target,
+        settings=matrix_settings(chain.stated(arguments.set, ('coupled',))['coupled']),
+        name=arguments.name, target=arguments.target,
     )  # fmt: skip
     print(f'lib{arguments.name}.a for {arguments.target}: {size / 1000:.0f} kB')
     print(f'written to {arguments.out}; make -C {arguments.out} test')

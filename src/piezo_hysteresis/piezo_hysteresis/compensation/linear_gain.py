@@ -15,13 +15,7 @@ _MODE, _PULSE = range(2)
 
 
 class LinearGain(Protocol):
-    """Answers the gain [m/V] at a frequency [Hz]; negative frequencies give the conjugate.
-
-    Attributes
-    ----------
-    packed : ndarray
-        The same as numbers for `gain_at`.
-    """
+    """Answers the gain [m/V] at a frequency [Hz]; negative frequencies give the conjugate."""
 
     @property
     def packed(self) -> FloatArray:

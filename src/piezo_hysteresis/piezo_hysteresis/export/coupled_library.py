@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from piezo_hysteresis import __version__
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.axes.modal_model import ModalModel
 from piezo_hysteresis.common.wording import counted
 from piezo_hysteresis.compensation.coupled import matrix_attenuation as matrix
 from piezo_hysteresis.compensation.coupled.axes_chain import AxesChain, axes_chain, axes_loop
@@ -48,6 +47,9 @@ from piezo_hysteresis.jit import inline_jit, scratch
 from piezo_hysteresis.parameters.links import COUPLED
 from piezo_hysteresis.parameters.links import VOLTAGE as VOLTAGE_TABLE
 from piezo_hysteresis.waveforms import Sine
+
+if TYPE_CHECKING:
+    from piezo_hysteresis.axes.modal_model import ModalModel
 
 # Ticks of the test vectors, and the frequency of the sine of the first axis [Hz].
 _VECTORS, _FREQUENCY = 4000, 20.0

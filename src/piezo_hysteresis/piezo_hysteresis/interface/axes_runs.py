@@ -25,7 +25,6 @@ from piezo_hysteresis.axes.modal_search import ModalIdentification
 from piezo_hysteresis.common.wording import Guided
 from piezo_hysteresis.compensation.coupled.axes_chain import axes_chain, axes_loop, repeated
 from piezo_hysteresis.compensation.coupled.matrix_settings import MatrixSettings
-from piezo_hysteresis.compensation.harmonics.lines import EVERY
 from piezo_hysteresis.compensation.limiter import require_limits
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.compensation.offline_loop import ProcessPlant, command_of
@@ -134,13 +133,6 @@ def tick_by_tick(
     return found
 
 
-def orders_of(orders: Sequence[int]) -> MatrixSettings | None:
-    """Return the settings for orders; none of them is no attenuation, -1 those by default."""
-    if not orders:
-        return None
-    return MatrixSettings() if EVERY in orders else MatrixSettings(tuple(orders))
-
-
 MODES = 'modes'
 _OURS = {'dt', 'fs', 'workers', 'progress', 'modes', 'effects'}
 
@@ -227,7 +219,7 @@ def write_coupled_library(
     *,
     limits: Limits,  # of each axis
     rate: float | None,  # [Hz]
-    orders: Sequence[int],  # to attenuate; none for feedforward alone, -1 for those by default
+    settings: MatrixSettings | None,  # None for feedforward alone
     name: str,
     target: str,
 ) -> int:
@@ -241,7 +233,6 @@ def write_coupled_library(
             f'the model is of {1.0 / found.dt:g} Hz, which its library keeps; leave out --rate'
         )
     require_limits(limits)
-    settings = orders_of(orders)
     text = Path(model).read_text(encoding='utf-8')
     files = coupled_files(name, text, found, limits, settings, target)
     write_folder(path, files, 'export')

@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 _LONGEST = 5000
 
 
+def matrix_settings(values: Mapping[str, Any]) -> MatrixSettings | None:
+    """Return the attenuation that the parameters of the node describe; None where it is off."""
+    own = tuple(values['orders']), values['step'], values['largest_correction']
+    return MatrixSettings(*own) if values['enabled'] else None
+
+
 class CoupledTick(NamedTuple):
     """What all axes have for one tick."""
 
@@ -107,13 +113,8 @@ class CoupledLoop:
 
     def use(self, values: Mapping[str, Any]) -> None:
         """Take other settings over; the feedforward continues, the correction begins anew."""
-        settings = MatrixSettings(
-            tuple(values['orders']), values['step'], values['largest_correction']
-        )
         before: AxesChain | None = getattr(self, 'chain', None)
-        self.chain = axes_chain(
-            self._model, self._limits, settings if values['enabled'] else None, values['rate']
-        )
+        self.chain = axes_chain(self._model, self._limits, matrix_settings(values), values['rate'])
         self._checks = bool(values['sensor_check'])
         self._warm_up()
         if before is not None:

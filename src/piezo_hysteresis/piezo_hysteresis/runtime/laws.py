@@ -159,6 +159,22 @@ def feedback_settings(
     return Controllers(dt, limits, model, feedback=asked, plant=_plant(values, dt))
 
 
+def chain_settings(
+    values: Mapping[str, Mapping[str, Any]], dt: float, model: ModelFile
+) -> Controllers:
+    """Return the chain that the parameters of all its nodes describe, by node."""
+    own = values['attenuation']
+    harmonic, path = harmonic_settings(own, dt), own['model_file']
+    feedback = feedback_settings(values['feedback'], dt)
+    return replace(
+        forward_settings(values['feedforward'], dt, model),
+        attenuation=harmonic.attenuation if own['enabled'] else None,
+        feedback=feedback.feedback,
+        gain_model=ModelFile.load(path) if path else None,
+        plant=harmonic.plant or feedback.plant,
+    )
+
+
 def _limits(values: Mapping[str, Any]) -> Limits:
     return Limits(**_group(values, 'limits.'))
 

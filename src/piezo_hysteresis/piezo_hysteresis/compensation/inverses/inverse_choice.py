@@ -180,7 +180,7 @@ def _called(part: InverseRole) -> str:
 
 
 def _own_law(model: Model, law: str) -> str:
-    """Return the own name of a law that was asked for; refuse a model that it does not invert."""
+    """Return the own name of a law, also of Fang 2019 (feedforward); refuse another model."""
     core = tuple(part for part in _anatomy(model).core if part is not InverseRole.STRUCTURE)
     if law in _FOR and core not in _FOR[law]:
         blocks = [block.name for block in model.blocks if block.slot is not Slot.ADDED]
