@@ -16,6 +16,7 @@ from piezo_hysteresis.compensation.inverses.block_inverse import (
     CORNERS,
     FIRST_SLOPE,
     STATE_SIZE,
+    Answer,
     BlockInverse,
     block_inverse,
     carry_ahead,
@@ -67,31 +68,30 @@ def chain_kernel(
     dt: float,  # [s]
 ) -> ChainKernel:
     """Return the inverse of a chain."""
-    solved: _Through | None = None
-    undone: _Through | None = None
-    kept: _Through | None = None
-    start = [np.zeros(_MEMORIES)]
+    solved: _Through = _passing
+    undone: _Through = _passing
+    kept: _Through = _passing
+    start, counts = [np.zeros(_MEMORIES)], list[int]()
     memory, numbers = _MEMORIES, _BACK + restoring[1]
-    clamped: Any = _no_count
     for i, (block, joined) in enumerate((*front, *back)):
         inverse = block_inverse(block, dt, joined)
         if i < len(front):
-            solved = _before(_solve(inverse, memory, numbers), solved)
-            kept = _before(kept, _keep(inverse, memory, numbers))
+            solved = _before(_plain(inverse.solve, memory, numbers), solved)
+            kept = _before(kept, _plain(inverse.commit, memory, numbers))
         else:
             undone = _before(_undo(inverse, memory, numbers), undone)
-        clamped = _counting(clamped, memory)
+        counts.append(memory + CLAMPED)
         start.append(inverse.start)
         memory += inverse.start.size
         numbers += sizes[i]
     acting = _nothing_back if restoring[0] is None else _acting_back(*restoring)
-    return ChainKernel(
-        _whole(undone, solved, kept, clamped=clamped, back=acting), np.concatenate(start)
-    )
+    return ChainKernel(_whole(undone, solved, kept, acting, counts), np.concatenate(start))
 
 
-def _whole(*steps: _Through | None, clamped: Any, back: Any) -> Run:
-    undone, solved, kept = (_passing() if each is None else each for each in steps)
+def _whole(
+    undone: _Through, solved: _Through, kept: _Through, back: Any, counts: Sequence[int]
+) -> Run:
+    places = np.array(counts, np.int64)
 
     @jit
     def run(
@@ -114,7 +114,10 @@ def _whole(*steps: _Through | None, clamped: Any, back: Any) -> Run:
                 memory[_STROKE] += 1.0
             voltage[k] = u
             kept(Motion(u, 0.0, 0.0), memory, p, dt)
-        memory[_CLAMPED] = clamped(memory)
+        total = 0.0
+        for k in range(places.size):
+            total += memory[places[k]]
+        memory[_CLAMPED] = total
 
     return run
 
@@ -137,33 +140,13 @@ def _acting_back(restoring: Any, count: int) -> Any:
     return back
 
 
-def _passing() -> _Through:
-    """Return the kernel of an empty chain."""
-
-    @inline_jit
-    def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
-        return at
-
-    return through
-
-
 @inline_jit
-def _no_count(memory: FloatArray) -> float:
-    return 0.0
+def _passing(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
+    return at
 
 
-def _counting(before: Any, place: int) -> Callable[[FloatArray], float]:
-    @inline_jit
-    def total(memory: FloatArray) -> float:
-        return float(before(memory) + memory[place + CLAMPED])
-
-    return total
-
-
-def _before(one: _Through | None, other: _Through | None) -> _Through | None:
-    """Return `one` followed by `other`; None if both are missing."""
-    if one is None or other is None:
-        return other if one is None else one
+def _before(one: _Through, other: _Through) -> _Through:
+    """Return `one` followed by `other`."""
 
     @inline_jit
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
@@ -172,24 +155,12 @@ def _before(one: _Through | None, other: _Through | None) -> _Through | None:
     return through
 
 
-def _solve(inverse: BlockInverse, place: int, numbers: int) -> _Through:
-    """Return the step from the output of a block to its input."""
-    solve = inverse.solve
+def _plain(answer: Answer, place: int, numbers: int) -> _Through:
+    """Return a kernel of a block, by its places, as one on a signal without derivatives."""
 
     @inline_jit
     def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
-        return Motion(solve(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
-
-    return through
-
-
-def _keep(inverse: BlockInverse, place: int, numbers: int) -> _Through:
-    """Return the step from the input of a block to its output, with an update of its memory."""
-    commit = inverse.commit
-
-    @inline_jit
-    def through(at: Motion, memory: FloatArray, p: FloatArray, dt: float) -> Motion:
-        return Motion(commit(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
+        return Motion(answer(at.displacement, memory[place:], p[numbers:], dt), 0.0, 0.0)
 
     return through
 
