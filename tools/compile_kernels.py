@@ -231,7 +231,7 @@ def limits() -> None:
 
     limiter = Limiter(Limits(), DT)
     limiter.apply(0.1)
-    limiter.ramp_to_rest()
+    limiter.ramp_to(0.0, 1.0)
     Limiter(Limits(), DT, energy=EnergyLimits())
     for change in (Transition(DT), CrossFade(DT, 0.1)):
         change.apply(1.0)

@@ -101,14 +101,11 @@ class Controllers:
     def straight(self) -> Link:
         """Return no compensation: the reference divided by the gain."""
         assert self.model is not None
-        return replace(self, law='gain').inverse_of(replace(self.model, schedule=None))
+        return replace(self, law='gain').inverse(replace(self.model, schedule=None))
 
-    def inverse(self) -> Link:
-        """Return the feedforward."""
-        return self.inverse_of(self.model)
-
-    def inverse_of(self, loaded: ModelFile | None) -> InverseLink | ScheduledInverse:
-        """Return the inverse of one model, of each entry of its schedule if it has one."""
+    def inverse(self, model: ModelFile | None = None) -> InverseLink | ScheduledInverse:
+        """Return the feedforward of another model or that of the chain, by entry of a schedule."""
+        loaded = model or self.model
         assert loaded is not None
         if loaded.schedule is not None:
             return ScheduledInverse(
@@ -178,7 +175,7 @@ class Controllers:
 
     def links(self, *, by_mode: bool = False) -> list[Link]:
         """Return the whole chain at rest, first to last."""
-        links = [self.inverse()]
+        links: list[Link] = [self.inverse()]
         if self.attenuation is not None:
             links.append(self.attenuate(self.mode() if by_mode else None))
         if self.feedback is not None:

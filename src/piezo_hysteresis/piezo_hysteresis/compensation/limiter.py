@@ -270,19 +270,6 @@ class Limiter:
         """
         return limit(float(voltage), self._memory, self._settings)
 
-    def ramp_to_rest(self, rest: float = 0.0, duration: float = 1.0) -> float:
-        """Return the next voltage on the way to `rest`; call it once per tick.
-
-        Parameters
-        ----------
-        rest : float
-            Where to go [V]; clamped to the range.
-        duration : float
-            Seconds that the whole range would take [s]; never faster than the slew limit.
-        """
-        span = self.limits.high - self.limits.low
-        return self.ramp_to(rest, span / duration if duration > 0 else math.inf)
-
     def ramp_to(self, rest: float, rate: float) -> float:
         """Return the next voltage on the way to `rest` [V] at `rate` [V/s]; once per tick.
 

@@ -201,10 +201,9 @@ class Transition:
         dt: float,  # [s]
         duration: float = 0.2,  # [s]
         slew: float = math.inf,  # [V/s]
-        memory: FloatArray | None = None,  # (FADE_SIZE,)
     ) -> None:
         self._dt = float(dt)
-        self._memory = np.zeros(FADE_SIZE) if memory is None else memory
+        self._memory = np.zeros(FADE_SIZE)
         self.retune(duration, slew)
 
     def start(self) -> None:
@@ -218,11 +217,6 @@ class Transition:
     def apply(self, raw: float) -> float:
         """Return the output for this tick [V]; `raw` is what the law in charge wants."""
         return fade(float(raw), self._memory, self._dt, self._duration, self._slew)
-
-    @property
-    def active(self) -> bool:
-        """Whether a change is under way."""
-        return bool(self._memory[PENDING] > 0.0 or self._memory[BUMP] != 0.0)
 
     def reset(self) -> None:
         """Discard the last output and any running transition."""

@@ -67,7 +67,7 @@ class Inversion:
         loaded = loaded or self.loaded
         if loaded is not None:
             try:
-                replace(self.settings, law=law).inverse_of(loaded)
+                replace(self.settings, law=law).inverse(loaded)
             except PiezoError as error:
                 return str(error)
         return ''
@@ -88,7 +88,7 @@ class Inversion:
         return {} if self._inverse is None else self._inverse.counters()
 
     def _inverted(self, loaded: ModelFile) -> InverseLink | ScheduledInverse:
-        inverse = self.settings.inverse_of(loaded)
+        inverse = self.settings.inverse(loaded)
         inverse.step(ReferencePoint(0, 0.0, 0.0, 0.0, 0.0, 0.0))  # compiled before the first tick
         inverse.reset()
         if self._past:

@@ -246,38 +246,6 @@ _MODE = {
 }
 
 
-class HarmonicLaw(NamedTuple):
-    """A method of harmonic attenuation as kernels.
-
-    All have the arguments `memory`, packed settings `p`, packed gain `g` and dt [s].
-    """
-
-    size: Callable[[FloatArray], int]  # ``size(p)``: length of its memory
-    clear: Callable[[FloatArray, FloatArray, FloatArray, float], None]
-    update: Callable[..., None]  # [m]
-    voltage: Callable[..., float]  # [V]
-    disturb: Callable[[FloatArray, FloatArray, FloatArray, float], None]
-    regain: Callable[[FloatArray, FloatArray, FloatArray, float], None]
-    retreat: Callable[[FloatArray, FloatArray, FloatArray, float], None]
-    fading: bool  # whether it learns while it fades in
-    harmonics: Callable[[FloatArray, FloatArray, FloatArray, float], list[Harmonic]]
-    counters: Callable[[FloatArray], dict[str, int]]
-
-
-def _law(module: Any, size: Callable[[FloatArray], int]) -> HarmonicLaw:
-    return HarmonicLaw(
-        size, module.clear, module.update, module.voltage, module.disturb, module.regain,
-        getattr(module, 'retreat', module.clear), module is not afc, module.harmonics,
-        module.counters,
-    )  # fmt: skip
-
-
-LAWS: dict[str, HarmonicLaw] = {
-    'afc': _law(afc, afc.afc_size),
-    'rls': _law(harmonic_rls, harmonic_rls.rls_size),
-}
-
-
 @inline_jit
 def ramp_ended(point: FloatArray, memory: FloatArray) -> bool:
     """Process the reference of one tick; return whether a period with another amplitude ended.
@@ -307,13 +275,28 @@ def reset_ramp(memory: FloatArray) -> None:
     memory[_TURN], memory[_LARGEST], memory[_BEFORE] = -1.0, 0.0, 0.0
 
 
-def stepping(law: HarmonicLaw) -> Callable[..., float]:
-    """Return the kernel of a link: ``step(given, received, memory, numbers)``.
+class HarmonicLaw(NamedTuple):
+    """A method of harmonic attenuation as kernels.
 
-    It returns `received` minus the correction [V]; see `fade` for its weight.
+    All but the first two have a memory of their own, packed settings and gain, and dt [s].
     """
-    update, voltage, disturb, retreat = law.update, law.voltage, law.disturb, law.retreat
-    fading = law.fading
+
+    step: Callable[..., float]  # ``step(given, received, memory, numbers)`` [V]
+    reset: Callable[[FloatArray, FloatArray], None]  # ``reset(memory, numbers)``
+    size: Callable[[FloatArray], int]  # ``size(p)``: length of its memory
+    regain: Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    harmonics: Callable[[FloatArray, FloatArray, FloatArray, float], list[Harmonic]]
+    counters: Callable[[FloatArray], dict[str, int]]
+
+
+def _law(
+    module: Any, size: Callable[[FloatArray], int], retreat: Any, fading: bool
+) -> HarmonicLaw:
+    """Return the law of a module; whether it learns while it is `fading` in.
+
+    Its step returns `received` minus the correction [V]; see `fade` for its weight.
+    """
+    update, voltage, disturb, clear = module.update, module.voltage, module.disturb, module.clear
 
     @jit
     def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
@@ -341,14 +324,7 @@ def stepping(law: HarmonicLaw) -> Callable[..., float]:
         weight = fade(guard, fading, dt)
         if weight == 0.0:
             return received
-        return received - weight * voltage(point[FREQUENCY], point[PHASE], own, p, g, dt)
-
-    return step
-
-
-def resetting(law: HarmonicLaw) -> Callable[[FloatArray, FloatArray], None]:
-    """Return the kernel that resets everything but the settings."""
-    clear, fading = law.clear, law.fading
+        return float(received - weight * voltage(point[FREQUENCY], point[PHASE], own, p, g, dt))
 
     @jit
     def reset(memory: FloatArray, numbers: FloatArray) -> None:
@@ -358,10 +334,13 @@ def resetting(law: HarmonicLaw) -> Callable[[FloatArray, FloatArray], None]:
         reset_guard(memory[GUARD:OWN], fading)
         clear(memory[OWN:], numbers[SETTINGS:at], numbers[at:], numbers[DT])
 
-    return reset
+    return HarmonicLaw(step, reset, size, module.regain, module.harmonics, module.counters)
 
 
-STEPS = {method: (stepping(law), resetting(law)) for method, law in LAWS.items()}
+LAWS = {
+    'afc': _law(afc, afc.afc_size, afc.retreat, fading=False),
+    'rls': _law(harmonic_rls, harmonic_rls.rls_size, harmonic_rls.clear, fading=True),
+}
 
 
 class HarmonicAttenuation(CompiledLink):
@@ -409,10 +388,10 @@ class HarmonicAttenuation(CompiledLink):
                 'frequency; give the orders by number, as in [3], or take method afc'
             )
         self.settings, packed = settings, settings.packed
-        self._law, (kernel, self._reset) = LAWS[settings.method], STEPS[settings.method]
+        self._law = LAWS[settings.method]
         head = (self.dt, frozen_ticks(self.dt), SETTINGS + packed.size)
         numbers = np.concatenate([head, packed, gain])
-        super().__init__(kernel, numbers, OWN + self._law.size(packed))
+        super().__init__(self._law.step, numbers, OWN + self._law.size(packed))
         HarmonicAttenuation.reset(self)
 
     @property
@@ -443,7 +422,7 @@ class HarmonicAttenuation(CompiledLink):
 
         names = (*LIVE, *(f'plant.{name}' for name in _MODE))
         settable = tuple(zip(names, self.numbers[places].tolist(), strict=True))
-        return CompiledLaw('attenuation', self.kernel, self._reset, take, settable)
+        return CompiledLaw('attenuation', self.kernel, self._law.reset, take, settable)
 
     def harmonics(self) -> list[Harmonic]:
         """Return order, error [m, rad] and correction [V, rad] of every order."""
@@ -462,7 +441,7 @@ class HarmonicAttenuation(CompiledLink):
 
     def reset(self) -> None:
         """Reset everything but the settings."""
-        self._reset(self.memory, self.numbers)
+        self._law.reset(self.memory, self.numbers)
 
 
 class ScheduledAttenuation(HarmonicAttenuation):
