@@ -33,7 +33,7 @@ from piezo_hysteresis.compensation.feedback.pid import (
     FuzzyRules,
     Pid,
     PidGains,
-    infer,
+    level,
     plain,
     read_tables,
 )
@@ -189,8 +189,8 @@ def test_fuzzy_inference_is_that_of_49_rules(rules: Any) -> None:
     for x, y in itertools.product(np.linspace(-1, 1, 17), repeat=2):
         weights = [[triangle(i - 3, x) * triangle(j - 3, y) for j in range(7)] for i in range(7)]
         expected = float(np.sum(np.array(weights) * rules)) / 3.0 / np.sum(weights)
-        assert infer(rules, x, y) == pytest.approx(expected, abs=1e-12)
-    assert infer(rules, 5.0, -7.0) == infer(rules, 1.0, -1.0)
+        assert level(np.ravel(rules), x, y) == pytest.approx(expected, abs=1e-12)
+    assert level(np.ravel(rules), 5.0, -7.0) == level(np.ravel(rules), 1.0, -1.0)
 
 
 @pytest.mark.parametrize('rules', [PROPORTIONAL_RULES, INTEGRAL_RULES])
@@ -390,8 +390,8 @@ def test_tables_of_a_user_are_obeyed(tmp_path: Path) -> None:
         yaml.safe_dump({'proportional': {**rows, 'PB': ['PB'] * 7}, 'integral': rows})
     )
     read = read_tables(tmp_path / 'mine.yaml')
-    assert infer(read['proportional_rules'], 1.0, 0.0) == 1.0
-    assert infer(read['integral_rules'], 0.3, -0.7) == pytest.approx(2 / 3)
+    assert level(np.ravel(read['proportional_rules']), 1.0, 0.0) == 1.0
+    assert level(np.ravel(read['integral_rules']), 0.3, -0.7) == pytest.approx(2 / 3)
     scales = (5e-6, 1e-3, 5e2, 1e6)
     links = [
         FuzzyPid(PidGains(1e3, 2e6), rules, 1e-3)

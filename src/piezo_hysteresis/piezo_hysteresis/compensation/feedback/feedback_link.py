@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -165,6 +165,11 @@ def packed_settings(dt: float, limits: Limits | None) -> FloatArray:
     return np.array([dt, bound.low, bound.high, bound.slew, window, frozen_ticks(dt)])
 
 
+@inline_jit
+def _unchanged(memory: FloatArray, p: FloatArray, values: FloatArray) -> None:
+    pass
+
+
 class FeedbackLink(CompiledLink):
     """Base of the feedback links: adds a law on the error to the voltage that it receives.
 
@@ -186,6 +191,9 @@ class FeedbackLink(CompiledLink):
         Size of the memory of the law.
     """
 
+    #: Kernel ``change(memory, p, values)`` before the parameters become `values`.
+    change: Any = staticmethod(_unchanged)
+
     def __init__(
         self,
         dt: float,
@@ -205,18 +213,29 @@ class FeedbackLink(CompiledLink):
         """Parameters of the law, as its kernels read them."""
         return self.numbers[SETTINGS:]
 
+    def settable(self) -> tuple[str, ...]:
+        """Return the parameters of its node that may change, in the order of its numbers."""
+        return ()
+
     def compiled(self) -> CompiledLaw:
-        """Return its kernels; only the limits change at run time."""
+        """Return its kernels; the limits and what is `settable` change at run time."""
+        names, change = self.settable(), self.change
+        count = len(names)
 
         @inline_jit
         def take(
             values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
             first: bool,
         ) -> int:  # fmt: skip
+            if not first:
+                change(memory[OWN:], numbers[SETTINGS:], values)
+            for k in range(count):
+                numbers[SETTINGS + k] = values[k]
             numbers[LOW], numbers[HIGH], numbers[SLEW] = bounds[0], bounds[1], bounds[2]
             return OK
 
-        return CompiledLaw('feedback', self.kernel, reset_feedback, take, ())
+        settable = tuple(zip(names, self.packed.tolist(), strict=False))
+        return CompiledLaw('feedback', self.kernel, reset_feedback, take, settable)
 
     def counters(self) -> dict[str, int]:
         """Return the error counters by name."""

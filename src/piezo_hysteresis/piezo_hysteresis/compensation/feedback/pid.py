@@ -18,15 +18,13 @@ from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.wording import reason_of
 from piezo_hysteresis.compensation.feedback.feedback_link import (
     OWN,
-    SETTINGS,
     FeedbackLaw,
     FeedbackLink,
     FuzzyScales,
     PidGains,
-    reset_feedback,
     stepping,
 )
-from piezo_hysteresis.compensation.link import CompiledLaw, Limits
+from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import inline_jit, jit
 
@@ -78,10 +76,10 @@ def cut(excess: float, memory: FloatArray, p: FloatArray, dt: float) -> None:
 
 
 @jit
-def take_gains(memory: FloatArray, before: float, proportional: float) -> None:
+def take_gains(memory: FloatArray, p: FloatArray, values: FloatArray) -> None:
     """Bumpless change of the proportional gain: the integral compensates it."""
     if memory[_STARTED] > 0.0:
-        memory[_INTEGRAL] += (before - proportional) * memory[_LAST]
+        memory[_INTEGRAL] += (p[PROPORTIONAL] - values[PROPORTIONAL]) * memory[_LAST]
 
 
 _PLAIN = stepping(FeedbackLaw(plain, hold, cut))
@@ -105,6 +103,7 @@ class Pid(FeedbackLink):
     """
 
     _kernel: ClassVar[Callable[..., float]] = staticmethod(_PLAIN)
+    change = staticmethod(take_gains)
 
     def __init__(self, gains: PidGains, dt: float, *, limits: Limits | None = None) -> None:
         self._gains = gains
@@ -117,31 +116,13 @@ class Pid(FeedbackLink):
 
     def set_gains(self, gains: PidGains) -> None:
         """Change the gains without a jump; the integral compensates the difference."""
-        take_gains(self.memory[OWN:], float(self._gains.proportional), float(gains.proportional))
         self._gains = gains
-        self.packed[:] = self._pack()
+        packed = self._pack()
+        take_gains(self.memory[OWN:], self.packed, packed)
+        self.packed[:] = packed
 
-    def compiled(self) -> CompiledLaw:
-        """Return its kernels; limits, gains and scales change at run time."""
-        names, take_limits = self._settable(), super().compiled().take
-        count = len(names)
-
-        @inline_jit
-        def take(
-            values: FloatArray, bounds: FloatArray, memory: FloatArray, numbers: FloatArray,
-            first: bool,
-        ) -> int:  # fmt: skip
-            if not first:
-                before = numbers[SETTINGS + PROPORTIONAL]
-                take_gains(memory[OWN:], before, values[PROPORTIONAL])
-            for k in range(count):
-                numbers[SETTINGS + k] = values[k]
-            return int(take_limits(values, bounds, memory, numbers, first))
-
-        settable = tuple(zip(names, self.packed.tolist(), strict=False))
-        return CompiledLaw('feedback', self.kernel, reset_feedback, take, settable)
-
-    def _settable(self) -> tuple[str, ...]:
+    def settable(self) -> tuple[str, ...]:
+        """Return the parameters of its node that may change, in the order of its numbers."""
         return tuple(f'pid.{each.name}' for each in fields(PidGains))
 
     def _pack(self) -> FloatArray:
@@ -268,11 +249,6 @@ def level(rules: FloatArray, error: float, rate: float) -> float:
     return float(levels / 3.0)
 
 
-def infer(rules: FloatArray, error: float, rate: float) -> float:
-    """Return the level -1..1 that a table of 7 x 7 levels gives, see `level`."""
-    return level(np.ravel(rules).astype(np.float64), float(error), float(rate))
-
-
 @inline_jit
 def scheduled(error: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
     """Return the share of the voltage [V] by gains that follow error and rate."""
@@ -313,8 +289,9 @@ class FuzzyPid(Pid):
         self._rules = rules
         super().__init__(gains, dt, limits=limits)
 
-    def _settable(self) -> tuple[str, ...]:
-        return (*super()._settable(), *(f'fuzzy.{each.name}' for each in fields(FuzzyScales)))
+    def settable(self) -> tuple[str, ...]:
+        """Return the parameters of its node that may change, in the order of its numbers."""
+        return (*super().settable(), *(f'fuzzy.{each.name}' for each in fields(FuzzyScales)))
 
     def _pack(self) -> FloatArray:
         rules = self._rules
