@@ -82,7 +82,7 @@ def test_the_entry_follows_a_frequency_that_the_reference_does_not_state() -> No
     voltage = [link.step(point, 0.0, None) for point in unstated(slow, 2.0)]
     voltage += [link.step(point, 0.0, None) for point in unstated(fast, 2.0, first=2000)]
     assert link.counters()['schedule_changes'] >= 1
-    stated = Controllers(DT, LIMITS).inverse_of(own(2e-4))
+    stated = Controllers(DT, LIMITS).inverse(own(2e-4))
     for point in reference_points(fast.sample(ticks(2.0))):
         last = stated.step(point, 0.0, None)
     assert voltage[-1] == pytest.approx(last, abs=1e-3)

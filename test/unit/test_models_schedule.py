@@ -119,7 +119,7 @@ def test_the_feedforward_takes_the_entry_of_the_drive_without_a_step() -> None:
     link = Controllers(DT, limits, given).inverse()
     assert isinstance(link, ScheduledInverse)
     slow, fast = (Sine(5e-5, f, 2.0).sample(seconds(2.0)) for f in (10.0, 23.0))
-    own = Controllers(DT, limits).inverse_of(given.at(10.0))
+    own = Controllers(DT, limits).inverse(given.at(10.0))
     points = list(reference_points(slow))
     voltage = [link.step(point) for point in points]
     assert voltage == [own.step(point, 0.0, None) for point in points]
@@ -128,7 +128,7 @@ def test_the_feedforward_takes_the_entry_of_the_drive_without_a_step() -> None:
     jumps = np.abs(np.diff(voltage))
     assert link.counters()['schedule_changes'] == 1
     assert jumps[1990:2010].max() < 1.3 * jumps[1000:1990].max()
-    settled = Controllers(DT, limits).inverse_of(given.at(23.0))
+    settled = Controllers(DT, limits).inverse(given.at(23.0))
     settled.follow(points[-1000:])
     after = [settled.step(point, 0.0, None) for point in reference_points(fast, 2000)]
     assert np.allclose(voltage[-500:], after[-500:], atol=1e-12)

@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from piezo_hysteresis.arrays import FloatArray
-from piezo_hysteresis.common.parameter_table import ParameterTable
+from piezo_hysteresis.common.parameter_table import ParameterSpec, ParameterTable
 from piezo_hysteresis.compensation.link import OK
 from piezo_hysteresis.jit import inline_jit
 from piezo_hysteresis.models.chain import Model
@@ -22,47 +22,29 @@ from piezo_hysteresis.models.chain import Model
 UNINITIALISED, REFUSED = -2, -100
 
 
-@dataclass(frozen=True)
-class Field:
-    """One field of a struct."""
+class Field(NamedTuple):
+    """One field of a struct: a parameter under its C name, and its value at export."""
 
-    name: str  # its C name
-    unit: str  # SI unit, ``1`` if there is none
-    value: float  # value at export
-    low: float
-    high: float
-    text: str  # one sentence
-    above: bool = False  # whether `low` itself is out of range
+    spec: ParameterSpec
+    value: float
     fixed: bool = False  # whether it is a constant in the code, which only a new export changes
 
 
 def of_table(table: ParameterTable, name: str, value: float, c_name: str = '') -> Field:
     """Return the field of a node's parameter."""
     spec = next(spec for spec in table.specs if spec.name == name)
-    above = spec.above > spec.low
-    low = spec.above if above else spec.low
-    return Field(
-        c_name or c_identifier(name),
-        spec.unit,
-        float(value),
-        low,
-        spec.high,
-        spec.description,
-        above,
-    )
+    return Field(replace(spec, name=c_name or c_identifier(name)), float(value))
 
 
 def of_model(model: Model, packed: FloatArray, live: Sequence[int]) -> list[Field]:
     """Return the fields of a model's parameters; those that are not `live` are fixed."""
-    return [
-        Field(
-            c_identifier(q.name), q.unit, float(value), min(q.low, float(value)),
-            max(q.high, float(value)), q.description, fixed=place not in live,
-        )
-        for place, (q, value) in enumerate(
-            zip(replace(model, held={}).parameters, packed, strict=True)
-        )
-    ]  # fmt: skip
+    found = []
+    for place, q in enumerate(replace(model, held={}).parameters):
+        value = float(packed[place])
+        low, high = min(q.low, value), max(q.high, value)
+        spec = ParameterSpec(c_identifier(q.name), value, q.description, q.unit, low, high)
+        found.append(Field(spec, value, fixed=place not in live))
+    return found
 
 
 def c_identifier(name: str) -> str:
@@ -73,9 +55,11 @@ def c_identifier(name: str) -> str:
 def checking(fields: Sequence[Field]) -> Callable[[FloatArray], int]:
     """Return the kernel ``check(values)``: 0, or the first rejected field."""
     count = len(fields)
-    low = np.array([f.value if f.fixed else f.low for f in fields] or [0.0])
-    high = np.array([f.value if f.fixed else f.high for f in fields] or [0.0])
-    above = np.array([f.above and not f.fixed for f in fields] or [False])
+    low = np.array(
+        [f.value if f.fixed else max(f.spec.low, f.spec.above) for f in fields] or [0.0]
+    )
+    high = np.array([f.value if f.fixed else f.spec.high for f in fields] or [0.0])
+    above = np.array([f.spec.above > f.spec.low and not f.fixed for f in fields] or [False])
 
     @inline_jit
     def check(values: FloatArray) -> int:
@@ -241,20 +225,21 @@ def _harmless(value: object) -> str:
 def _struct(name: str, text: str, fields: Sequence[Field]) -> str:
     rows = [f'/* {text} */', 'typedef struct {']
     for k, field in enumerate(fields):
-        rows.append(f'    double {field.name}; /* {k}: {_words(field)} */')
+        rows.append(f'    double {field.spec.name}; /* {k}: {_words(field)} */')
     return '\n'.join([*rows, f'}} {name};', ''])
 
 
 def _words(field: Field) -> str:
-    text = field.text.rstrip('.')
+    spec, text = field.spec, field.spec.description.rstrip('.')
     if field.fixed:
-        return f'[{field.unit}] {text}; only a new export changes it'
-    if math.isinf(field.low) and math.isinf(field.high):
+        return f'[{spec.unit}] {text}; only a new export changes it'
+    low = max(spec.low, spec.above)
+    if math.isinf(low) and math.isinf(spec.high):
         span = 'any number'
     else:
-        first = 'above ' if field.above else ''
-        span = f'{first}{field.low:g} .. {field.high:g}'
-    return f'[{field.unit}] {text}; {span}'
+        first = 'above ' if spec.above > spec.low else ''
+        span = f'{first}{low:g} .. {spec.high:g}'
+    return f'[{spec.unit}] {text}; {span}'
 
 
 def _state(name: str, rows: Sequence[tuple[str, int]]) -> str:

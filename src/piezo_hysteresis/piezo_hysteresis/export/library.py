@@ -179,15 +179,17 @@ def _programs(asked: Request, plant: Component, chain: Component | None) -> dict
     if chain is None:
         return {'selftest.c': filled('plant_selftest.c', name=name, stroke=stroke)}
     switches = tuple(
-        field.name.removesuffix('_on') for field in chain.fields if field.name.endswith('_on')
+        name.removesuffix('_on')
+        for name in (field.spec.name for field in chain.fields)
+        if name.endswith('_on')
     )
     moved = tuple(
-        field.name
+        field.spec.name
         for field in plant.fields[1:]
         if not field.fixed
         and field.value != 0.0
-        and field.low <= 0.98 * field.value <= 1.02 * field.value <= field.high
-        and field.unit != 'Hz'
+        and field.spec.low <= 0.98 * field.value <= 1.02 * field.value <= field.spec.high
+        and field.spec.unit != 'Hz'
     )
     off = ''.join(f'        p.{each}_on = everything;\n' for each in switches)
     moves = ''.join(

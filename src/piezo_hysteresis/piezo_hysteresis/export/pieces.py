@@ -15,6 +15,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks.base import Block, InterSample
 from piezo_hysteresis.blocks.transport_delay import ring_size, shift
+from piezo_hysteresis.common.parameter_table import ParameterSpec
 from piezo_hysteresis.compensation.link import OK
 from piezo_hysteresis.export.compensator import NOT_FINITE
 from piezo_hysteresis.export.header import (
@@ -283,8 +284,12 @@ _MARK, _VOLTAGE = range(2)
 HEAD = 2
 
 _FREQUENCY = Field(
-    'drive_frequency', 'Hz', 0.0, 0.0, 1e9,
-    'Fundamental of the drive, for blocks that depend on it; 0 where there is none.',
+    ParameterSpec(
+        'drive_frequency', 0.0,
+        'Fundamental of the drive, for blocks that depend on it; 0 where there is none.',
+        'Hz', 0.0, 1e9,
+    ),
+    0.0,
 )  # fmt: skip
 
 

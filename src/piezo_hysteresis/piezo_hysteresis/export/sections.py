@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezo_hysteresis.arrays import FloatArray
+from piezo_hysteresis.common.parameter_table import ParameterSpec
 from piezo_hysteresis.compensation.feedback.feedback_link import FeedbackLink
 from piezo_hysteresis.compensation.harmonics.harmonic_attenuation import HarmonicAttenuation
 from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink
@@ -82,9 +83,9 @@ def section_of(link: HarmonicAttenuation | FeedbackLink) -> Section:
 
 def inverse_section(link: InverseLink, model_fields: Sequence[Field]) -> Section:
     """Return the feedforward; its fields are the parameters of the model, then two times."""
-    names = [field.name for field in model_fields]
+    names = [field.spec.name for field in model_fields]
     section = _section(link.compiled(names), link.numbers, link.memory.size)
-    shown = [replace(each, fixed=each.name not in link.live) for each in model_fields]
+    shown = [each._replace(fixed=each.spec.name not in link.live) for each in model_fields]
     return replace(section, fields=(*shown, *section.fields))
 
 
@@ -178,8 +179,7 @@ def switched(section: Section, dt: float) -> Section:
                     inner_reset(s[head:])
         return code
 
-    field = Field(
-        f'{section.name}_on', '1', 1.0, 0.0, 1.0, f'1 for {section.name}, 0 for none of it.'
-    )
+    text = f'1 for {section.name}, 0 for none of it.'
+    field = Field(ParameterSpec(f'{section.name}_on', 1.0, text, '1', 0.0, 1.0), 1.0)
     start = np.concatenate([np.zeros(head), section.start])
     return Section(section.name, step, reset, take, start, (field, *section.fields))
