@@ -1,9 +1,9 @@
 """Inverses of the hysteresis blocks, sample by sample: from w = A1 u - h to u.
 
-Every kernel is ``kernel(w, u, memory, p, minimum, low, high)``. The memory begins with the
-counters (clamped slopes, samples outside the stroke), the last voltage and h. A slope below
-`minimum` is clamped and counted, and its sign is kept. The memory is updated with the voltage as
-limited to low..high.
+``solve(w, memory, p, minimum)`` returns a voltage, ``follow(u, memory, p)`` moves the hysteresis
+to the voltage as limited. The memory begins with the counters (clamped slopes, samples outside the
+stroke), the last voltage and h. A slope below `minimum` is clamped and counted, and its sign is
+kept.
 """
 
 from __future__ import annotations
@@ -21,15 +21,6 @@ _ITERATIONS = 60
 
 
 @inline_jit
-def within_stroke(new: float, low: float, high: float, memory: FloatArray) -> float:
-    """Return the voltage limited to low..high [V], and count limited samples."""
-    if new > high or new < low:
-        memory[STROKE] += 1.0
-        return min(max(new, low), high)
-    return new
-
-
-@inline_jit
 def slope(h: float, side: float, p: FloatArray) -> float:
     """Return dw/du [m/V] of the Bouc-Wen model at h for a voltage that moves to `side`."""
     value: float = p[0] - p[1] - side * p[2] + p[4] * abs(h) + side * p[3] * h
@@ -44,52 +35,28 @@ def euler_step(h: float, du: float, p: FloatArray) -> float:
 
 
 @inline_jit
-def invert_euler(
-    w: FloatArray,
-    u: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    minimum: float,
-    low: float,
-    high: float,
-) -> None:
-    """Solve the Euler step for the voltage, on the branch with the sign of the difference."""
-    last, h = memory[U], memory[H]
-    for k in range(w.size):
-        missing = w[k] - p[0] * last + h
-        side = 1.0 if missing > 0.0 else -1.0
-        gradient = slope(h, side, p)
-        if gradient < minimum:
-            gradient = minimum
-            if missing != 0.0:
-                memory[CLAMPED] += 1.0
-        new = last + missing / gradient
-        new = within_stroke(new, low, high, memory)
-        h = euler_step(h, new - last, p)
-        last = new
-        u[k] = new
-    memory[U], memory[H] = last, h
+def follow_euler(u: float, memory: FloatArray, p: FloatArray) -> None:
+    """Move h by the papers' step."""
+    memory[H] = euler_step(memory[H], u - memory[U], p)
 
 
 @inline_jit
-def invert_delayed(
-    w: FloatArray,
-    u: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    minimum: float,
-    low: float,
-    high: float,
-) -> None:
+def euler(w: float, memory: FloatArray, p: FloatArray, minimum: float) -> float:
+    """Solve the Euler step for the voltage, on the branch with the sign of the difference."""
+    missing = w - p[0] * memory[U] + memory[H]
+    side = 1.0 if missing > 0.0 else -1.0
+    gradient = slope(memory[H], side, p)
+    if gradient < minimum:
+        gradient = minimum
+        if missing != 0.0:
+            memory[CLAMPED] += 1.0
+    return float(memory[U] + missing / gradient)
+
+
+@inline_jit
+def delayed(w: float, memory: FloatArray, p: FloatArray, minimum: float) -> float:
     """Rakotondrabe's ``u[k] = (w[k] + h[k-1]) / A1``, Fujii 2018 (14), Zhou 2021 (8)."""
-    last, h = memory[U], memory[H]
-    for k in range(w.size):
-        new = (w[k] + h) / p[0]
-        new = within_stroke(new, low, high, memory)
-        h = euler_step(h, new - last, p)
-        last = new
-        u[k] = new
-    memory[U], memory[H] = last, h
+    return float((w + memory[H]) / p[0])
 
 
 @inline_jit
@@ -125,47 +92,32 @@ def solve_exact(missing: float, h: float, p: FloatArray, minimum: float) -> floa
 
 
 @inline_jit
-def invert_exact(
-    w: FloatArray,
-    u: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    minimum: float,
-    low: float,
-    high: float,
-) -> None:
+def exact(w: float, memory: FloatArray, p: FloatArray, minimum: float) -> float:
     """Solve the exact step for the voltage."""
     last, h = memory[U], memory[H]
-    for k in range(w.size):
-        missing = w[k] - p[0] * last + h
-        new = last
-        if missing != 0.0:
-            if slope(h, 1.0 if missing > 0.0 else -1.0, p) < minimum:
-                memory[CLAMPED] += 1.0
-            new = last + solve_exact(missing, h, p, minimum)
-        new = within_stroke(new, low, high, memory)
-        h = exact_step(h, new - last, p[1], p[2], p[3], p[4])
-        last = new
-        u[k] = new
-    memory[U], memory[H] = last, h
+    missing = w - p[0] * last + h
+    if missing == 0.0:
+        return float(last)
+    if slope(h, 1.0 if missing > 0.0 else -1.0, p) < minimum:
+        memory[CLAMPED] += 1.0
+    return float(last + solve_exact(missing, h, p, minimum))
 
 
 @inline_jit
-def invert_gain(
-    w: FloatArray,
-    u: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    minimum: float,
-    low: float,
-    high: float,
-) -> None:
-    """Divide by a gain without memory."""
-    for k in range(w.size):
-        new = w[k] / p[0]
-        new = within_stroke(new, low, high, memory)
-        u[k] = new
-        memory[U] = new
+def follow_exact(u: float, memory: FloatArray, p: FloatArray) -> None:
+    """Move h by the exact step."""
+    memory[H] = exact_step(memory[H], u - memory[U], p[1], p[2], p[3], p[4])
+
+
+@inline_jit
+def gain(w: float, memory: FloatArray, p: FloatArray, minimum: float) -> float:
+    """Divide by a gain."""
+    return float(w / p[0])
+
+
+@inline_jit
+def follow_nothing(u: float, memory: FloatArray, p: FloatArray) -> None:
+    """Remember nothing."""
 
 
 @inline_jit
@@ -216,30 +168,33 @@ def solve_plays(
 
 
 @inline_jit
-def invert_plays(
-    w: FloatArray,
-    u: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    minimum: float,
-    low: float,
-    high: float,
-) -> None:
+def plays(w: float, memory: FloatArray, p: FloatArray, minimum: float) -> float:
     """Solve the Prandtl-Ishlinskii model; p is range, w0, w1, ..., memory ends with the plays."""
-    last, plays, weights = memory[U], memory[H:], p[2:]
+    last, states, weights = memory[U], memory[H:], p[2:]
+    now = p[1] * last
+    for j in range(states.size):
+        now += weights[j] * states[j]
+    missing = w - now
+    if missing == 0.0:
+        return float(last)
     spacing = p[0] / (weights.size + 1)
-    for k in range(w.size):
-        now = p[1] * last
-        for j in range(plays.size):
-            now += weights[j] * plays[j]
-        missing = w[k] - now
-        new = last
-        if missing != 0.0:
-            new, clamped = solve_plays(missing, last, plays, weights, p[1], spacing, minimum)
-            if clamped:
-                memory[CLAMPED] += 1.0
-        new = within_stroke(new, low, high, memory)
-        bank(new, plays, weights, spacing, 1.0)
-        last = new
-        u[k] = new
-    memory[U] = last
+    new, clamped = solve_plays(missing, last, states, weights, p[1], spacing, minimum)
+    if clamped:
+        memory[CLAMPED] += 1.0
+    return float(new)
+
+
+@inline_jit
+def follow_plays(u: float, memory: FloatArray, p: FloatArray) -> None:
+    """Move the plays."""
+    bank(u, memory[H:], p[2:], p[0] / (p.size - 1), 1.0)
+
+
+#: Of each law what solves and what follows.
+KERNELS = {
+    'exact': (exact, follow_exact),
+    'euler': (euler, follow_euler),
+    'delayed': (delayed, follow_euler),
+    'plays': (plays, follow_plays),
+    'gain': (gain, follow_nothing),
+}

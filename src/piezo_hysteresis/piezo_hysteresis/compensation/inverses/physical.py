@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
@@ -26,15 +26,6 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import jit, scratch
 
 Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
-_Kernel = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
-
-_KERNELS: dict[str, _Kernel] = {
-    'exact': hysteresis.invert_exact,
-    'euler': hysteresis.invert_euler,
-    'delayed': hysteresis.invert_delayed,
-    'plays': hysteresis.invert_plays,
-    'gain': hysteresis.invert_gain,
-}
 BOUC_WEN = ('A1', 'A', 'A0', 'beta', 'gamma')
 PLAYS = ('pi_range', 'w0', *(f'w{j}' for j in range(1, COUNT + 1)))
 # One mode, or none where all are 0; then the delay.
@@ -50,7 +41,7 @@ def _behind_structure(law: str, size: int) -> Run:
 
     A falling model is that of the reversed displacement: all gains and gamma change their sign.
     """
-    invert, plays = _KERNELS[law], law == 'plays'
+    (solve, follow), plays = hysteresis.KERNELS[law], law == 'plays'
     count, slope = (len(PLAYS), 1) if plays else (len(BOUC_WEN), 0)
     kept = PLAYS.index('pi_range') if plays else BOUC_WEN.index('beta')
 
@@ -63,15 +54,20 @@ def _behind_structure(law: str, size: int) -> Run:
         sign, rising = 1.0 if p[FIRST + slope] > 0.0 else -1.0, scratch(count)
         for k in range(count):
             rising[k] = p[FIRST + k] if k == kept else sign * p[FIRST + k]
+        own = memory[:size]
         for k in range(voltage.size):
-            voltage[k] *= sign
-        invert(voltage, voltage, memory[:size], rising, p[MINIMUM], low, high)
+            u = solve(sign * voltage[k], own, rising, p[MINIMUM])
+            if u > high or u < low:
+                u = min(max(u, low), high)
+                own[hysteresis.STROKE] += 1.0
+            follow(u, own, rising)
+            own[hysteresis.U] = voltage[k] = u
 
     return run
 
 
-_SIZES = {law: hysteresis.H + (COUNT if law == 'plays' else 1) for law in _KERNELS}
-_RUNS = {law: _behind_structure(law, _SIZES[law]) for law in _KERNELS}
+_SIZES = {law: hysteresis.H + (COUNT if law == 'plays' else 1) for law in hysteresis.KERNELS}
+_RUNS = {law: _behind_structure(law, _SIZES[law]) for law in hysteresis.KERNELS}
 
 
 class PhysicalInverse(InverseLink):
@@ -95,9 +91,9 @@ class PhysicalInverse(InverseLink):
         start: float = 0.5,
         transition: float = 0.2,
     ) -> None:
-        if law not in _KERNELS:
+        if law not in hysteresis.KERNELS:
             raise CompensationError(
-                f'there is no inverse {law!r} of a hysteresis{choices(law, _KERNELS)}'
+                f'there is no inverse {law!r} of a hysteresis{choices(law, hysteresis.KERNELS)}'
             )
         self.law = law
         self.run, self.pack = _RUNS[law], _PACKS[law]
@@ -181,7 +177,7 @@ def coefficients(structure: FloatArray) -> tuple[float, float]:
     return mode_coefficients(natural_frequency, damping_ratio)
 
 
-_PACKS = {law: _packing(law) for law in _KERNELS}
+_PACKS = {law: _packing(law) for law in hysteresis.KERNELS}
 
 
 def structure_coefficients(parameters: Mapping[str, float]) -> tuple[float, float]:
@@ -239,77 +235,53 @@ NAMES = ('A1', 'A', 'A0', 'beta', 'gamma', 'c1', 'c2')
 _CLAMPED, _STROKE, _U, _H, _D1, _D2, _D3 = range(7)
 
 
-@jit
-def _invert_extended(
-    reference: FloatArray,
-    voltage: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    dt: float,
-    low: float,
-    high: float,
-) -> None:
-    """Solve Fujii 2018 (3) for u[k] with y = d, on the branch with a consistent sign.
+def _extended(solved: bool) -> Run:
+    """Return the inverse of the extended model, Fujii 2018 (3), `solved` or as printed.
 
     A falling model is that of the reversed displacement: all gains and gamma change their sign.
     """
-    way = 1.0 if p[0] > 0.0 else -1.0
-    a1, a, a0, beta, gamma = way * p[0], way * p[1], way * p[2], p[3], way * p[4]
-    c1, c2, minimum = p[5], p[6], p[7]
-    u, h = memory[_U], memory[_H]
-    d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
-    for k in range(reference.shape[1]):
-        d = way * reference[0, k]
-        r = d - d1 - c1 * d2 - c2 * d3 + h - a1 * u
-        sign = 1.0 if r > 0.0 else -1.0
-        slope = a1 - a - sign * a0 + gamma * abs(h) + sign * beta * h
-        if slope < minimum:
-            slope = minimum
-            if r != 0.0:
-                memory[_CLAMPED] += 1.0
-        new = u + r / slope
-        if new > high or new < low:
-            new = min(max(new, low), high)
-            memory[_STROKE] += 1.0
-        du = new - u
-        h += a * du + a0 * abs(du) - gamma * abs(h) * du - beta * abs(du) * h
-        u = new
-        d3, d2, d1 = d2, d1, d
-        voltage[k] = u
-    memory[_U], memory[_H] = u, h
-    memory[_D1], memory[_D2], memory[_D3] = d1, d2, d3
+
+    @jit
+    def run(
+        reference: FloatArray, voltage: FloatArray, memory: FloatArray, p: FloatArray, dt: float,
+        low: float, high: float,
+    ) -> None:  # fmt: skip
+        way = 1.0 if p[0] > 0.0 or not solved else -1.0
+        a1, a, a0, beta, gamma = way * p[0], way * p[1], way * p[2], p[3], way * p[4]
+        c1, c2, minimum = p[5], p[6], p[7]
+        u, h = memory[_U], memory[_H]
+        d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
+        for k in range(reference.shape[1]):
+            d = way * reference[0, k]
+            held = d - d1 - c1 * d2 - c2 * d3 + h
+            if solved:
+                # Fujii 2018 (3) for u[k] with y = d, on the branch with a consistent sign
+                r = held - a1 * u
+                sign = 1.0 if r > 0.0 else -1.0
+                slope = a1 - a - sign * a0 + gamma * abs(h) + sign * beta * h
+                if slope < minimum:
+                    slope = minimum
+                    if r != 0.0:
+                        memory[_CLAMPED] += 1.0
+                new = u + r / slope
+            else:
+                # the remainder of (7) by A1 with y = d, h of the previous sample
+                new = held / a1
+            if new > high or new < low:
+                new = min(max(new, low), high)
+                memory[_STROKE] += 1.0
+            du = new - u
+            h += a * du + a0 * abs(du) - gamma * abs(h) * du - beta * abs(du) * h
+            u = new
+            d3, d2, d1 = d2, d1, d
+            voltage[k] = u
+        memory[_U], memory[_H] = u, h
+        memory[_D1], memory[_D2], memory[_D3] = d1, d2, d3
+
+    return run
 
 
-@jit
-def _invert_printed(
-    reference: FloatArray,
-    voltage: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    dt: float,
-    low: float,
-    high: float,
-) -> None:
-    """Divide the remainder of (7) by A1, y = d, h of the previous sample: Tatebatake 2017 (12)."""
-    a1, a, a0, beta, gamma, c1, c2 = p[0], p[1], p[2], p[3], p[4], p[5], p[6]
-    u, h = memory[_U], memory[_H]
-    d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
-    for k in range(reference.shape[1]):
-        d = reference[0, k]
-        new = (d - d1 - c1 * d2 - c2 * d3 + h) / a1
-        if new > high or new < low:
-            new = min(max(new, low), high)
-            memory[_STROKE] += 1.0
-        du = new - u
-        h += a * du + a0 * abs(du) - gamma * abs(h) * du - beta * abs(du) * h
-        u = new
-        d3, d2, d1 = d2, d1, d
-        voltage[k] = u
-    memory[_U], memory[_H] = u, h
-    memory[_D1], memory[_D2], memory[_D3] = d1, d2, d3
-
-
-_EXTENDED = {'solved': _invert_extended, 'printed': _invert_printed}
+_EXTENDED = {'solved': _extended(True), 'printed': _extended(False)}
 
 
 @jit
