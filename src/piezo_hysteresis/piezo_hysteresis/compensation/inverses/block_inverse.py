@@ -47,10 +47,12 @@ class BlockInverse(NamedTuple):
 def block_inverse(block: Block, dt: float, joined: bool) -> BlockInverse:  # dt [s]
     """Return the inverse of a block with feedthrough."""
     start = np.concatenate([np.zeros(_STATE), block.initial_state(dt)])
+    states = start.size - _STATE
     if joined:
-        trial, commit = _joined(start.size - _STATE)
+        commit = _joined(states)
     else:
-        trial, commit = _held(kernel_of(block, dt), start.size - _STATE, len(block.parameters))
+        commit = _held(kernel_of(block, dt), states, len(block.parameters))
+    trial = _trying(commit, start.size)
     return BlockInverse(_solving(trial), commit, _shaping(trial), start)
 
 
@@ -85,18 +87,9 @@ def _step(numbers: FloatArray, n: int) -> tuple[FloatArray, ...]:
 
 
 @functools.cache
-def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, Answer]:
-    """Return trial and commit of a block with a held input."""
+def _held(kernel: Callable[..., None], size: int, values: int) -> Answer:
+    """Return the answer of a block with a held input, which updates its memory."""
     last, memory_end = _BLOCK + values, _STATE + size
-
-    @inline_jit
-    def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
-        given, answer, state = scratch(1), scratch(1), scratch(size)
-        given[0] = x
-        for i in range(size):
-            state[i] = memory[_STATE + i]
-        kernel(given, answer, state, p[_BLOCK:last], dt, 0.0)
-        return float(answer[0])
 
     @inline_jit
     def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
@@ -106,15 +99,29 @@ def _held(kernel: Callable[..., None], size: int, values: int) -> tuple[Answer, 
         memory[LAST] = x
         return float(answer[0])
 
-    return trial, commit
+    return commit
 
 
 @functools.cache
-def _joined(n: int) -> tuple[Answer, Answer]:
-    """Return trial and commit of a linear block of n states with linearly interpolated input."""
+def _trying(commit: Answer, size: int) -> Answer:
+    """Return the answer of a block without an update of its memory."""
 
     @inline_jit
-    def along(x: float, last: float, state: FloatArray, p: FloatArray) -> float:
+    def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
+        copied = scratch(size)
+        for i in range(size):
+            copied[i] = memory[i]
+        return commit(x, copied, p, dt)
+
+    return trial
+
+
+@functools.cache
+def _joined(n: int) -> Answer:
+    """Return the answer of a linear block of n states with linearly interpolated input."""
+
+    @inline_jit
+    def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
         phi, gamma, rows, gains = (
             scratch((n, n)), scratch((n, 3)), scratch((3, n)), scratch((3, 3)),
         )  # fmt: skip
@@ -134,25 +141,13 @@ def _joined(n: int) -> tuple[Answer, Answer]:
         for i in range(3):
             for j in range(3):
                 gains[i, j] = p[place + 3 * i + j]
-        line, answer = scratch(3), scratch(3)
+        line, answer, last = scratch(3), scratch(3), memory[LAST]
         line[0], line[1], line[2] = last, 0.5 * (last + x), x
-        run_path(line, answer, state, phi, gamma, rows, gains)
+        run_path(line, answer, memory[_STATE : _STATE + n], phi, gamma, rows, gains)
+        memory[LAST] = x
         return float(answer[2])
 
-    @inline_jit
-    def trial(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
-        state = scratch(n)
-        for i in range(n):
-            state[i] = memory[_STATE + i]
-        return along(x, memory[LAST], state, p)
-
-    @inline_jit
-    def commit(x: float, memory: FloatArray, p: FloatArray, dt: float) -> float:
-        answer = along(x, memory[LAST], memory[_STATE : _STATE + n], p)
-        memory[LAST] = x
-        return answer
-
-    return trial, commit
+    return commit
 
 
 @functools.cache

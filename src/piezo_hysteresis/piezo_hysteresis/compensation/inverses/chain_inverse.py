@@ -60,22 +60,16 @@ class ChainKernel(NamedTuple):
     start: FloatArray
 
 
-def chain_kernel(
-    front: Sequence[tuple[Block, bool]],
-    back: Sequence[tuple[Block, bool]],
-    sizes: Sequence[int],
-    restoring: tuple[Restoring | None, int],
-    dt: float,  # [s]
-) -> ChainKernel:
+def chain_kernel(stages: _Stages, dt: float) -> ChainKernel:  # dt [s]
     """Return the inverse of a chain."""
     solved: _Through = _passing
     undone: _Through = _passing
     kept: _Through = _passing
     start, counts = [np.zeros(_MEMORIES)], list[int]()
-    memory, numbers = _MEMORIES, _BACK + restoring[1]
-    for i, (block, joined) in enumerate((*front, *back)):
-        inverse = block_inverse(block, dt, joined)
-        if i < len(front):
+    memory, numbers = _MEMORIES, _BACK + stages.values.size
+    for i, each in enumerate((*stages.front, *stages.back)):
+        inverse = block_inverse(each.block, dt, each.joined)
+        if i < len(stages.front):
             solved = _before(_plain(inverse.solve, memory, numbers), solved)
             kept = _before(kept, _plain(inverse.commit, memory, numbers))
         else:
@@ -83,8 +77,10 @@ def chain_kernel(
         counts.append(memory + CLAMPED)
         start.append(inverse.start)
         memory += inverse.start.size
-        numbers += sizes[i]
-    acting = _nothing_back if restoring[0] is None else _acting_back(*restoring)
+        numbers += each.packed.size
+    acting: Any = _nothing_back
+    if stages.restoring is not None:
+        acting = _acting_back(stages.restoring, stages.values.size)
     return ChainKernel(_whole(undone, solved, kept, acting, counts), np.concatenate(start))
 
 
@@ -314,11 +310,7 @@ class ChainInverse(InverseLink):
         self._scale = scale
         self._dt = dt
         stages = _take_apart(model, model.pack(values), dt, scale)
-        kinds = [(each.block, each.joined) for each in stages.front]
-        behind = [(each.block, each.joined) for each in stages.back]
-        sizes = [each.packed.size for each in (*stages.front, *stages.back)]
-        restoring = (stages.restoring, stages.values.size)
-        self._kernel = chain_kernel(kinds, behind, sizes, restoring, dt)
+        self._kernel = chain_kernel(stages, dt)
         self.run = self._kernel.run
         self.memory_size = self._kernel.start.size
         super().__init__(values, dt, limits=limits, start=start, transition=transition)
