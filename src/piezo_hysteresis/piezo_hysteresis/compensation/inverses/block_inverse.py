@@ -12,7 +12,7 @@ import numpy as np
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.blocks._bouc_wen import exact_step
 from piezo_hysteresis.blocks.base import Block
-from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, take
+from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Motion, take
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.models.simulation.compiled import kernel_of
@@ -238,75 +238,64 @@ _TOLERANCE = 0.25
 
 
 @inline_jit
-def carry_ahead(
-    reference: FloatArray, ahead: FloatArray, state: FloatArray, lead: float, dt: float
-) -> None:
-    """Extrapolate the reference by `lead` seconds into `ahead`.
+def carry_ahead(at: Motion, state: FloatArray, lead: float, dt: float) -> Motion:
+    """Extrapolate the reference by `lead` seconds.
 
-    Rows of both are displacement, velocity and acceleration. The polynomial of fifth degree
-    through the last two ticks is extrapolated; after a corner, which is counted, only the
-    derivatives at the tick are used. Displacement and derivatives must be consistent: the
-    polynomial amplifies an error of a derivative of a thousandth.
+    The polynomial of fifth degree through the last two ticks is extrapolated; after a corner,
+    which is counted, only the derivatives at the tick are used. Displacement and derivatives must
+    be consistent: the polynomial amplifies an error of a derivative of a thousandth.
     """
-    for k in range(reference.shape[1]):
-        d, v, a = reference[0, k], reference[1, k], reference[2, k]
-        jerk = snap = crackle = 0.0
-        if state[_SEEN] > 0.0:
-            d0, v0, a0 = state[_D], state[_V], state[_A]
-            miss = abs(v - v0 - 0.5 * dt * (a + a0))
-            if miss > _TOLERANCE * dt * max(abs(a), abs(a0)) + 1e-9 * (abs(v) + abs(v0)):
-                # The first ticks of a reference from rest are not a corner.
-                if state[_SEEN] > 2.0:
-                    state[CORNERS] += 1.0
-                state[_SEEN] = state[_SMOOTH] = 0.0
-            else:
-                r0 = d0 - d + v * dt - 0.5 * a * dt * dt
-                r1 = (v0 - v + a * dt) * dt
-                r2 = (a0 - a) * dt * dt
-                jerk = -(60.0 * r0 + 24.0 * r1 + 3.0 * r2) / dt**3
-                snap = -(360.0 * r0 + 168.0 * r1 + 24.0 * r2) / dt**4
-                crackle = -(720.0 * r0 + 360.0 * r1 + 60.0 * r2) / dt**5
-        state[_D], state[_V], state[_A] = d, v, a
-        state[_SEEN] += 1.0
-        t = lead
-        here = d + t * (v + t * (a / 2.0 + t * (jerk / 6.0 + t * (snap / 24.0))))
-        ahead[0, k] = here + t**5 * crackle / 120.0
-        ahead[1, k] = v + t * (a + t * (jerk / 2.0 + t * (snap / 6.0 + t * crackle / 24.0)))
-        ahead[2, k] = a + t * (jerk + t * (snap / 2.0 + t * crackle / 6.0))
+    d, v, a = at
+    jerk = snap = crackle = 0.0
+    if state[_SEEN] > 0.0:
+        d0, v0, a0 = state[_D], state[_V], state[_A]
+        miss = abs(v - v0 - 0.5 * dt * (a + a0))
+        if miss > _TOLERANCE * dt * max(abs(a), abs(a0)) + 1e-9 * (abs(v) + abs(v0)):
+            # The first ticks of a reference from rest are not a corner.
+            if state[_SEEN] > 2.0:
+                state[CORNERS] += 1.0
+            state[_SEEN] = state[_SMOOTH] = 0.0
+        else:
+            r0 = d0 - d + v * dt - 0.5 * a * dt * dt
+            r1 = (v0 - v + a * dt) * dt
+            r2 = (a0 - a) * dt * dt
+            jerk = -(60.0 * r0 + 24.0 * r1 + 3.0 * r2) / dt**3
+            snap = -(360.0 * r0 + 168.0 * r1 + 24.0 * r2) / dt**4
+            crackle = -(720.0 * r0 + 360.0 * r1 + 60.0 * r2) / dt**5
+    state[_D], state[_V], state[_A] = d, v, a
+    state[_SEEN] += 1.0
+    t = lead
+    here = d + t * (v + t * (a / 2.0 + t * (jerk / 6.0 + t * (snap / 24.0))))
+    return Motion(
+        here + t**5 * crackle / 120.0,
+        v + t * (a + t * (jerk / 2.0 + t * (snap / 6.0 + t * crackle / 24.0))),
+        a + t * (jerk + t * (snap / 2.0 + t * crackle / 6.0)),
+    )
 
 
 @inline_jit
-def lift_droop(target: FloatArray, state: FloatArray) -> None:
+def lift_droop(w: float, state: FloatArray) -> float:
     """Compensate the droop of the hold, ``(w dt)^2 / 24``, if the target has been smooth."""
-    for k in range(target.size):
-        w = target[k]
-        if state[_SMOOTH] >= 3.0:
-            target[k] = w - (w - 2.0 * state[_W1] + state[_W2]) / 24.0
-        state[_W2], state[_W1] = state[_W1], w
-        state[_SMOOTH] += 1.0
+    lifted = w
+    if state[_SMOOTH] >= 3.0:
+        lifted = w - (w - 2.0 * state[_W1] + state[_W2]) / 24.0
+    state[_W2], state[_W1] = state[_W1], w
+    state[_SMOOTH] += 1.0
+    return lifted
 
 
 @inline_jit
 def invert_structure(
-    reference: FloatArray,
-    target: FloatArray,
-    state: FloatArray,
-    k1: float,
-    k2: float,
-    lead: float,
-    dt: float,
-) -> None:
+    at: Motion, state: FloatArray, k1: float, k2: float, lead: float, dt: float
+) -> float:
     """Return the quasi-static displacement [m] that moves the structure along the reference.
 
-    The reference, with rows displacement, velocity and acceleration, is extrapolated by `lead`
-    seconds; with a lead, the droop of the hold is compensated, too.
+    The reference is extrapolated by `lead` seconds; with a lead, the droop of the hold is
+    compensated, too.
     """
-    ahead = scratch((3, 1))
-    for k in range(target.size):
-        carry_ahead(reference[:, k : k + 1], ahead, state, lead, dt)
-        target[k] = ahead[0, 0] + k1 * ahead[1, 0] + k2 * ahead[2, 0]
-        if lead > 0.0:
-            lift_droop(target[k : k + 1], state)
+    ahead = carry_ahead(at, state, lead, dt)
+    target = ahead.displacement + k1 * ahead.velocity + k2 * ahead.acceleration
+    return lift_droop(target, state) if lead > 0.0 else target
 
 
 @jit
@@ -321,44 +310,28 @@ _CLAMPED, _STROKE, _X, _Z, _OWN = range(5)
 
 
 @inline_jit
-def _add_restoring_force(
-    x: FloatArray, force: FloatArray, memory: FloatArray, p: FloatArray, low: float, high: float
-) -> None:
-    """Add z(x) to `force`; the decay of z is frozen over a step for exponents other than 1."""
+def invert_oscillator(
+    at: Motion, memory: FloatArray, p: FloatArray, dt: float, low: float, high: float
+) -> float:
+    """Return the force that moves the oscillator along the reference.
+
+    The decay of z is frozen over a step for exponents other than 1.
+    """
+    own = _OWN + STATE_SIZE
+    x = invert_structure(at, memory[_OWN:own], 0.0, 0.0, p[7], dt)
+    force = invert_structure(at, memory[own:], p[1] / p[2], p[0] / p[2], p[7], dt)
     scale = abs(p[4]) + abs(p[5])
     height = abs(p[3]) / scale if scale > 0.0 else 0.0
-    for k in range(x.size):
-        z = memory[_Z]
-        bend = 1.0
-        if p[6] != 1.0 and height > 0.0:
-            bend = max(abs(z) / height, 1e-9) ** (p[6] - 1.0)
-        z = exact_step(z, x[k] - memory[_X], p[3], 0.0, p[4] * bend, p[5] * bend)
-        memory[_X], memory[_Z] = x[k], z
-        total = p[2] * force[k] + z
-        if total > high or total < low:
-            total = min(max(total, low), high)
-            memory[_STROKE] += 1.0
-        force[k] = total
-
-
-@jit
-def invert_oscillator(
-    reference: FloatArray,
-    voltage: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    dt: float,
-    low: float,
-    high: float,
-) -> None:
-    """Return the force that moves the oscillator along the reference, sample by sample."""
-    own, x = _OWN + STATE_SIZE, scratch(1)
-    k1, k2 = p[1] / p[2], p[0] / p[2]
-    for k in range(voltage.size):
-        row, force = reference[:, k : k + 1], voltage[k : k + 1]
-        invert_structure(row, x, memory[_OWN:own], 0.0, 0.0, p[7], dt)
-        invert_structure(row, force, memory[own:], k1, k2, p[7], dt)
-        _add_restoring_force(x, force, memory, p, low, high)
+    z, bend = memory[_Z], 1.0
+    if p[6] != 1.0 and height > 0.0:
+        bend = max(abs(z) / height, 1e-9) ** (p[6] - 1.0)
+    z = exact_step(z, x - memory[_X], p[3], 0.0, p[4] * bend, p[5] * bend)
+    memory[_X], memory[_Z] = x, z
+    total = p[2] * force + z
+    if total > high or total < low:
+        total = min(max(total, low), high)
+        memory[_STROKE] += 1.0
+    return float(total)
 
 
 class OscillatorInverse(InverseLink):

@@ -24,11 +24,11 @@ from piezo_hysteresis.compensation.inverses.block_inverse import (
     lift_droop,
     packed_block,
 )
-from piezo_hysteresis.compensation.inverses.inverse_link import OFFSET, InverseLink, Run
+from piezo_hysteresis.compensation.inverses.inverse_link import OFFSET, InverseLink, Motion, Run
 from piezo_hysteresis.compensation.inverses.physical import structure_coefficients
 from piezo_hysteresis.compensation.link import Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import inline_jit, jit, scratch
+from piezo_hysteresis.jit import inline_jit
 from piezo_hysteresis.models.chain import Model
 from piezo_hysteresis.numerics.linalg import solve_square
 
@@ -39,14 +39,6 @@ _CLAMPED, _STROKE, STRUCTURE = range(3)
 _FORCE = STRUCTURE + STATE_SIZE
 _MOVED = _FORCE + 1
 _MEMORIES = _MOVED + 1
-
-
-class Motion(NamedTuple):
-    """A displacement [m] with its first two derivatives, or a signal without derivatives."""
-
-    displacement: float
-    velocity: float
-    acceleration: float
 
 
 #: ``through(motion, memory, p, dt)``: blocks in series, applied to a motion.
@@ -89,31 +81,28 @@ def _whole(
 ) -> Run:
     places = np.array(counts, np.int64)
 
-    @jit
+    @inline_jit
     def run(
-        reference: FloatArray, voltage: FloatArray, memory: FloatArray, p: FloatArray, dt: float,
-        low: float, high: float,
-    ) -> None:  # fmt: skip
-        ahead, structure = scratch((3, 1)), memory[STRUCTURE:_FORCE]
-        for k in range(voltage.size):
-            carry_ahead(reference[:, k : k + 1], ahead, structure, p[_LEAD], dt)
-            at = Motion(ahead[0, 0] + p[REST], ahead[1, 0], ahead[2, 0])
-            at = undone(at, memory, p, dt)
-            place = voltage[k : k + 1]
-            place[0] = at.displacement + p[_K1] * at.velocity + p[_K2] * at.acceleration
-            if p[_LEAD] > 0.0:
-                lift_droop(place, structure)
-            target = place[0] + back(at.displacement, memory, p, dt)
-            u = solved(Motion(target, 0.0, 0.0), memory, p, dt).displacement
-            if u > high or u < low:
-                u = min(max(u, low), high)
-                memory[_STROKE] += 1.0
-            voltage[k] = u
-            kept(Motion(u, 0.0, 0.0), memory, p, dt)
+        at: Motion, memory: FloatArray, p: FloatArray, dt: float, low: float, high: float
+    ) -> float:
+        structure = memory[STRUCTURE:_FORCE]
+        ahead = carry_ahead(at, structure, p[_LEAD], dt)
+        rising = Motion(ahead.displacement + p[REST], ahead.velocity, ahead.acceleration)
+        inner = undone(rising, memory, p, dt)
+        target = inner.displacement + p[_K1] * inner.velocity + p[_K2] * inner.acceleration
+        if p[_LEAD] > 0.0:
+            target = lift_droop(target, structure)
+        target += back(inner.displacement, memory, p, dt)
+        u = solved(Motion(target, 0.0, 0.0), memory, p, dt).displacement
+        if u > high or u < low:
+            u = min(max(u, low), high)
+            memory[_STROKE] += 1.0
+        kept(Motion(u, 0.0, 0.0), memory, p, dt)
         total = 0.0
         for k in range(places.size):
             total += memory[places[k]]
         memory[_CLAMPED] = total
+        return float(u)
 
     return run
 

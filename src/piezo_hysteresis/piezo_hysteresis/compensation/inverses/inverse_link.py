@@ -1,7 +1,7 @@
 """Base of the feedforward inverses: conditioned reference, counters, bumpless parameter change.
 
-An inverse is one compiled kernel over the conditioned reference with an explicit state, so that
-arrays and single samples give bitwise equal results.
+An inverse is one compiled kernel on a sample of the conditioned reference with an explicit state;
+arrays are a loop over it, so that they give bitwise equal results.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,9 +29,17 @@ from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.jit import inline_jit, jit, scratch
 from piezo_hysteresis.numerics.smooth import smooth_step
 
-#: Kernel of an inverse: ``run(reference, voltage, memory, p, dt, low, high)``, rows of the
-#: reference displacement, velocity and acceleration.
-Run = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float], None]
+
+class Motion(NamedTuple):
+    """A displacement [m] with its first two derivatives, or a signal without derivatives."""
+
+    displacement: float
+    velocity: float
+    acceleration: float
+
+
+#: Kernel of an inverse: ``run(motion, memory, p, dt, low, high)`` returns the voltage [V].
+Run = Callable[[Motion, FloatArray, FloatArray, float, float, float], float]
 
 # Indices in the state of the conditioning kernel, the first part of the memory of a link; the
 # memory of a transition follows, then that of the inverse.
@@ -51,56 +59,58 @@ HISTORY = 1000
 _ABSURD, _ABSURD_RATE = 1e3, 1e9
 
 
-@jit
-def condition(
-    reference: FloatArray,
-    conditioned: FloatArray,
-    state: FloatArray,
-    offset: float,
-    ticks: float,
-    dt: float,
-) -> None:
+@inline_jit
+def condition(given: Motion, state: FloatArray, offset: float, ticks: float, dt: float) -> Motion:
     """Refer the reference to the rest position, with a smooth start over the first `ticks`.
 
-    Rows of both arrays are displacement, velocity and acceleration. Values that are not finite or
-    out of range are replaced by the last displacement at rest.
+    Values that are not finite or out of range are replaced by the last displacement at rest.
     """
-    for k in range(reference.shape[1]):
-        d, v, a = reference[0, k], reference[1, k], reference[2, k]
-        if not (abs(d) < _ABSURD and abs(v) < _ABSURD_RATE and abs(a) < _ABSURD_RATE):
-            d, v, a = state[_LAST], 0.0, 0.0
-            state[REFUSED] += 1.0
-        state[_LAST] = d
-        d -= offset
-        s = state[_TICK] / ticks if ticks > 0.0 else 1.0
-        if s < 1.0:
-            gain, rate, bend = smooth_step(s)
-            rate /= ticks * dt
-            bend /= (ticks * dt) ** 2
-            a = bend * d + 2.0 * rate * v + gain * a
-            v = rate * d + gain * v
-            d = gain * d
-            state[_TICK] += 1.0
-        conditioned[0, k], conditioned[1, k], conditioned[2, k] = d, v, a
+    d, v, a = given
+    if not (abs(d) < _ABSURD and abs(v) < _ABSURD_RATE and abs(a) < _ABSURD_RATE):
+        d, v, a = state[_LAST], 0.0, 0.0
+        state[REFUSED] += 1.0
+    state[_LAST] = d
+    d -= offset
+    s = state[_TICK] / ticks if ticks > 0.0 else 1.0
+    if s < 1.0:
+        gain, rate, bend = smooth_step(s)
+        rate /= ticks * dt
+        bend /= (ticks * dt) ** 2
+        a = bend * d + 2.0 * rate * v + gain * a
+        v = rate * d + gain * v
+        d = gain * d
+        state[_TICK] += 1.0
+    return Motion(d, v, a)
 
 
 @functools.cache
-def stepping(run: Run) -> Callable[..., float]:
-    """Return the kernel of a link: ``step(given, received, memory, numbers)``.
+def stepping(run: Run) -> tuple[Callable[..., float], Callable[..., None]]:
+    """Return the kernel of a link, and that of arrays without a transition.
 
-    It returns `received` plus the voltage of the inverse [V].
+    ``step(given, received, memory, numbers)`` returns `received` plus the voltage of the inverse
+    [V]; ``over(reference, voltage, memory, numbers)`` fills the voltages of rows of displacement,
+    velocity and acceleration.
     """
 
     @jit
-    def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
-        row, shaped, answer, dt = scratch((3, 1)), scratch((3, 1)), scratch(1), numbers[DT]
-        row[0, 0], row[1, 0], row[2, 0] = given[1], given[2], given[3]
-        condition(row, shaped, memory[:FADING], numbers[OFFSET], numbers[EASING], dt)
-        run(shaped, answer, memory[OWN:], numbers[SETTINGS:], dt, numbers[LOW], numbers[HIGH])
-        changing, slew = memory[FADING:OWN], numbers[SLEW]
-        return received + fade(answer[0], changing, dt, numbers[DURATION], slew)
+    def over(
+        reference: FloatArray, voltage: FloatArray, memory: FloatArray, numbers: FloatArray
+    ) -> None:
+        dt, state, own, p = numbers[DT], memory[:FADING], memory[OWN:], numbers[SETTINGS:]
+        for k in range(voltage.size):
+            given = Motion(reference[k, 0], reference[k, 1], reference[k, 2])
+            at = condition(given, state, numbers[OFFSET], numbers[EASING], dt)
+            voltage[k] = run(at, own, p, dt, numbers[LOW], numbers[HIGH])
 
-    return step
+    @jit
+    def step(given: FloatArray, received: float, memory: FloatArray, numbers: FloatArray) -> float:
+        row, answer = scratch((1, 3)), scratch(1)
+        row[0, 0], row[0, 1], row[0, 2] = given[1], given[2], given[3]
+        over(row, answer, memory, numbers)
+        changing, slew = memory[FADING:OWN], numbers[SLEW]
+        return received + fade(answer[0], changing, numbers[DT], numbers[DURATION], slew)
+
+    return step, over
 
 
 #: ``pack(values, p, own, dt, first)`` fills the packed parameters `p` from the values of `reads`,
@@ -169,7 +179,8 @@ class InverseLink(CompiledLink):
         ease = float(round(start / dt))
         settings = (dt, bound.low, bound.high, offset, ease, transition, bound.slew)
         numbers = np.concatenate([settings, packed])
-        super().__init__(stepping(self.run), numbers, OWN + self.memory_size)
+        step, self._over = stepping(self.run)
+        super().__init__(step, numbers, OWN + self.memory_size)
         self.reset()
 
     @property
@@ -249,15 +260,13 @@ class InverseLink(CompiledLink):
             Its analytic derivatives [m/s], [m/s^2]; default 0, which is correct only for inverses
             that do not use them.
         """
-        reference = np.zeros((3, len(displacement)))
-        for row, column in enumerate((displacement, velocity, acceleration)):
+        reference = np.zeros((len(displacement), 3))
+        for place, column in enumerate((displacement, velocity, acceleration)):
             if column is not None:
-                reference[row] = column
-        conditioned = np.empty_like(reference)
-        dt, low, high, offset, ease = self.numbers[: EASING + 1].tolist()
-        condition(reference, conditioned, np.zeros(3), offset, ease, dt)
-        voltage = np.empty(reference.shape[1])
-        self.run(conditioned, voltage, self.initial_memory(), self.packed, dt, low, high)
+                reference[:, place] = column
+        voltage, memory = np.empty(len(reference)), np.zeros(self.memory.size)
+        memory[OWN:] = self.initial_memory()
+        self._over(reference, voltage, memory, self.numbers)
         return voltage
 
     def set_parameters(self, parameters: Mapping[str, float]) -> None:
@@ -283,14 +292,9 @@ class InverseLink(CompiledLink):
     def follow(self, past: Iterable[ReferencePoint]) -> None:
         """Take the memory that the last points of a running reference leave."""
         self.reset()
-        dt, low, high, offset, ease = self.numbers[: EASING + 1].tolist()
-        self.memory[_TICK] = ease
-        rows = np.array([point[1:4] for point in past], dtype=np.float64).reshape(-1, 3)
-        reference = np.ascontiguousarray(rows.T)
-        conditioned = np.empty_like(reference)
-        condition(reference, conditioned, self.memory[:FADING], offset, ease, dt)
-        voltage = np.empty(reference.shape[1])
-        self.run(conditioned, voltage, self.own, self.packed, dt, low, high)
+        self.memory[_TICK] = self.numbers[EASING]
+        reference = np.array([point[1:4] for point in past], dtype=np.float64).reshape(-1, 3)
+        self._over(reference, np.empty(len(reference)), self.memory, self.numbers)
 
     def counters(self) -> dict[str, int]:
         """Return the error counters by name."""

@@ -20,10 +20,16 @@ from piezo_hysteresis.compensation.inverses.block_inverse import (
     invert_structure,
     mode_coefficients,
 )
-from piezo_hysteresis.compensation.inverses.inverse_link import InverseLink, Pack, Run, take
+from piezo_hysteresis.compensation.inverses.inverse_link import (
+    InverseLink,
+    Motion,
+    Pack,
+    Run,
+    take,
+)
 from piezo_hysteresis.compensation.link import IMPOSSIBLE, OK, Limits
 from piezo_hysteresis.errors import CompensationError
-from piezo_hysteresis.jit import jit, scratch
+from piezo_hysteresis.jit import inline_jit, jit, scratch
 
 Law = Literal['exact', 'euler', 'delayed', 'plays', 'gain']
 BOUC_WEN = ('A1', 'A', 'A0', 'beta', 'gamma')
@@ -45,23 +51,22 @@ def _behind_structure(law: str, size: int) -> Run:
     count, slope = (len(PLAYS), 1) if plays else (len(BOUC_WEN), 0)
     kept = PLAYS.index('pi_range') if plays else BOUC_WEN.index('beta')
 
-    @jit
+    @inline_jit
     def run(
-        reference: FloatArray, voltage: FloatArray, memory: FloatArray, p: FloatArray, dt: float,
-        low: float, high: float,
-    ) -> None:  # fmt: skip
-        invert_structure(reference, voltage, memory[size:], p[K1], p[K2], p[LEAD], dt)
+        at: Motion, memory: FloatArray, p: FloatArray, dt: float, low: float, high: float
+    ) -> float:
+        w = invert_structure(at, memory[size:], p[K1], p[K2], p[LEAD], dt)
         sign, rising = 1.0 if p[FIRST + slope] > 0.0 else -1.0, scratch(count)
         for k in range(count):
             rising[k] = p[FIRST + k] if k == kept else sign * p[FIRST + k]
         own = memory[:size]
-        for k in range(voltage.size):
-            u = solve(sign * voltage[k], own, rising, p[MINIMUM])
-            if u > high or u < low:
-                u = min(max(u, low), high)
-                own[hysteresis.STROKE] += 1.0
-            follow(u, own, rising)
-            own[hysteresis.U] = voltage[k] = u
+        u = solve(sign * w, own, rising, p[MINIMUM])
+        if u > high or u < low:
+            u = min(max(u, low), high)
+            own[hysteresis.STROKE] += 1.0
+        follow(u, own, rising)
+        own[hysteresis.U] = u
+        return float(u)
 
     return run
 
@@ -241,42 +246,38 @@ def _extended(solved: bool) -> Run:
     A falling model is that of the reversed displacement: all gains and gamma change their sign.
     """
 
-    @jit
+    @inline_jit
     def run(
-        reference: FloatArray, voltage: FloatArray, memory: FloatArray, p: FloatArray, dt: float,
-        low: float, high: float,
-    ) -> None:  # fmt: skip
+        at: Motion, memory: FloatArray, p: FloatArray, dt: float, low: float, high: float
+    ) -> float:
         way = 1.0 if p[0] > 0.0 or not solved else -1.0
         a1, a, a0, beta, gamma = way * p[0], way * p[1], way * p[2], p[3], way * p[4]
         c1, c2, minimum = p[5], p[6], p[7]
         u, h = memory[_U], memory[_H]
         d1, d2, d3 = memory[_D1], memory[_D2], memory[_D3]
-        for k in range(reference.shape[1]):
-            d = way * reference[0, k]
-            held = d - d1 - c1 * d2 - c2 * d3 + h
-            if solved:
-                # Fujii 2018 (3) for u[k] with y = d, on the branch with a consistent sign
-                r = held - a1 * u
-                sign = 1.0 if r > 0.0 else -1.0
-                slope = a1 - a - sign * a0 + gamma * abs(h) + sign * beta * h
-                if slope < minimum:
-                    slope = minimum
-                    if r != 0.0:
-                        memory[_CLAMPED] += 1.0
-                new = u + r / slope
-            else:
-                # the remainder of (7) by A1 with y = d, h of the previous sample
-                new = held / a1
-            if new > high or new < low:
-                new = min(max(new, low), high)
-                memory[_STROKE] += 1.0
-            du = new - u
-            h += a * du + a0 * abs(du) - gamma * abs(h) * du - beta * abs(du) * h
-            u = new
-            d3, d2, d1 = d2, d1, d
-            voltage[k] = u
-        memory[_U], memory[_H] = u, h
-        memory[_D1], memory[_D2], memory[_D3] = d1, d2, d3
+        d = way * at.displacement
+        held = d - d1 - c1 * d2 - c2 * d3 + h
+        if solved:
+            # Fujii 2018 (3) for u[k] with y = d, on the branch with a consistent sign
+            r = held - a1 * u
+            sign = 1.0 if r > 0.0 else -1.0
+            slope = a1 - a - sign * a0 + gamma * abs(h) + sign * beta * h
+            if slope < minimum:
+                slope = minimum
+                if r != 0.0:
+                    memory[_CLAMPED] += 1.0
+            new = u + r / slope
+        else:
+            # the remainder of (7) by A1 with y = d, h of the previous sample
+            new = held / a1
+        if new > high or new < low:
+            new = min(max(new, low), high)
+            memory[_STROKE] += 1.0
+        du = new - u
+        h += a * du + a0 * abs(du) - gamma * abs(h) * du - beta * abs(du) * h
+        memory[_U], memory[_H] = new, h
+        memory[_D1], memory[_D2], memory[_D3] = d, d1, d2
+        return float(new)
 
     return run
 
@@ -344,47 +345,38 @@ _SLOPE_SELECTOR_CLAMPED, _SLOPE_SELECTOR_STROKE, _D, _SLOPE_SELECTOR_U, _SLOPE_S
 _NAMES = ('inverse_gain', 'inverse_A', 'inverse_beta', 'inverse_gamma')
 
 
-@jit
+@inline_jit
 def _select(
-    reference: FloatArray,
-    voltage: FloatArray,
-    memory: FloatArray,
-    p: FloatArray,
-    dt: float,
-    low: float,
-    high: float,
-) -> None:
+    at: Motion, memory: FloatArray, p: FloatArray, dt: float, low: float, high: float
+) -> float:
     """Sum the segments of Xiao 2014; `p` holds rows of slope, c, a, b, g, by increasing slope."""
     last, u, h = memory[_D], memory[_SLOPE_SELECTOR_U], memory[_SLOPE_SELECTOR_H]
     rows = p.size // 5
-    for k in range(voltage.size):
-        step = reference[0, k] - last
-        slope = max(abs(reference[1, k]), abs(step) / dt)
-        row = 0
-        while row < rows - 2 and slope > p[5 * (row + 1)]:
-            row += 1
-        at = 5 * row
-        share = (slope - p[at]) / (p[at + 5] - p[at])
-        share = min(max(share, 0.0), 1.0)
-        c, a, b, g = (
-            p[at + 1] + share * (p[at + 6] - p[at + 1]),
-            p[at + 2] + share * (p[at + 7] - p[at + 2]),
-            p[at + 3] + share * (p[at + 8] - p[at + 3]),
-            p[at + 4] + share * (p[at + 9] - p[at + 4]),
-        )
-        moved = exact_step(h, step, a, 0.0, b, g)
-        rise = c * step - (moved - h)
-        if rise * step < 0.0:
-            rise = 0.0
-            memory[_SLOPE_SELECTOR_CLAMPED] += 1.0
-        u += rise
-        h = moved
-        last = reference[0, k]
-        safe = min(max(u, low), high)
-        if safe != u:
-            memory[_SLOPE_SELECTOR_STROKE] += 1.0
-        voltage[k] = safe
-    memory[_D], memory[_SLOPE_SELECTOR_U], memory[_SLOPE_SELECTOR_H] = last, u, h
+    step = at.displacement - last
+    slope = max(abs(at.velocity), abs(step) / dt)
+    row = 0
+    while row < rows - 2 and slope > p[5 * (row + 1)]:
+        row += 1
+    i = 5 * row
+    share = (slope - p[i]) / (p[i + 5] - p[i])
+    share = min(max(share, 0.0), 1.0)
+    c, a, b, g = (
+        p[i + 1] + share * (p[i + 6] - p[i + 1]),
+        p[i + 2] + share * (p[i + 7] - p[i + 2]),
+        p[i + 3] + share * (p[i + 8] - p[i + 3]),
+        p[i + 4] + share * (p[i + 9] - p[i + 4]),
+    )
+    moved = exact_step(h, step, a, 0.0, b, g)
+    rise = c * step - (moved - h)
+    if rise * step < 0.0:
+        rise = 0.0
+        memory[_SLOPE_SELECTOR_CLAMPED] += 1.0
+    u += rise
+    safe = min(max(u, low), high)
+    if safe != u:
+        memory[_SLOPE_SELECTOR_STROKE] += 1.0
+    memory[_D], memory[_SLOPE_SELECTOR_U], memory[_SLOPE_SELECTOR_H] = at.displacement, u, moved
+    return float(safe)
 
 
 class SlopeSelectedInverse(InverseLink):
