@@ -116,6 +116,15 @@ def limited(limits: Limits) -> dict[str, str]:
     }
 
 
+def limited_samples(limits: Limits, counts: Mapping[str, int], samples: int) -> tuple[str, ...]:
+    """Return how many of so many samples the limiter changed, in sentences."""
+    return tuple(
+        f'{what} ({counts[key]} of {samples} samples)'
+        for key, what in limited(limits).items()
+        if counts[key]
+    )
+
+
 def above_nyquist(model: ModelFile | None, dt: float) -> tuple[str, ...]:
     """Return a sentence for each mode that a loop of ticks of `dt` [s] cannot sample."""
     if model is None:

@@ -19,6 +19,7 @@ from piezo_hysteresis.compensation.inverses.reach import require_reachable
 from piezo_hysteresis.compensation.limiter import Limiter
 from piezo_hysteresis.compensation.link import Limits, Link
 from piezo_hysteresis.compensation.offline_loop import (
+    LoopPlant,
     LoopResult,
     ModelPlant,
     TrackingMetrics,
@@ -26,7 +27,11 @@ from piezo_hysteresis.compensation.offline_loop import (
     simulated,
     tracking_metrics,
 )
-from piezo_hysteresis.compensation.operating_limits import above_nyquist, limited, operating_limits
+from piezo_hysteresis.compensation.operating_limits import (
+    above_nyquist,
+    limited_samples,
+    operating_limits,
+)
 from piezo_hysteresis.errors import CompensationError
 from piezo_hysteresis.models.modelfile import ModelFile
 from piezo_hysteresis.waveforms import Waveform, from_spec, has_setting
@@ -170,11 +175,8 @@ def require_sampled(waveform: Waveform, rate: float) -> None:
         raise CompensationError('the reference is too long; give it a duration')
 
 
-class ResettablePlant(Protocol):
+class ResettablePlant(LoopPlant, Protocol):
     """A plant that can be put back to rest."""
-
-    def exchange(self, voltage: float) -> float:
-        """Apply `voltage` [V] for one tick; return the displacement before it acts [m]."""
 
     def reset(self) -> None:
         """Go back to rest, with the same noise."""
@@ -222,19 +224,10 @@ def _run(
     plant.reset()
     result = closed_loop(samples, links, plant, study.limits, study.controllers.dt)
     remarks = tuple(filter(None, (getattr(link, 'words', '') for link in links)))
-    remarks += _limited(name, result, study.limits) + _uneven_period(study, result)
+    counts = limited_samples(study.limits, result.counters['limiter'], result.time.size)
+    remarks += (*(f'{name}: {each}' for each in counts), *_uneven_period(study, result))
     remarks += _unstarted_links(name, result)
     return Run(name, result, tracking_metrics(result, study.from_seconds), remarks)
-
-
-def _limited(name: str, result: LoopResult, limits: Limits) -> tuple[str, ...]:
-    """Return how much of a run the limiter changed, in sentences."""
-    counts = result.counters['limiter']
-    return tuple(
-        f'{name}: {what} ({counts[key]} of {result.time.size} samples)'
-        for key, what in limited(limits).items()
-        if counts[key]
-    )
 
 
 def _unstarted_links(name: str, result: LoopResult) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from piezo_hysteresis.compensation.offline_loop import ModelPlant, closed_loop
 from piezo_hysteresis.compensation.operating_limits import (
     UNSTATED,
     above_nyquist,
-    limited,
+    limited_samples,
     operating_limits,
     rate_of,
 )
@@ -106,8 +106,7 @@ def inverse(
     counts = {**counts, 'out_of_range': max(at_end, counts['out_of_range'])}
     return InverseResult(
         step, run.reference, run.voltage, run.displacement,
-        tuple(f'{what} ({counts[key]} of {values.size} samples)'
-              for key, what in limited(bounds.limits).items() if counts[key]),
+        limited_samples(bounds.limits, counts, values.size),
         (*bounds.warnings, *above_nyquist(given, step)),
     )  # fmt: skip
 

@@ -39,11 +39,6 @@ class AxesChain:
         if settings is not None:
             self.attenuation = MatrixAttenuation(model, settings, span)
 
-    @property
-    def axes(self) -> int:
-        """Number of references and voltages."""
-        return self.model.layout.inputs
-
     def step(
         self,
         points: Sequence[ReferencePoint],
