@@ -12,7 +12,6 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 if not __package__:
@@ -126,25 +125,6 @@ def course(result: LoopResult, order: int, times: FloatArray, window: float) -> 
     return np.array(amplitudes)
 
 
-@dataclass(frozen=True)
-class Signed:
-    """A gain of either sign."""
-
-    right: LinearGain
-    sign: float
-
-    @property
-    def packed(self) -> FloatArray:
-        """Numbers of the gain, the response to a pulse with its sign."""
-        numbers = self.right.packed
-        numbers[2:] *= self.sign
-        return numbers
-
-    def __call__(self, frequency: float) -> complex:
-        """Return the gain [m/V] at `frequency` [Hz]."""
-        return self.sign * self.right(frequency)
-
-
 def convergence(task: tuple[float, float]) -> tuple[float, float, float]:
     """Return seconds to a tenth, and attenuation in dB, for a frequency and sign of the gain."""
     frequency, sign = task
@@ -153,7 +133,7 @@ def convergence(task: tuple[float, float]) -> tuple[float, float, float]:
     right = model_gain(model, values, DT)
 
     wave = Sine(bimorph.amplitude(frequency), frequency, seconds, ramp=1.0)
-    link = HarmonicAttenuation(AttenuationSettings(orders=(order,)), Signed(right, sign), DT)
+    link = HarmonicAttenuation(AttenuationSettings(orders=(order,)), right.scaled(sign), DT)
     slope = abs(right(0.0))
     straight = runs.Straight(slope * bimorph_rise(right, frequency))
     result = runs.run(

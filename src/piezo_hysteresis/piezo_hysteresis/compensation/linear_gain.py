@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -12,17 +12,6 @@ from piezo_hysteresis.jit import jit
 
 # Kinds of packed gains, by their first number.
 _MODE, _PULSE = range(2)
-
-
-class LinearGain(Protocol):
-    """Answers the gain [m/V] at a frequency [Hz]; negative frequencies give the conjugate."""
-
-    @property
-    def packed(self) -> FloatArray:
-        """Numbers that `gain_at` reads."""
-
-    def __call__(self, frequency: float) -> complex:
-        """Return the gain [m/V] at `frequency` [Hz]."""
 
 
 class ModeGain(NamedTuple):
@@ -72,6 +61,10 @@ class PulseGain:
     def scaled(self, factor: float) -> PulseGain:
         """Return a multiple of this gain."""
         return PulseGain(self.packed[2:] * factor, self.packed[1])
+
+
+#: The gain [m/V] at a frequency [Hz]; negative frequencies give the conjugate.
+LinearGain: TypeAlias = ModeGain | PulseGain
 
 
 @jit

@@ -163,32 +163,6 @@ def reset_cross(memory: FloatArray) -> None:
     memory[_TICKS], memory[_SHARED] = -1.0, 0.0
 
 
-class CrossFade:
-    """Fades the old share out and the new one in.
-
-    A law that learns from the measurement answers wildly at first. It so begins with no weight,
-    where `Transition` would pass its first answers on.
-    """
-
-    def __init__(self, dt: float, duration: float) -> None:  # dt, duration [s]
-        self._dt = float(dt)
-        self._duration = float(duration)
-        self._memory = np.zeros(CROSS_SIZE)
-        reset_cross(self._memory)
-
-    def start(self) -> None:
-        """Make the next output begin where the last one was, if there was one."""
-        begin_cross(self._memory)
-
-    def retune(self, duration: float, _slew: float) -> None:
-        """Set the duration of a transition [s]; the slew is limited by the limiter."""
-        self._duration = float(duration)
-
-    def apply(self, raw: float) -> float:
-        """Return the share for this tick [V]; `raw` is what the law in charge wants."""
-        return cross_fade(float(raw), self._memory, self._dt, self._duration)
-
-
 class Transition:
     """Bumpless change: holds what the output would have jumped by and lets it fade.
 
@@ -196,19 +170,21 @@ class Transition:
     smooth step, whose velocity and acceleration are continuous.
     """
 
+    _begin, _clear, _size = staticmethod(begin_fade), staticmethod(reset_fade), FADE_SIZE
+
     def __init__(
         self,
         dt: float,  # [s]
         duration: float = 0.2,  # [s]
         slew: float = math.inf,  # [V/s]
     ) -> None:
-        self._dt = float(dt)
-        self._memory = np.zeros(FADE_SIZE)
+        self._dt, self._memory = float(dt), np.zeros(self._size)
         self.retune(duration, slew)
+        self.reset()
 
     def start(self) -> None:
-        """Make the next output begin where the last one was."""
-        begin_fade(self._memory)
+        """Make the next output begin where the last one was, if there was one."""
+        self._begin(self._memory)
 
     def retune(self, duration: float, slew: float) -> None:
         """Change how long [s] and how fast [V/s] changes may be, from the next one on."""
@@ -220,7 +196,21 @@ class Transition:
 
     def reset(self) -> None:
         """Discard the last output and any running transition."""
-        reset_fade(self._memory)
+        self._clear(self._memory)
+
+
+class CrossFade(Transition):
+    """Fades the old share out and the new one in; the limiter alone limits its slew.
+
+    A law that learns from the measurement answers wildly at first. It so begins with no weight,
+    where `Transition` would pass its first answers on.
+    """
+
+    _begin, _clear, _size = staticmethod(begin_cross), staticmethod(reset_cross), CROSS_SIZE
+
+    def apply(self, raw: float) -> float:
+        """Return the share for this tick [V]; `raw` is what the law in charge wants."""
+        return cross_fade(float(raw), self._memory, self._dt, self._duration)
 
 
 HISTORY = 256

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -32,19 +31,6 @@ from piezo_hysteresis.runtime.link_health import ALARMS, CORRECTS, LinkHealth, W
 from piezo_interfaces.msg import LoopStatus, VoltageCommand
 
 _ENERGY = ('energy_limit', 'energy_window', 'capacitance')
-
-
-class Fade(Protocol):
-    """Interface of a smooth transition of the share of a link."""
-
-    def start(self) -> None:
-        """Start the next share at the value of the last one."""
-
-    def apply(self, raw: float) -> float:
-        """Return the share for this tick [V]."""
-
-    def retune(self, duration: float, slew: float) -> None:
-        """Set the duration [s] and the slew [V/s] of transitions."""
 
 
 class LinkNode(GuardedLifecycleNode):
@@ -212,7 +198,7 @@ class LinkNode(GuardedLifecycleNode):
 
     # --- the voltage ---------------------------------------------------------------------------
 
-    def new_fade(self) -> Fade:
+    def new_fade(self) -> Transition:
         """Return the transition of the share."""
         return Transition(self.dt, self.parameters.number('transition'), self.limits().slew)
 

@@ -10,10 +10,16 @@ from std_srvs.srv import Trigger
 from piezo_hysteresis.common import topics
 from piezo_hysteresis.common.parameter_table import ParameterTable, Value
 from piezo_hysteresis.common.stamps import SequenceFilter
-from piezo_hysteresis.compensation.link import CrossFade, Link, Measured, ReferencePoint
+from piezo_hysteresis.compensation.link import (
+    CrossFade,
+    Link,
+    Measured,
+    ReferencePoint,
+    Transition,
+)
 from piezo_hysteresis.errors import PiezoError
 from piezo_hysteresis.models import ModelFile
-from piezo_hysteresis.nodes.links.link_node import Fade, LinkNode
+from piezo_hysteresis.nodes.links.link_node import LinkNode
 from piezo_hysteresis.nodes.messages import VOLTAGE, measured_of, point_of, requested_model
 from piezo_hysteresis.ros.cdr_header import nanoseconds_of_head
 from piezo_hysteresis.ros.qos import LOOP
@@ -92,7 +98,7 @@ class TrackingNode(LinkNode):
         ):
             self.create_subscription(kind, topic, take, LOOP, raw=True)
 
-    def new_fade(self) -> Fade:
+    def new_fade(self) -> Transition:
         """Return the transition of the share; a new law starts with weight 0."""
         return CrossFade(self.dt, self.parameters.number('transition'))
 
