@@ -15,8 +15,6 @@ import yaml
 from piezo_hysteresis.arrays import FloatArray
 from piezo_hysteresis.compensation.feedback.feedback_link import OWN, HInfinityWeights
 from piezo_hysteresis.compensation.feedback.hinf import (
-    XIAO_DENOMINATOR,
-    XIAO_NUMERATOR,
     GeneralizedPlant,
     HInfinity,
     StateSpace,
@@ -49,6 +47,9 @@ DT = 1e-3
 LIMITS = Limits(-1.0, 1.0, 1e4)
 VALUES = {'A1': 150e-6, 'A': 40e-6, 'A0': 0.0, 'beta': 1.0, 'gamma': 0.1, 'offset': 6e-6}
 GAINS = PidGains(proportional=1e3, integral=2e6)
+# Xiao 2014 (4); its DC gain reads as mm per volt at the actuator.
+XIAO_NUMERATOR = (1135e-3, 35770e-3)
+XIAO_DENOMINATOR = (1.0, 3960.0, 5.046e6, 1.452e8)
 
 
 def constant(level: float, seconds: float = 2.0) -> list[Any]:

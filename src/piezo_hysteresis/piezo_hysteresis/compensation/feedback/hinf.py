@@ -154,11 +154,6 @@ def hinf_synthesis(
     )
 
 
-# Xiao 2014 (4); its DC gain reads as mm per volt at the actuator.
-XIAO_NUMERATOR = (1135e-3, 35770e-3)
-XIAO_DENOMINATOR = (1.0, 3960.0, 5.046e6, 1.452e8)
-
-
 @dataclass(frozen=True)
 class HInfinityDesign:
     """A controller and its performance.
