@@ -165,9 +165,12 @@ def packed_settings(dt: float, limits: Limits | None) -> FloatArray:
     return np.array([dt, bound.low, bound.high, bound.slew, window, frozen_ticks(dt)])
 
 
-@inline_jit
-def _unchanged(memory: FloatArray, p: FloatArray, values: FloatArray) -> None:
-    pass
+def _nothing() -> Callable[[FloatArray, FloatArray, FloatArray], None]:
+    @inline_jit
+    def change(memory: FloatArray, p: FloatArray, values: FloatArray) -> None:
+        return
+
+    return change
 
 
 class FeedbackLink(CompiledLink):
@@ -192,7 +195,7 @@ class FeedbackLink(CompiledLink):
     """
 
     #: Kernel ``change(memory, p, values)`` before the parameters become `values`.
-    change: Any = staticmethod(_unchanged)
+    change: Any = None
 
     def __init__(
         self,
@@ -219,7 +222,7 @@ class FeedbackLink(CompiledLink):
 
     def compiled(self) -> CompiledLaw:
         """Return its kernels; the limits and what is `settable` change at run time."""
-        names, change = self.settable(), self.change
+        names, change = self.settable(), self.change or _nothing()
         count = len(names)
 
         @inline_jit

@@ -118,9 +118,14 @@ def stepping(run: Run) -> tuple[Callable[..., float], Callable[..., None]]:
 Pack = Callable[[FloatArray, FloatArray, FloatArray, float, bool], int]
 
 
-@inline_jit
-def _unchanged(values: FloatArray, p: FloatArray, own: FloatArray, dt: float, first: bool) -> int:
-    return OK
+def _constant() -> Pack:
+    """Return the packing of a law whose parameters are constants in the code."""
+
+    @inline_jit
+    def pack(values: FloatArray, p: FloatArray, own: FloatArray, dt: float, first: bool) -> int:
+        return OK
+
+    return pack
 
 
 class InverseLink(CompiledLink):
@@ -153,7 +158,7 @@ class InverseLink(CompiledLink):
     memory_size: int = 8
     #: Kernel of the inverse.
     run: Any
-    pack: Any = staticmethod(_unchanged)
+    pack: Any = None
     #: Parameters that `pack` takes, in order, 0 where they are missing; how many numbers they
     #: become; which of them is the gain, whose sign a running inverse keeps.
     reads: tuple[str, ...] = ()
@@ -198,7 +203,7 @@ class InverseLink(CompiledLink):
         rest, count = self.initial_memory(), len(names)
         place = {name: k for k, name in enumerate(names)}
         at = np.array([place.get(name, -1) for name in self.reads], np.int64)
-        offset, pack, size = place.get('offset', -1), self.pack, len(self.reads)
+        offset, pack, size = place.get('offset', -1), self.pack or _constant(), len(self.reads)
         at_rest, changes = not np.any(rest), bool(place.keys() & set(self.live))
         if rest.size == 0:
             rest = np.zeros(1)
