@@ -27,7 +27,10 @@ def test_no_parameter_is_the_group_of_others(name: str) -> None:
     assert names & groups == set()
 
 
-@pytest.mark.parametrize(('text', 'value'), [('5e-05', 5e-05), ('-1E3', -1000.0), ('2e+0', 2.0)])
+NUMBERS = [('5e-05', 5e-05), ('-1E3', -1000.0), ('2e+0', 2.0), ('1.4e5', 1.4e5), ('.5e1', 5.0)]
+
+
+@pytest.mark.parametrize(('text', 'value'), NUMBERS)
 def test_a_float_that_yaml_takes_for_a_text_is_a_float(text: str, value: float) -> None:
     assert isinstance(yaml.safe_load(text), str)  # else nothing would have to be done
     spec = ParameterSpec('x', 1.0, 'A number.')

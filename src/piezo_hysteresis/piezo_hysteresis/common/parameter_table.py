@@ -36,7 +36,7 @@ def range_refusal(low: float | None, high: float | None) -> str:
 Value: TypeAlias = bool | int | float | str | list[float] | list[int] | list[str]
 Rule: TypeAlias = Callable[[Mapping[str, Value]], str]
 
-EXPONENT = re.compile(r'[-+]?\d+[eE][-+]?\d+')
+EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
 LIST = re.compile(r'\[[^\[\]]*\]')
 
 
@@ -58,8 +58,8 @@ class ParameterSpec:
     def coerce(self, value: object) -> object:
         """Return `value` with numbers that are meant as floats converted.
 
-        These are integers, and ``5e-05``, which is a text in YAML 1.1 because it has no decimal
-        point: ``ros2 param set`` and ``ros2 param load`` pass it for 5.0e-05.
+        These are integers, and ``5e-05`` or ``1.4e5``, which are texts in YAML 1.1 for want of a
+        decimal point or a sign: ``ros2 param set`` and ``ros2 param load`` pass them as they are.
         """
         if isinstance(self.default, float) and type(value) is int:
             return float(value)
