@@ -100,7 +100,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study and write its results."""
-    from piezo_hysteresis.interface.compensate_runs import reference_of
     from piezo_hysteresis.reporting.compensation_report import write_compensation
 
     started = time.perf_counter()
@@ -111,29 +110,31 @@ def run(arguments: argparse.Namespace) -> int:
 
         return compensate_several(arguments)
     arguments.reference = _only(arguments.reference)
-    if arguments.on is not None:
-        return run_on(arguments)
+    study, runs = (_simulated if arguments.on is None else _learnt)(arguments)
+    out = Path(arguments.out)
+    write_compensation(out, study, runs, arguments.reference, time.perf_counter() - started)
+    if arguments.on is None:
+        usual = [_usual(study)] if study.about else []
+        print('\n'.join((*_table(runs), *usual, *remarks(study, runs))))
+    print(f'written to {out}; open {out}/report.html')
+    return 0
+
+
+def _simulated(arguments: argparse.Namespace) -> tuple[Study, list[Run]]:
+    """Run the study on a model or a preset."""
+    from piezo_hysteresis.interface.compensate_runs import reference_of
+
     model = ModelFile.load(arguments.model)
     reference, rate = reference_of(
         arguments.reference, arguments.rate, model, statements_of(arguments), arguments.salvage
     )
     controllers = links.controllers_of(arguments, model, 1.0 / rate_of(model, rate))
-    study, runs = track(
+    return track(
         controllers, _plant(arguments), reference, low=arguments.low,
         high=arguments.high, slew=arguments.slew, together=arguments.together,
         noise=arguments.noise, seed=arguments.seed, from_seconds=arguments.from_seconds,
         plant_settings=arguments.plant_set,
     )  # fmt: skip
-    out = Path(arguments.out)
-    write_compensation(out, study, runs, arguments.reference, time.perf_counter() - started)
-    for line in _table(runs):
-        print(line)
-    if study.about:
-        print(_usual(study))
-    for remark in remarks(study, runs):
-        print(remark)
-    print(f'written to {out}; open {out}/report.html')
-    return 0
 
 
 def _require_used(arguments: argparse.Namespace, *, several: bool) -> None:
@@ -201,11 +202,8 @@ def _table(runs: list[Run]) -> list[str]:
     return lines
 
 
-def run_on(arguments: argparse.Namespace) -> int:
-    """Run iterative learning on the controller, and write results as those of a study."""
-    from piezo_hysteresis.reporting.compensation_report import write_compensation
-
-    started = time.perf_counter()
+def _learnt(arguments: argparse.Namespace) -> tuple[Study, list[Run]]:
+    """Run iterative learning on the controller, in the form of a study."""
     reference = waveform_of(arguments.reference)
     if not isinstance(reference, Sine):
         raise CompensationError(
@@ -227,10 +225,7 @@ def run_on(arguments: argparse.Namespace) -> int:
             Controllers(learning.dt, controller.limits, model), '', reference,
             learning.from_seconds, controller=controller.identity.name,
         )  # fmt: skip
-    out = Path(arguments.out)
-    write_compensation(out, study, runs, arguments.reference, time.perf_counter() - started)
-    print(f'written to {out}; open {out}/report.html')
-    return 0
+    return study, runs
 
 
 def _reported(learnt: LearntRun) -> Run:
