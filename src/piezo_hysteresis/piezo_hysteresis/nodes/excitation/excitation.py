@@ -86,8 +86,7 @@ class Excitation(GuardedNode):
         self._experiment: Experiment | None = None
         self._emitted = -1
         self._newest_state = -1
-        # the tick of a status beyond the states, the newest state then, and when [s]
-        self._ahead: tuple[int, float, float] = (0, math.inf, 0.0)
+        self._asked_again = False  # since the newest state
         self._restarts = 0
         self._given_up = ''
         self._ready = False
@@ -139,30 +138,18 @@ class Excitation(GuardedNode):
     def _on_status(self, message: LoopStatus) -> None:
         # States the tick for which the actuator waits without a state to respond to. The message
         # may be older than received states, so only a new start indicates a restart; it may also
-        # be newer than states that are still on their way to a node that is behind.
+        # be newer than states that are still on their way to a node that is behind: they are lost
+        # only if the node has asked again without an answer.
         if message.sample == 0 < self._newest_state:
             self._intake.newest = -1
             self._follow_restart(-1)
         self._sweeps.note_range(message.low, message.high)
         self._sweeps.note_refused(message.refused, message.sample)
-        if self._newest_state < 0:
-            self._take_tick(message.sample)
-        elif message.sample > self._newest_state + 1:
-            _, newest, since = self._ahead
-            since = since if newest == self._newest_state else time.monotonic()
-            self._ahead = (message.sample, self._newest_state, since)
-
-    def _take_tick(self, sample: int) -> None:
-        """Respond to an actuator that waits for tick `sample`, whose state does not arrive."""
-        self._newest_state = sample - 1
-        self._ready = True
-        self._emit(sample)
-
-    def _take_ahead(self) -> None:
-        """Follow a status that was ahead if no state has arrived since: they are lost."""
-        sample, newest, since = self._ahead
-        if newest == self._newest_state and time.monotonic() - since >= REPEAT_AFTER:
-            self._take_tick(sample)
+        ahead = message.sample > self._newest_state + 1
+        if self._newest_state < 0 or (ahead and self._asked_again):
+            self._newest_state = message.sample - 1
+            self._ready = True
+            self._emit(message.sample)
 
     @property
     def refers(self) -> bool:
@@ -187,7 +174,7 @@ class Excitation(GuardedNode):
         self._times.update(sample, nanoseconds_of_head(head))
         if sample <= self._newest_state:
             return
-        self._newest_state = sample
+        self._newest_state, self._asked_again = sample, False
         self._steady.update(sample, voltage)
         self._sweeps.note_state(sample, voltage, payload)
         if not self._sweeps.waits:
@@ -200,7 +187,7 @@ class Excitation(GuardedNode):
         self._restarts += 1
         self._newest_state = self._emitted = sample
         self._experiment = None
-        self._last = None
+        self._last, self._asked_again = None, False
         self._steady.reset()
         self._sweeps.follow_restart()
 
@@ -239,9 +226,9 @@ class Excitation(GuardedNode):
 
     def _repeat(self) -> None:
         """Publish the last message again if the loop has stopped: it may have been lost."""
-        self._take_ahead()
         if time.monotonic() - self._received < REPEAT_AFTER:
             return
+        self._asked_again = True
         if self._last is None:
             self._answer()
             return
