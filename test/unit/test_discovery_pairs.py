@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any, cast
 
 import numpy as np
@@ -31,10 +32,14 @@ def fit(*effects: str, left: float = 1.0) -> CandidateFit:
 class Hiding:
     """Both of a pair explain all of it, one of them nothing that is sure."""
 
-    policy = POLICY.but(elimination_rounds=0)
-
-    def __init__(self, ends_at: float, seconds: float = np.inf) -> None:
+    def __init__(self, ends_at: float, seconds: float = np.inf, most: int = 5) -> None:
         self.ends_at, self.deadline = ends_at, Deadline(seconds)
+        self.policy = POLICY.but(elimination_rounds=0, max_effects=most)
+
+    def noting_apart(self) -> Hiding:
+        other = copy(self)
+        other.deadline = Deadline(self.deadline.seconds)
+        return other
 
     def with_tones_aligned(self, current: CandidateFit) -> Hiding:
         return self
@@ -107,6 +112,10 @@ def test_a_first_fit_that_leads_astray_is_replaced(monkeypatch: pytest.MonkeyPat
             Hiding(ends_at=1.0, seconds=1e-9), {'creep': 'resonance', 'resonance': 'creep'}, 0,
             id='the time is over',
         ),
+        pytest.param(
+            Hiding(ends_at=1.0, most=1), {'creep': 'resonance', 'resonance': 'creep'}, 0,
+            id='one effect at most',
+        ),
     ],
 )  # fmt: skip
 def test_no_pair_is_named(
@@ -115,6 +124,17 @@ def test_no_pair_is_named(
     names, rounds = search(monkeypatch, evaluator, beyond)
     assert names == []
     assert len(rounds) == count
+
+
+def test_what_the_rounds_of_a_pair_skip_was_tried_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    evaluator = Hiding(ends_at=1.5)
+
+    def round_of_pair(apart: Any, *_: Any) -> None:
+        apart.deadline.untried['creep'] = None
+
+    monkeypatch.setattr(searching, '_round_of_pair', round_of_pair)
+    search(monkeypatch, evaluator, {'creep': 'resonance', 'drift': 'creep'})
+    assert list(evaluator.deadline.untried) == ['pairs with creep', 'pairs with drift']
 
 
 @pytest.mark.slow

@@ -136,6 +136,12 @@ class Evaluator(ABC):
         other.deadline = self.deadline.with_reserve()
         return other
 
+    def noting_apart(self) -> Self:
+        """Return an evaluator with the same time limit, which notes what it skips by itself."""
+        other = copy(self)
+        other.deadline = replace(self.deadline, untried={})
+        return other
+
     # --- differences between a joint fit and a fixed baseline ------------------------------
 
     @abstractmethod

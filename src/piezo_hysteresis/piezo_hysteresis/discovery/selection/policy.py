@@ -208,7 +208,12 @@ class SelectionPolicy:
         'Times that each effect is tested again with the others present; 0 for none.',
         'effort',
     )
-    restarts: int = number(2, '1', 'Restarts of the search from another first effect.', 'effort')
+    restarts: int = number(
+        2,
+        '1',
+        'Restarts of the search from another first effect, and first fits that lead to a pair.',
+        'effort',
+    )
     alternative_within: float = number(
         2.0,
         '1',

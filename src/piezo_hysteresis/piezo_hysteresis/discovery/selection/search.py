@@ -194,7 +194,7 @@ def _forward(
         if last is not None:
             evaluator, last = led_by_best_start(evaluator, last, start)
         if last is None or not last.accepted:
-            pair = None if steps or last is None else _pair(evaluator, current, start, last)
+            pair = None if steps or last is None else _pair(evaluator, start, last, progress)
             return pair or SelectionResult(evaluator, start, current, tuple(steps), last)
         current = _finished(evaluator, last.best)
         if evaluator.policy.elimination_rounds:
@@ -204,7 +204,7 @@ def _forward(
 
 
 def _pair(
-    evaluator: Evaluator, before: CandidateFit, start: CandidateFit, last: SelectionRound
+    evaluator: Evaluator, start: CandidateFit, last: SelectionRound, progress: Progress
 ) -> SelectionResult | None:
     """Return the model with two effects of which each hides the other, None if there is none.
 
@@ -213,17 +213,22 @@ def _pair(
     what that selects by a round without it. Two flexible effects also imitate one that no
     candidate has, so a pair counts only if it leaves no significant residual.
     """
-    for lead in last.leads[: evaluator.policy.restarts]:
+    leads = last.leads if evaluator.policy.max_effects > 1 else ()
+    for lead in leads[: evaluator.policy.restarts]:
         if evaluator.deadline.skips(f'pairs with {lead.effect}'):
             break
-        second = _round_of_pair(evaluator, before, evaluator.evaluated(lead), start)
-        if second is None:
-            continue
-        alone = without_effect(evaluator, second.best, start, lead.effect)
-        first = None if alone is None else _round_of_pair(evaluator, before, alone, start)
-        if first is not None:
-            steps = (Step(second, second.best), Step(first, first.best))
-            return SelectionResult(evaluator, start, first.best, steps)
+        progress(0.83, f'pairs with {lead.effect}')
+        apart = evaluator.noting_apart()  # what these rounds skip was tried alone
+        second = _round_of_pair(apart, last.before, apart.evaluated(lead), start)
+        if second is not None:
+            progress(0.84, f'pairs with {second.best.effect}')
+            alone = without_effect(apart, second.best, start, lead.effect)
+            first = None if alone is None else _round_of_pair(apart, last.before, alone, start)
+            if first is not None:
+                steps = (Step(second, second.best), Step(first, first.best))
+                return SelectionResult(evaluator, start, first.best, steps)
+        if apart.deadline.untried:
+            evaluator.deadline.untried[f'pairs with {lead.effect}'] = None
     return None
 
 
