@@ -27,8 +27,8 @@ from piezo_hysteresis.compensation.link import CrossFade, Limits, Measured, Refe
 from piezo_hysteresis.errors import CompensationError, PiezoError
 from piezo_hysteresis.models import ModelFile, named
 from piezo_hysteresis.models.schedule import OperatingPoint, Schedule
-from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK
-from piezo_hysteresis.runtime.laws import FeedbackLaws, HarmonicLaws, Inversion
+from piezo_hysteresis.parameters.links import ATTENUATION, FEEDBACK, FEEDFORWARD
+from piezo_hysteresis.runtime.laws import FeedbackLaws, HarmonicLaws, Inversion, chain_settings
 from piezo_hysteresis.runtime.link_health import LinkHealth, SensorSign, Sign, StuckSensor
 from piezo_hysteresis.runtime.synchronizer import LONGEST, SampleSynchronizer
 from piezo_sim.plant import Plant
@@ -335,3 +335,27 @@ def test_a_book_without_voltages_stays_small() -> None:
         held.add_voltage(k, 0.1, 'tag')
     held.add_measured(Measured(0, 0.0, 0.0))
     assert held.waiting == 3 + 5 + 1
+
+
+def test_each_law_of_a_chain_has_the_plant_of_its_own_parameters() -> None:
+    model = ModelFile(named('bouc_wen_mode'), {**named('bouc_wen_mode').defaults(), 'A1': 2e-4})
+
+    def chain(**changes: float) -> Controllers:
+        own, feedback = values_of(ATTENUATION), values_of(FEEDBACK, method='h_infinity')
+        for name, value in changes.items():
+            node, parameter = name.split('_', 1)
+            table = {'attenuation': own, 'feedback': feedback}[node]
+            table[f'plant.{parameter}'] = value
+        values = {'feedforward': values_of(FEEDFORWARD), 'attenuation': own, 'feedback': feedback}
+        return chain_settings(values, DT, model)
+
+    def plants(found: Controllers) -> tuple[float, float]:
+        modes = found.mode(), found.mode(of_feedback=True)
+        assert None not in modes
+        return tuple(0.0 if mode is None else mode.gain for mode in modes)  # type: ignore[return-value]
+
+    plain = plants(chain())
+    assert plain[0] == plain[1] > 0.0
+    assert plants(chain(attenuation_gain=1e-3)) == (1e-3, plain[1])
+    assert plants(chain(feedback_gain=1e-3)) == (plain[0], 1e-3)
+    assert plants(chain(attenuation_gain=1e-3, feedback_gain=2e-3)) == (1e-3, 2e-3)

@@ -49,6 +49,7 @@ class Feedback:
     rules: FuzzyRules | None = None  # of fuzzy PID
     weights: HInfinityWeights = field(default_factory=HInfinityWeights)
     plant: Polynomials | None = None
+    mode: ModeGain | None = None  # the plant as gain and mode, instead of those of the model
 
     @property
     def name(self) -> str:
@@ -69,7 +70,7 @@ class Controllers:
     attenuation: AttenuationSettings | None = None  # attenuation of harmonics
     feedback: Feedback | None = None  # law on the error
     gain_model: ModelFile | None = None  # model of the plant gain for the attenuation
-    plant: ModeGain | None = None  # gain and mode of the plant, instead of those of a model
+    plant: ModeGain | None = None  # gain and mode that steer the attenuation, instead of a model's
 
     @property
     def amplitude(self) -> float:
@@ -87,11 +88,13 @@ class Controllers:
         given = None if self.plant is not None else self.gain_model or self.model
         return given if given is not None and given.schedule is not None else None
 
-    def mode(self, *, of_inverted: bool = False) -> ModeGain | None:
-        """Return the plant as a gain, a mode and a delay, on request of the inverted model."""
-        given = self.model if of_inverted else self.gain_model or self.model
-        if self.plant is not None or given is None:
-            return self.plant
+    def mode(self, *, of_feedback: bool = False) -> ModeGain | None:
+        """Return the plant as a gain, a mode and a delay: that of the attenuation or feedback."""
+        given, plant = self.gain_model or self.model, self.plant
+        if of_feedback:
+            given, plant = self.model, None if self.feedback is None else self.feedback.mode
+        if plant is not None or given is None:
+            return plant
         gain = self._gain_of(given)(0.0).real
         return mode_of(given.model.unpack(given.packed), gain, self.dt)
 
@@ -160,7 +163,7 @@ class Controllers:
 
     def _polynomials(self) -> Polynomials:
         """Return gain and mode of the plant as a transfer function."""
-        mode = self.mode(of_inverted=True)
+        mode = self.mode(of_feedback=True)
         if mode is None or mode.natural_frequency == 0.0:
             given = (
                 '' if self.model is None else f', and model {self.model.model.name} has no mode'

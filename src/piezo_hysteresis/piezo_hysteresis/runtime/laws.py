@@ -155,8 +155,9 @@ def feedback_settings(
         rules,
         HInfinityWeights(**_group(values, 'h_infinity.')),
         _polynomials(values) if method == 'h_infinity' else None,
+        _plant(values, dt),
     )
-    return Controllers(dt, limits, model, feedback=asked, plant=_plant(values, dt))
+    return Controllers(dt, limits, model, feedback=asked)
 
 
 def chain_settings(
@@ -165,13 +166,12 @@ def chain_settings(
     """Return the chain that the parameters of all its nodes describe, by node."""
     own = values['attenuation']
     harmonic, path = harmonic_settings(own, dt), own['model_file']
-    feedback = feedback_settings(values['feedback'], dt)
     return replace(
         forward_settings(values['feedforward'], dt, model),
         attenuation=harmonic.attenuation if own['enabled'] else None,
-        feedback=feedback.feedback,
+        feedback=feedback_settings(values['feedback'], dt).feedback,
         gain_model=ModelFile.load(path) if path else None,
-        plant=harmonic.plant or feedback.plant,
+        plant=harmonic.plant,
     )
 
 
@@ -288,7 +288,7 @@ class FeedbackLaws:
         if given is not None:
             last, divisor = given[0][-1], given[1][-1]
             return ModeGain(last / divisor, dt=dt) if divisor else None
-        plant = settings.mode(of_inverted=True)
+        plant = settings.mode(of_feedback=True)
         if values['method'] == 'h_infinity':
             return plant
         if plant is None:
