@@ -36,6 +36,8 @@ def test_a_float_that_yaml_takes_for_a_text_is_a_float(text: str, value: float) 
     spec = ParameterSpec('x', 1.0, 'A number.')
     assert spec.coerce(text) == value
     assert spec.judge(spec.coerce(text)) == ''
+    several = ParameterSpec('x', [1.0], 'Numbers.')
+    assert several.coerce([1, text]) == several.coerce(f'[1,{text}]') == [1.0, value]
 
 
 @pytest.mark.parametrize('text', ['fast', '5', '1e', 'e5', '1e5x', 'nan', '1_0e2', ''])

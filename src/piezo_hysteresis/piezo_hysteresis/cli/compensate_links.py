@@ -6,6 +6,8 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
+from yaml import YAMLError
+
 from piezo_hysteresis.common import plain_yaml
 from piezo_hysteresis.common.wording import near
 from piezo_hysteresis.compensation.controllers import Controllers
@@ -20,8 +22,33 @@ _TABLES = {
     'coupled': COUPLED,
 }  # fmt: skip
 ONE_AXIS = ('feedforward', 'attenuation', 'feedback')
+# Options of earlier versions, and the parameter that each is now.
+_MOVED = {
+    '--law': 'feedforward.law', '--attenuation': 'attenuation.method',
+    '--orders': 'attenuation.orders', '--gain-model': 'attenuation.model_file',
+    '--resonance': 'attenuation.plant.natural_frequency',
+    '--attenuation-set': 'attenuation.PARAMETER', '--feedback': 'feedback.method',
+    '--pid': 'feedback.pid.integral', '--fuzzy': 'feedback.fuzzy.PARAMETER',
+    '--fuzzy-tables': 'feedback.fuzzy.tables', '--bandwidth': 'feedback.h_infinity.bandwidth',
+    '--h-infinity-set': 'feedback.h_infinity.PARAMETER',
+}  # fmt: skip
 _FORWARD = ('law', 'start', 'transition')
 _COUPLED = ('enabled', 'orders', 'step', 'largest_correction')
+
+
+class _Moved(argparse.Action):
+    """Refuses an option that is a parameter of a node now."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """End with what to write instead."""
+        option = self.option_strings[0]
+        parser.error(f'{option} is now --set {_MOVED[option]}=VALUE')
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +69,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar='YAML',
         help='plant of h_infinity, from the verb linear (default: that of the model)',
     )
+    for option in _MOVED:
+        add(option, nargs='*', action=_Moved, help=argparse.SUPPRESS)
     add('--together', action='store_true', help='add a run with attenuation and feedback')
 
 
@@ -58,7 +87,12 @@ def stated(assignments: Sequence[str], nodes: Sequence[str]) -> dict[str, dict[s
                 f'{assignment!r} sets no parameter of {", ".join(nodes)}; write '
                 f'NODE.PARAMETER=VALUE{near(name, known)}'
             )
-        changes[node][parameter] = spec.coerce(plain_yaml.load(text))
+        if parameter in changes[node]:
+            raise CompensationError(f'{name} is given twice')
+        value = spec.coerce(_entered(assignment, text))
+        if value == []:
+            raise CompensationError(f'{name} is empty; give values, or {node}.enabled=false')
+        changes[node][parameter] = value
     values = {}
     for node, own in changes.items():
         if reason := _TABLES[node].judge(_TABLES[node].defaults(), own):
@@ -70,6 +104,17 @@ def stated(assignments: Sequence[str], nodes: Sequence[str]) -> dict[str, dict[s
                     f'{node}.{parameter} changes nothing here with these parameters; leave it out'
                 )
     return values
+
+
+def _entered(assignment: str, text: str) -> Any:
+    """Return the value of an entered text; a list with spaces arrives in parts."""
+    try:
+        return plain_yaml.load(text)
+    except YAMLError:
+        raise CompensationError(
+            f'{assignment!r} is no value; write a list without spaces, or in quotes: '
+            "'attenuation.orders=[1, 3]'"
+        ) from None
 
 
 def _acts(node: str, parameter: str, values: dict[str, Any]) -> bool:

@@ -61,14 +61,8 @@ class ParameterSpec:
         These are integers, and ``5e-05`` or ``1.4e5``, which are texts in YAML 1.1 for want of a
         decimal point or a sign: ``ros2 param set`` and ``ros2 param load`` pass them as they are.
         """
-        if isinstance(self.default, float) and type(value) is int:
-            return float(value)
-        if (
-            isinstance(self.default, float)
-            and isinstance(value, str)
-            and EXPONENT.fullmatch(value)
-        ):
-            return float(value)
+        if isinstance(self.default, float):
+            return _as_float(value)
         if isinstance(self.default, list):
             return self._coerce_list(value)
         return value
@@ -85,7 +79,7 @@ class ParameterSpec:
                 return value
             value = found
         if self.element is float and _is_list(value):
-            return [float(v) if type(v) is int else v for v in value]  # type: ignore[attr-defined]
+            return [_as_float(each) for each in value]  # type: ignore[attr-defined]
         return value
 
     @property
@@ -139,6 +133,13 @@ class ParameterSpec:
     def _unit_text(self) -> str:
         """Unit suffix of a number; empty if it is 1."""
         return f' {self.unit}' if self.unit not in ('', '1') else ''
+
+
+def _as_float(value: object) -> object:
+    """Return the intended float of an integer or of a text such as ``5e-05``, else the value."""
+    if type(value) is int or (isinstance(value, str) and EXPONENT.fullmatch(value)):
+        return float(value)
+    return value
 
 
 def _number(text: str) -> int | float:
