@@ -260,8 +260,8 @@ def _vectors(chain: AxesChain, limits: Sequence[Limits]) -> str:
     columns: list[FloatArray] = []
     for i in range(axes):
         columns += [*run.inputs[i], measured[:, i], np.ones(len(measured))]
-    words = (
+    heading = (
         'of each axis displacement, velocity, acceleration, frequency, phase, measured, age; '
         'then voltages'
     )
-    return vectors_of(words, [*columns, *run.voltage.T])
+    return vectors_of(heading, [*columns, *run.voltage.T])

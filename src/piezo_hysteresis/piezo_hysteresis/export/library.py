@@ -159,18 +159,18 @@ def _vectors(asked: Request, links: Sequence[Link]) -> str:
         samples.value, samples.velocity, samples.acceleration, samples.frequency, samples.phase,
         voltage, displacement,
     )  # fmt: skip
-    words = 'displacement, velocity, acceleration, frequency, phase; voltage, displacement'
-    return vectors_of(words, columns)
+    heading = 'displacement, velocity, acceleration, frequency, phase; voltage, displacement'
+    return vectors_of(heading, columns)
 
 
-def vectors_of(words: str, columns: Sequence[FloatArray]) -> str:
+def vectors_of(heading: str, columns: Sequence[FloatArray]) -> str:
     """Return a C table of exact numbers."""
     rows = [
         '    {' + ', '.join('NAN' if v != v else float(v).hex() for v in row) + '},'
         for row in zip(*columns, strict=True)
     ]
     first = f'static const double vectors[{len(rows)}][{len(columns)}] = {{'
-    return '\n'.join([f'/* {words} */', f'#define VECTORS {len(rows)}', first, *rows, '};', ''])
+    return '\n'.join([f'/* {heading} */', f'#define VECTORS {len(rows)}', first, *rows, '};', ''])
 
 
 def _programs(asked: Request, plant: Component, chain: Component | None) -> dict[str, str]:
