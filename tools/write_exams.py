@@ -97,7 +97,9 @@ def by_effect(exams: Sequence[Entry]) -> list[str]:
     listed = [
         each
         for each in exams
-        if 'right' in each['rows'][0] and not each['variant'].startswith(('second', 'bends'))
+        if 'right' in each['rows'][0]
+        and each['world'] != 'lottery'  # one or two sets of each
+        and not each['variant'].startswith(('second', 'bends'))
     ]
     cells: dict[str, list[list[bool]]] = {}
     for k, each in enumerate(listed):
