@@ -334,8 +334,7 @@ def test_a_plant_that_ends_is_reported(tmp_path: Path) -> None:
         ('--set coupled.step=0.1', 'sets no parameter of feedforward, attenuation, feedback'),
         ('--set attenuation.orders=[1, 3]', "write a list without spaces, or in quotes: 'att"),
         ('--set attenuation.orders=[]', 'orders is empty; give values, or attenuation.enabled='),
-        ('--set attenuation.step=0.1 attenuation.step=0.2', 'step is given twice'),
-        ('--orders 1 3', '--orders is now --set attenuation.orders=VALUE'),
+        ('--set attenuation.orders=[1] attenuation.orders=[3]', 'orders is given twice'),
         ('--set orders', 'write NODE.PARAMETER=VALUE'),
         ('--transfer-function plant.yaml', 'belongs to feedback.method=h_infinity'),
         ('--set feedforward.law=tatebatake2017', 'inverts bouc_wen and autoregressive'),
@@ -352,3 +351,13 @@ def test_what_cannot_be_is_one_line(
     assert len(lines) == 1
     assert says in lines[0]
     assert not out.exists()
+
+
+@pytest.mark.parametrize('verb', ['compensate', 'export'])
+def test_an_option_of_earlier_versions_says_what_it_is_now(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([verb, 'model.yaml', '--orders', '1', '3'])
+    assert ended.value.code == 2
+    assert '--orders is now --set attenuation.orders=VALUE' in capsys.readouterr().err
