@@ -25,7 +25,7 @@ pytestmark = pytest.mark.ros
 
 SLOWLY = str(Path(__file__).parent / 'slow_kernels')
 SIMULATOR = 'settle'  # the plant at rest
-ATTENUATION = 'stepping.<locals>.step'  # of any law on harmonics
+ATTENUATION = '_law.<locals>.step'  # of any law on harmonics
 
 
 def slowed(folder: Path, kernel: str, seconds: float) -> dict[str, str]:
