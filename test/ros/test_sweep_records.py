@@ -20,10 +20,10 @@ from piezo_hysteresis.errors import RecordError
 from piezo_hysteresis.nodes.excitation.sweep_server import DISCOVERY
 from piezo_hysteresis.records import Record, read_bag, survey
 from piezo_hysteresis.ros.processes import NodeProcess
-from piezo_hysteresis.ros.qos import LATCHED
+from piezo_hysteresis.ros.qos import LATCHED, LOOP
 from piezo_hysteresis.runtime.sweep_plan import Sweep
 from piezo_interfaces.action import RunSweep
-from piezo_interfaces.msg import ActuatorState, LoopStatus, RecordMarker
+from piezo_interfaces.msg import ActuatorState, LoopStatus, RecordMarker, VoltageCommand
 
 pytestmark = pytest.mark.ros
 
@@ -137,21 +137,30 @@ def test_a_sweep_is_all_in_the_bag_that_it_names(bench: Bench, clock: str) -> No
     assert bench.result(bench.send(bag=str(bag) + '2')).result.success
 
 
-def test_a_status_that_overtakes_its_states_loses_none_of_them(bench: Bench) -> None:
-    # As an excitation that is behind sees it: a status, then the states before it.
-    bench.start('real_time')
-    status = bench.listener.node.create_publisher(LoopStatus, 'loop/status', LATCHED)
-    bench.listener.until(lambda: status.get_subscription_count() > 0)
-    done = bench.send(bag='ahead').get_result_async()
-    while not done.done():
-        newest = bench.states[-1].sample if bench.states else 0
-        status.publish(LoopStatus(sample=newest + 20, low=-5.0, high=5.0))
-        bench.listener.serve(0.02)
-    result = done.result().result
-    assert result.success, result.message
-    assert list(result.names) == NAMES
-    whole(bench.folder / 'ahead')
-    assert result.samples == PLAN.length  # no record was run again
+def test_what_is_behind_a_status_is_not_answered(processes: LiveNodes, listener: Listener) -> None:
+    """An excitation that is behind catches up: it takes the states that wait and answers the last.
+
+    The answers to the others would be too late; an actuator in real time would not move.
+    """
+    publish = listener.node.create_publisher
+    states = publish(ActuatorState, 'actuator/state', LOOP)
+    status = publish(LoopStatus, 'loop/status', LATCHED)
+    commands = listener.listen(VoltageCommand, 'voltage/command')
+    settings = {'mode': 'voltage', 'voltage.amplitude': 0.5, 'duration': 10.0, 'deadline': 60.0}
+    processes.start('piezo_hysteresis', 'excitation', settings)
+    for publisher in (states, status):
+        listener.until(lambda each=publisher: each.get_subscription_count() > 0)
+    for k in range(10):
+        states.publish(ActuatorState(sample=k))
+        listener.until(lambda k=k: commands and commands[-1].sample == k + 1)
+    status.publish(LoopStatus(sample=30, low=-5.0, high=5.0))
+    listener.serve(0.1)
+    for k in range(10, 30):
+        states.publish(ActuatorState(sample=k))
+    listener.until(lambda: commands[-1].sample == 30)
+    states.publish(ActuatorState(sample=30))
+    listener.until(lambda: commands[-1].sample == 31)
+    assert sorted({each.sample for each in commands}) == [*range(1, 11), 30, 31]
 
 
 def test_a_bag_needs_no_other_recorder_and_a_recorder_no_bag(bench: Bench) -> None:

@@ -87,6 +87,8 @@ class Excitation(GuardedNode):
         self._emitted = -1
         self._newest_state = -1
         self._asked_again = False  # since the newest state
+        # the tick for which the actuator waited at its newest status
+        self._due = 0
         self._restarts = 0
         self._given_up = ''
         self._ready = False
@@ -138,8 +140,8 @@ class Excitation(GuardedNode):
     def _on_status(self, message: LoopStatus) -> None:
         # States the tick for which the actuator waits without a state to respond to. The message
         # may be older than received states, so only a new start indicates a restart; it may also
-        # be newer than states that are still on their way to a node that is behind: they are lost
-        # only if the node has asked again without an answer.
+        # be newer than states that are still on their way to a node that is behind: an answer to
+        # those is too late. They are lost only if the node has asked again in vain.
         if message.sample == 0 < self._newest_state:
             self._intake.newest = -1
             self._follow_restart(-1)
@@ -150,6 +152,8 @@ class Excitation(GuardedNode):
             self._newest_state = message.sample - 1
             self._ready = True
             self._emit(message.sample)
+        else:
+            self._due = message.sample
 
     @property
     def refers(self) -> bool:
@@ -179,7 +183,8 @@ class Excitation(GuardedNode):
         self._sweeps.note_state(sample, voltage, payload)
         if not self._sweeps.waits:
             self._received = time.monotonic()
-        self._emit(sample + 1)
+        if sample + 1 >= self._due:
+            self._emit(sample + 1)
 
     def _follow_restart(self, sample: int) -> None:
         """Restart: the actuator was restarted and has reached tick `sample`."""
@@ -187,7 +192,7 @@ class Excitation(GuardedNode):
         self._restarts += 1
         self._newest_state = self._emitted = sample
         self._experiment = None
-        self._last, self._asked_again = None, False
+        self._last, self._asked_again, self._due = None, False, 0
         self._steady.reset()
         self._sweeps.follow_restart()
 
@@ -199,7 +204,8 @@ class Excitation(GuardedNode):
 
     def _answer(self) -> None:
         """Reply to the newest state, unless that is already done."""
-        if self._newest_state >= 0 or self._ready:
+        known = self._newest_state >= 0 or self._ready
+        if known and self._newest_state + 1 >= self._due:
             self._emit(self._newest_state + 1)
 
     def _emit(self, sample: int) -> None:
