@@ -147,13 +147,12 @@ class Excitation(GuardedNode):
             self._follow_restart(-1)
         self._sweeps.note_range(message.low, message.high)
         self._sweeps.note_refused(message.refused, message.sample)
+        self._due = message.sample
         ahead = message.sample > self._newest_state + 1
         if self._newest_state < 0 or (ahead and self._asked_again):
             self._newest_state = message.sample - 1
             self._ready = True
             self._emit(message.sample)
-        else:
-            self._due = message.sample
 
     @property
     def refers(self) -> bool:
@@ -183,8 +182,7 @@ class Excitation(GuardedNode):
         self._sweeps.note_state(sample, voltage, payload)
         if not self._sweeps.waits:
             self._received = time.monotonic()
-        if sample + 1 >= self._due:
-            self._emit(sample + 1)
+        self._emit(sample + 1)
 
     def _follow_restart(self, sample: int) -> None:
         """Restart: the actuator was restarted and has reached tick `sample`."""
@@ -204,12 +202,11 @@ class Excitation(GuardedNode):
 
     def _answer(self) -> None:
         """Reply to the newest state, unless that is already done."""
-        known = self._newest_state >= 0 or self._ready
-        if known and self._newest_state + 1 >= self._due:
+        if self._newest_state >= 0 or self._ready:
             self._emit(self._newest_state + 1)
 
     def _emit(self, sample: int) -> None:
-        if sample <= self._emitted:
+        if sample <= self._emitted or sample < self._due:
             return
         if self._sweeps.active:
             if self._sweeps.begins(sample):
