@@ -361,3 +361,6 @@ def test_an_option_of_earlier_versions_says_what_it_is_now(
         main([verb, 'model.yaml', '--orders', '1', '3'])
     assert ended.value.code == 2
     assert '--orders is now --set attenuation.orders=VALUE' in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([verb, 'model.yaml', '--resonance', '68'])
+    assert '--resonance is now --set attenuation.resonance=VALUE' in capsys.readouterr().err

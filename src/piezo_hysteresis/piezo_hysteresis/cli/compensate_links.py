@@ -26,9 +26,9 @@ ONE_AXIS = ('feedforward', 'attenuation', 'feedback')
 _MOVED = {
     '--law': 'feedforward.law', '--attenuation': 'attenuation.method',
     '--orders': 'attenuation.orders', '--gain-model': 'attenuation.model_file',
-    '--resonance': 'attenuation.plant.natural_frequency',
+    '--resonance': 'attenuation.resonance',
     '--attenuation-set': 'attenuation.PARAMETER', '--feedback': 'feedback.method',
-    '--pid': 'feedback.pid.integral', '--fuzzy': 'feedback.fuzzy.PARAMETER',
+    '--pid': 'feedback.pid.PARAMETER', '--fuzzy': 'feedback.fuzzy.PARAMETER',
     '--fuzzy-tables': 'feedback.fuzzy.tables', '--bandwidth': 'feedback.h_infinity.bandwidth',
     '--h-infinity-set': 'feedback.h_infinity.PARAMETER',
 }  # fmt: skip
